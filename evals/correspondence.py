@@ -7,7 +7,7 @@ from evals.benchmark.match_runs import METHODS, match_orders, run_match_orders
 from evals.benchmark.perception_runs import MeasurementOptions, orders_of, synthesised_orders
 from evals.synthesis.scene import recipes
 from grs_agents.errors import UnknownNameError
-from grs_agents.run import positive
+from grs_agents.run import positive_int
 from grs_agents.terminal import VisibleParser
 
 
@@ -26,18 +26,20 @@ def main(arguments: Sequence[str]) -> int:
         "--methods", default="features,features-no-ocr,features-no-size", help=f"of {', '.join(METHODS)}; with commas"
     )
     parser.add_argument("--models", default="offline", help="for the methods that ask one; with commas")
-    parser.add_argument("--runs", type=positive, default=10, help="of each method that asks a model")
+    parser.add_argument("--runs", type=positive_int, default=10, help="of each method that asks a model")
     parser.add_argument(
         "--scenes", action="append", default=[], metavar="DIR", help="labelled scenes, or bop:ROOT/SPLIT; repeat"
     )
-    parser.add_argument("--images", type=positive, default=10, help="of a BOP data set, spread evenly")
+    parser.add_argument("--images", type=positive_int, default=10, help="of a BOP data set, spread evenly")
     parser.add_argument("--synthesised", type=int, default=None, metavar="N", help="scenes: 10 without --scenes")
-    parser.add_argument("--objects", type=positive, default=15, help="things in a made scene, four of them distractors")
+    parser.add_argument(
+        "--objects", type=positive_int, default=15, help="things in a made scene, four of them distractors"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the made scenes")
     parser.add_argument("--segment", default="", metavar="TOOL", help="what segments; the true masks by default")
     parser.add_argument("--price", action="append", default=[], metavar="MODEL=IN,OUT", help="of a million tokens")
     parser.add_argument("--set", action="append", default=[], dest="settings", metavar="KEY=VALUE")
-    parser.add_argument("--workers", type=positive, default=2, help="scenes at a time")
+    parser.add_argument("--workers", type=positive_int, default=2, help="scenes at a time")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     options = parser.parse_args(arguments)
     methods = [name.strip() for name in options.methods.split(",") if name.strip()]

@@ -8,7 +8,7 @@ from evals.benchmark.perception_runs import MeasurementOptions, orders_of, run_o
 from evals.synthesis.scene import recipes
 from grs_agents.config import load_config
 from grs_agents.perception import RULES
-from grs_agents.run import positive
+from grs_agents.run import positive_int
 from grs_agents.terminal import VisibleParser
 
 
@@ -30,11 +30,13 @@ def main(arguments: Sequence[str]) -> int:
         metavar="DIR",
         help="folder of scenes with labels.png, or bop:ROOT/SPLIT; repeat",
     )
-    parser.add_argument("--images", type=positive, default=50, help="of a BOP data set, spread evenly")
+    parser.add_argument("--images", type=positive_int, default=50, help="of a BOP data set, spread evenly")
     parser.add_argument(
         "--synthesised", type=natural, default=None, metavar="N", help="scenes to make: 10 without --scenes"
     )
-    parser.add_argument("--objects", type=positive, default=15, help="things in a made scene, four of them distractors")
+    parser.add_argument(
+        "--objects", type=positive_int, default=15, help="things in a made scene, four of them distractors"
+    )
     parser.add_argument("--size", type=size, default=(640, 480), metavar="WxH", help="of the made pictures: 640x480")
     parser.add_argument("--seed", type=natural, default=0, help="of the made scenes")
     parser.add_argument(
@@ -47,9 +49,9 @@ def main(arguments: Sequence[str]) -> int:
         "--without", action="append", default=[], choices=RULES, metavar="RULE", help="turn a rule of segmentation off"
     )
     parser.add_argument(
-        "--repeats", type=positive, default=3, help="how often the work is timed: 3; least and median count"
+        "--repeats", type=positive_int, default=3, help="how often the work is timed: 3; least and median count"
     )
-    parser.add_argument("--workers", type=positive, default=2, help="scenes at a time")
+    parser.add_argument("--workers", type=positive_int, default=2, help="scenes at a time")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     options = parser.parse_args(arguments)
     count = options.synthesised if options.synthesised is not None else 0 if options.scenes else 10
@@ -64,7 +66,7 @@ def main(arguments: Sequence[str]) -> int:
 
 def size(text: str) -> tuple[int, int]:
     """``640x480`` as width and height, for ``argparse``."""
-    width, height = (positive(part) for part in text.split("x"))
+    width, height = (positive_int(part) for part in text.split("x"))
     return width, height
 
 

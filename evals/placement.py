@@ -7,7 +7,13 @@ from typing import Any
 
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.perception import SceneObject, is_certain, read_description, size_deviation, upright_of
+from grs_agents.perception import (
+    SceneObject,
+    deviation_from_measured_box,
+    is_match_certain,
+    read_scene_description,
+    upright_box_from_aabb,
+)
 from grs_agents.terminal import VisibleParser
 
 
@@ -30,11 +36,11 @@ def main(arguments: Sequence[str]) -> int:
     rows: list[dict[str, Any]] = []
     for file in files:
         library, proxies = Library(), file.parent / "assets"
-        library = library.overlay(proxies) if proxies.is_dir() else library
-        rows += [{"scene": file.parent.name, **_row(thing, library)} for thing in read_description(file).objects]
-    off, known = [row for row in rows if not row["agrees"]], sum(row["is_certain"] for row in rows)
+        library = library.with_overlay(proxies) if proxies.is_dir() else library
+        rows += [{"scene": file.parent.name, **_row(thing, library)} for thing in read_scene_description(file).objects]
+    off, known = [row for row in rows if not row["agrees"]], sum(row["is_match_certain"] for row in rows)
     if options.json:
-        print(json.dumps({"scenes": len(files), "objects": len(rows), "off": off, "is_certain": known}, indent=2))
+        print(json.dumps({"scenes": len(files), "objects": len(rows), "off": off, "is_match_certain": known}, indent=2))
     else:
         for row in off:
             errors = f"centre {1000 * row['centre']:.0f} mm, size {100 * row['size']:.0f} % off"
@@ -46,8 +52,12 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _row(thing: SceneObject, library: Library) -> dict[str, Any]:
-    measured = thing.upright or upright_of(thing.box)
-    off = size_deviation(thing.asset, (thing.position, thing.orientation), library, measured)
-    certain = is_certain(thing)
+    measured = thing.upright or upright_box_from_aabb(thing.box)
+    off = deviation_from_measured_box(thing.asset, (thing.position, thing.orientation), library, measured)
+    certain = is_match_certain(thing)
     figures = {"object": thing.name, "asset": thing.asset, "centre": off.centre, "size": off.size}
-    return {**figures, "agrees": off.agrees or certain, "is_certain": certain and not off.agrees}
+    return {
+        **figures,
+        "agrees": off.is_within_tolerance or certain,
+        "is_match_certain": certain and not off.is_within_tolerance,
+    }

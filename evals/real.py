@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from grs_agents.errors import InputError
-from grs_agents.run import Job, experiment_parser, job_settings, run_experiment
+from grs_agents.run import Job, make_experiment_parser, run_experiment, settings_as_arguments
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -16,7 +16,7 @@ def main(arguments: Sequence[str]) -> int:
     Raises:
         InputError: the folder holds no scene.
     """
-    parser = experiment_parser("real", __doc__)
+    parser = make_experiment_parser("real", __doc__)
     parser.add_argument("folder", type=Path, help="a folder of scene folders")
     options = parser.parse_args(arguments)
     scenes = sorted(file.parent for file in options.folder.glob("*/camera.json"))
@@ -24,5 +24,5 @@ def main(arguments: Sequence[str]) -> int:
         raise InputError(
             f"{options.folder} holds no scene", "name a folder of folders with rgb.png, depth.png, camera.json"
         )
-    settings = job_settings(options)
+    settings = settings_as_arguments(options)
     return run_experiment([Job(scene.name, scene, options.out / scene.name, settings) for scene in scenes], options)

@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.table import Table
 
 from evals.benchmark.retrieval import measure_retrieval, retrieval_targets
-from grs_agents.figures import figure_records
-from grs_agents.run import positive
+from grs_agents.metrics import metrics_to_dicts
+from grs_agents.run import positive_int
 from grs_agents.terminal import VisibleParser
 
 
@@ -24,8 +24,8 @@ def main(arguments: Sequence[str]) -> int:
         GrsError: faiss is not installed.
     """
     parser = VisibleParser(prog="grs eval retrieval_scale", description=__doc__)
-    parser.add_argument("--assets", type=positive, default=150_000, help="how many")
-    parser.add_argument("--queries", type=positive, default=200, help="how many searches")
+    parser.add_argument("--assets", type=positive_int, default=150_000, help="how many")
+    parser.add_argument("--queries", type=positive_int, default=200, help="how many searches")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     options = parser.parse_args(arguments)
@@ -34,11 +34,11 @@ def main(arguments: Sequence[str]) -> int:
     bounds = retrieval_targets(figures)
     if options.json:
         sizes = {"assets": options.assets, "data": "synthetic", "figures": figures}
-        print(json.dumps({**sizes, "targets": figure_records(bounds)}, indent=2))
+        print(json.dumps({**sizes, "targets": metrics_to_dicts(bounds)}, indent=2))
     else:
-        limits = {bound.name: bound.bound() for bound in bounds}
+        limits = {bound.name: bound.format_target_value() for bound in bounds}
         shown = Table("figure", "measured", "target", title=f"{options.assets} synthetic assets")
         for name, value in figures.items():
             shown.add_row(name, f"{value:.4g}", limits.get(name, ""))
         Console().print(shown)
-    return 0 if all(one.reached for one in bounds) else 1
+    return 0 if all(one.is_target_met for one in bounds) else 1

@@ -19,7 +19,7 @@ from rich.table import Table
 from grs_agents import content
 from grs_agents.base import Frozen
 from grs_agents.config import Config, Limits
-from grs_agents.run import open_sandbox, positive
+from grs_agents.run import open_sandbox, positive_int
 from grs_agents.sandbox import Sandbox
 from grs_agents.terminal import VisibleParser
 
@@ -30,7 +30,7 @@ def inside(request):
     if request["code"]:
         exec(request["code"], {})
         return {}
-    task = sim.task_class(sandbox.load_program(request["simulation"]))()
+    task = sim.find_task_class_name(sandbox.load_program(request["simulation"]))()
     done = sim.rollout(sim.instantiate(task, request["seed"]))
     return {"reward": done.episode.reward, "final": sorted(done.final.items())}
 """
@@ -109,7 +109,7 @@ def soak(calls: int, seed: int) -> Figures:
         overlay, own = Path(name) / "content", Path(name) / "temporary"
         (overlay / "tools").mkdir(parents=True)
         (overlay / "tools" / "soak.py").write_text(TOOL, "utf-8")
-        content.add_overlay(overlay)
+        content.add_overlay_folder(overlay)
         own.mkdir()
         tempfile.tempdir = str(own)  # other runs on this machine have scratch folders too
         before = _held()
@@ -174,7 +174,7 @@ def _memory_mib() -> float:
 def main(arguments: Sequence[str]) -> int:
     """Soak and print; 0 if nothing was left behind and every call ended as it should."""
     parser = VisibleParser(prog="grs eval sandbox_soak", description=__doc__)
-    parser.add_argument("--calls", type=positive, default=1000, help="how many calls to make")
+    parser.add_argument("--calls", type=positive_int, default=1000, help="how many calls to make")
     parser.add_argument("--seed", type=int, default=0, help="which calls they are")
     parser.add_argument("--json", action="store_true", help="print JSON alone on stdout")
     options = parser.parse_args(arguments)

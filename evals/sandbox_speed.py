@@ -14,9 +14,9 @@ from rich.console import Console
 
 from grs_agents import content
 from grs_agents.config import Config, Limits
-from grs_agents.figures import Figure, cpu_seconds, figure_records, figure_table
 from grs_agents.library import Library
-from grs_agents.run import PRELOAD, TOOLS, open_sandbox, positive
+from grs_agents.metrics import Figure, cpu_seconds, metrics_table, metrics_to_dicts
+from grs_agents.run import PRELOAD, TOOLS, open_sandbox, positive_int
 from grs_agents.sandbox import Sandbox
 from grs_agents.terminal import VisibleParser
 from grs_agents.toolkit import ToolContext, load_tool
@@ -82,7 +82,7 @@ import resource
 from grs_agents import sandbox, sim
 
 def inside(request):
-    task = sim.task_class(sandbox.load_program(request["simulation"]))()
+    task = sim.find_task_class_name(sandbox.load_program(request["simulation"]))()
     done = sim.rollout(sim.instantiate(task, 0))
     assert done.episode.outcome == "success"
     return {"pages": resource.getrusage(resource.RUSAGE_SELF).ru_minflt}
@@ -135,8 +135,8 @@ def run_tests(sandbox: Sandbox) -> None:
     tool = load_tool("run_tests")
     context = ToolContext(sandbox=sandbox, library=Library(), limits=Limits())
     report = tool.run(tool.Request(simulation=SIMULATION, tests=TESTS), context).report
-    if not report.ok:
-        raise RuntimeError(report.text())
+    if not report.all_passed:
+        raise RuntimeError(report.format_as_text())
 
 
 def worker_mib() -> float:
@@ -157,7 +157,7 @@ def measure(repeats: int) -> list[Figure]:
         (folder / "tools").mkdir()
         (folder / "tools" / "rollout_alone.py").write_text(ROLLOUT, "utf-8")
         (folder / "tools" / "empty.py").write_text(EMPTY, "utf-8")
-        content.add_overlay(folder)
+        content.add_overlay_folder(folder)
         rounds = [(cold(folder), in_process(folder), per_call(run_tests, 5)) for _ in range(repeats)]
         ratios = [(warm - plain) / (whole - plain) for whole, plain, warm in rounds]
         whole, plain, warm = (1000 * statistics.median(column) for column in zip(*rounds, strict=True))
@@ -180,12 +180,12 @@ def measure(repeats: int) -> list[Figure]:
 def main(arguments: Sequence[str]) -> int:
     """Measure and print."""
     parser = VisibleParser(prog="grs eval sandbox_speed", description=__doc__)
-    parser.add_argument("--repeats", type=positive, default=5, help="measurements of each figure")
+    parser.add_argument("--repeats", type=positive_int, default=5, help="measurements of each figure")
     parser.add_argument("--json", action="store_true", help="print JSON alone on stdout")
     options = parser.parse_args(arguments)
     figures = measure(options.repeats)
     if options.json:
-        print(json.dumps(figure_records(figures), indent=2))
+        print(json.dumps(metrics_to_dicts(figures), indent=2))
     else:
-        Console().print(figure_table("sandbox", figures))
+        Console().print(metrics_table("sandbox", figures))
     return 0

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from grs_agents import content
-from grs_agents.run import Job, experiment_parser, job_settings, positive, run_experiment
+from grs_agents.run import Job, make_experiment_parser, positive_int, run_experiment, settings_as_arguments
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -13,17 +13,17 @@ def main(arguments: Sequence[str]) -> int:
     Returns:
         0 if every seed came to a verdict, 1 if not.
     """
-    sample = content.path("assets", "scenes") / "groceries"
-    parser = experiment_parser("seeds", __doc__)
+    sample = content.content_path("assets", "scenes") / "groceries"
+    parser = make_experiment_parser("seeds", __doc__)
     parser.add_argument("scene", type=Path, nargs="?", default=sample, help="a scene folder; the sample by default")
-    parser.add_argument("--seeds", type=positive, default=20, help="how many seeds, from 0")
+    parser.add_argument("--seeds", type=positive_int, default=20, help="how many seeds, from 0")
     options = parser.parse_args(arguments)
     jobs = [
         Job(
             f"seed {seed}",
             options.scene,
             options.out / f"seed_{seed:03d}",
-            ("--seed", str(seed), *job_settings(options)),
+            ("--seed", str(seed), *settings_as_arguments(options)),
         )
         for seed in range(options.seeds)
     ]

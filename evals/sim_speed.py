@@ -14,9 +14,9 @@ import numpy as np
 from rich.console import Console
 
 from grs_agents.content import content_root
-from grs_agents.figures import Figure, figure_records, figure_table
 from grs_agents.library import Library
-from grs_agents.sim import Environment, Task, instantiate, rollout, task_class
+from grs_agents.metrics import Figure, metrics_table, metrics_to_dicts
+from grs_agents.sim import Environment, Task, find_task_class, instantiate, rollout
 from grs_agents.terminal import VisibleParser
 
 BOX_SIZE = (0.34, 0.40, 0.10)
@@ -111,7 +111,7 @@ def load(path: Path) -> type[Task]:
     """The task of a program file."""
     module = ModuleType(path.stem)
     exec(compile(path.read_text("utf-8"), str(path), "exec"), module.__dict__)
-    return task_class(module)
+    return find_task_class(module)
 
 
 def scores(library: Library, seeds: int) -> list[tuple[str, float, float]]:
@@ -125,7 +125,7 @@ def scores(library: Library, seeds: int) -> list[tuple[str, float, float]]:
             np.random.seed(seed)
             done = rollout(instantiate(load(path)(), seed, library), library)
             rewards.append(done.reward)
-            strict.append(done.strict)
+            strict.append(done.strict_score)
         found.append((path.stem, statistics.mean(rewards), statistics.mean(strict)))
         print(f"{path.stem}: {rewards[-1]:.2f}", file=sys.stderr)
     return found
@@ -176,17 +176,17 @@ def main(arguments: Sequence[str]) -> int:
     Returns:
         0 if every target is kept, 1 if not.
     """
-    from grs_agents.run import positive
+    from grs_agents.run import positive_int
 
     parser = VisibleParser(prog="grs eval sim_speed", description=__doc__)
-    parser.add_argument("--repeats", type=positive, default=5, help="how often each timing is repeated")
+    parser.add_argument("--repeats", type=positive_int, default=5, help="how often each timing is repeated")
     parser.add_argument("--seeds", type=int, default=10, help="seeds of each example program; 0 leaves them out")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     options = parser.parse_args(arguments)
     figures, programs = measure(options.repeats, options.seeds)
     if options.json:
         scored = [{"program": name, "published": reward, "strict": strict} for name, reward, strict in programs]
-        print(json.dumps({"figures": figure_records(figures), "programs": scored}, indent=2))
+        print(json.dumps({"figures": metrics_to_dicts(figures), "programs": scored}, indent=2))
     else:
-        Console().print(figure_table("simulation", figures))
-    return 0 if all(figure.reached for figure in figures) else 1
+        Console().print(metrics_table("simulation", figures))
+    return 0 if all(figure.is_target_met for figure in figures) else 1

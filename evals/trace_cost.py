@@ -22,8 +22,8 @@ from grs_agents import content
 from grs_agents.agents import Agents
 from grs_agents.base import Frozen
 from grs_agents.config import load_config
-from grs_agents.figures import cpu_seconds
 from grs_agents.library import Library
+from grs_agents.metrics import cpu_seconds
 from grs_agents.nodes import Services
 from grs_agents.policies import load_policy
 from grs_agents.run import open_sandbox
@@ -104,9 +104,9 @@ class ClumsyAgents(Agents):
     def model(self, role: str) -> BaseChatModel:
         """The chat model that serves ``role``."""
         if role not in ("simulation", "fix_code"):
-            return super().model(role)
+            return super().chat_model_for_role(role)
         if self._clumsy is None:
-            self._clumsy = Clumsy(inner=super().model(role), faults=self.faults)
+            self._clumsy = Clumsy(inner=super().chat_model_for_role(role), faults=self.faults)
         return self._clumsy
 
 
@@ -130,7 +130,7 @@ def _timed_rows() -> Generator[list[float]]:
     from grs_agents.views.rerun import Rows
 
     spent: list[float] = []
-    send = Rows.send
+    send = Rows.send_pending_rows
 
     def timed(rows: Rows) -> None:
         begin = time.thread_time()
@@ -139,7 +139,7 @@ def _timed_rows() -> Generator[list[float]]:
         finally:
             spent.append(time.thread_time() - begin)
 
-    with mock.patch.object(Rows, "send", timed):
+    with mock.patch.object(Rows, "send_pending_rows", timed):
         yield spent
 
 
@@ -196,7 +196,7 @@ def measure(scene: Path, folder: Path, fixes: int) -> Cost:
 def main(arguments: Sequence[str]) -> int:
     """Measure, print, and return 0 if the bounds are kept, else 1."""
     parser = VisibleParser(prog="grs eval trace_cost", description=__doc__)
-    parser.add_argument("--scene", type=Path, default=content.path("assets", "scenes") / "groceries")
+    parser.add_argument("--scene", type=Path, default=content.content_path("assets", "scenes") / "groceries")
     parser.add_argument("--fixes", type=int, default=10)
     parser.add_argument("--out", type=Path, help="keep the run here")
     parser.add_argument("--json", action="store_true")

@@ -1,12 +1,12 @@
 """Ablation ``no fix``: no tests, the simulation is generated once and audited as it is (paper, Table 2)."""
 
-from grs_agents.nodes import RunGraph, author, empty_graph, judge, perceive
+from grs_agents.nodes import RunGraph, add_authors, add_judging, add_perception, empty_graph
 
 
 def build() -> RunGraph:
     """From a photo with depth to a verdict."""
     graph = empty_graph()
-    perceive(graph, then="generate_task")
-    author(graph, "generate_task", "generate_sim", then="audit")
-    judge(graph)
+    add_perception(graph, then="generate_task")
+    add_authors(graph, "generate_task", "generate_sim", then="audit")
+    add_judging(graph)
     return graph

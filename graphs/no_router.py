@@ -1,12 +1,12 @@
 """Ablation ``no router``: whatever fails, the simulation program is fixed, never the tests (paper, Table 2)."""
 
-from grs_agents.nodes import RunGraph, author, empty_graph, fix_loop, judge, perceive
+from grs_agents.nodes import RunGraph, add_authors, add_fix_loop, add_judging, add_perception, empty_graph
 
 
 def build() -> RunGraph:
     """From a photo with depth to a verdict."""
     graph = empty_graph()
-    perceive(graph, then="generate_task")
-    author(graph, "generate_task", "generate_sim", "generate_tests", then="run_tests")
-    judge(graph, fix=fix_loop(graph, then="audit", router=False))
+    add_perception(graph, then="generate_task")
+    add_authors(graph, "generate_task", "generate_sim", "generate_tests", then="run_tests")
+    add_judging(graph, fix=add_fix_loop(graph, then="audit", router=False))
     return graph

@@ -2,7 +2,7 @@
 
 from langgraph.graph import START
 
-from grs_agents.nodes import RunGraph, author, empty_graph, fix_loop, judge
+from grs_agents.nodes import RunGraph, add_authors, add_fix_loop, add_judging, empty_graph
 
 NEEDS = ("task", "scene")
 """What must be in the state when it starts."""
@@ -12,6 +12,6 @@ def build() -> RunGraph:
     """From a task and a scene in the state to a verdict."""
     graph = empty_graph()
     graph.add_edge(START, "generate_sim")
-    author(graph, "generate_sim", "generate_tests", then="run_tests")
-    judge(graph, fix=fix_loop(graph, then="audit"))
+    add_authors(graph, "generate_sim", "generate_tests", then="run_tests")
+    add_judging(graph, fix=add_fix_loop(graph, then="audit"))
     return graph

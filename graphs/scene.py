@@ -2,7 +2,7 @@
 
 from langgraph.graph import END
 
-from grs_agents.nodes import RunGraph, empty_graph, perceive
+from grs_agents.nodes import RunGraph, add_perception, empty_graph
 
 VERDICT = False
 """It ends with a scene, not with a verdict."""
@@ -11,5 +11,5 @@ VERDICT = False
 def build() -> RunGraph:
     """From a photo with depth to a scene description."""
     graph = empty_graph()
-    perceive(graph, then=END)
+    add_perception(graph, then=END)
     return graph

@@ -3,19 +3,19 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from grs_agents.toolkit import tools_for
+    from grs_agents.toolkit import build_langchain_tools
 
     __version__: str
 
-__all__ = ["__version__", "tools_for"]
+__all__ = ["__version__", "build_langchain_tools"]
 
 
 def __getattr__(name: str) -> Any:
     """Find out only when asked: ``import grs_agents`` stays free."""
-    if name == "tools_for":
-        from grs_agents.toolkit import tools_for
+    if name == "build_langchain_tools":
+        from grs_agents.toolkit import build_langchain_tools
 
-        return tools_for
+        return build_langchain_tools
     if name == "__version__":
         from importlib.metadata import PackageNotFoundError, version
 

@@ -32,7 +32,7 @@ def content_root() -> Path:
     return bundled if bundled.is_dir() else package_root().parent
 
 
-def add_overlay(folder: Path) -> None:
+def add_overlay_folder(folder: Path) -> None:
     """Lay ``folder`` (with any of graphs/, tools/, prompts/, assets/, evals/) over the shipped content.
 
     Its Python files are executed when they are used, hence never added by default.
@@ -49,46 +49,46 @@ def add_overlay(folder: Path) -> None:
         _overlays.insert(0, resolved)
 
 
-def roots() -> list[Path]:
+def content_search_roots() -> list[Path]:
     """The content roots, first match wins."""
     return [*_overlays, content_root()]
 
 
-def names(kind: Kind) -> list[str]:
+def content_names(kind: Kind) -> list[str]:
     """Every name of ``kind``, sorted. Names that start with an underscore are private."""
     entries: set[str] = set()
-    for root in roots():
+    for root in content_search_roots():
         for entry in (root / kind).glob(f"*{_SUFFIX[kind]}") if (root / kind).is_dir() else ():
             if not entry.name.startswith(("_", ".")):
                 entries.add(entry.stem if _SUFFIX[kind] else entry.name)
     return sorted(entries)
 
 
-def path(kind: Kind, name: str) -> Path:
+def content_path(kind: Kind, name: str) -> Path:
     """The file (or, for assets, the file or folder) called ``name``. Raises UnknownNameError: nothing has that name."""
-    return paths(kind, name)[0]
+    return all_content_paths(kind, name)[0]
 
 
-def paths(kind: Kind, name: str) -> list[Path]:
+def all_content_paths(kind: Kind, name: str) -> list[Path]:
     """Every file or folder called ``name``, the one that wins first. Raises UnknownNameError: nothing has that name."""
     public = name != "" and name == Path(name).name and not name.startswith(("_", "."))
-    candidates = [root / kind / f"{name}{_SUFFIX[kind]}" for root in roots()] if public else []
+    candidates = [root / kind / f"{name}{_SUFFIX[kind]}" for root in content_search_roots()] if public else []
     existing = [candidate for candidate in candidates if candidate.exists()]
     if not existing:
-        raise UnknownNameError(kind.removesuffix("s"), name, names(kind))
+        raise UnknownNameError(kind.removesuffix("s"), name, content_names(kind))
     return existing
 
 
-def scenes() -> dict[str, Path]:
+def sample_scenes() -> dict[str, Path]:
     """The sample scenes by name, first match wins."""
-    folders = [root / "assets" / "scenes" for root in reversed(roots())]
+    folders = [root / "assets" / "scenes" for root in reversed(content_search_roots())]
     entries = [entry for folder in folders if folder.is_dir() for entry in sorted(folder.iterdir()) if entry.is_dir()]
     return {entry.name: entry for entry in entries}
 
 
 def load_module(kind: Kind, name: str) -> ModuleType:
     """Import the content file ``name`` once. Raises UnknownNameError: nothing has that name."""
-    file, qualified = path(kind, name), f"grs_content.{kind}.{name}"
+    file, qualified = content_path(kind, name), f"grs_content.{kind}.{name}"
     with _loading:
         loaded = sys.modules.get(qualified)
         if loaded is not None and loaded.__file__ == str(file):

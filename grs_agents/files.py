@@ -15,7 +15,7 @@ STANDARD_OUTPUT = Path("-")
 """What a verb that writes one document takes for standard output."""
 
 
-def replaceable(path: Path) -> Path:
+def resolve_output_file(path: Path) -> Path:
     """The file that writing to ``path`` makes or replaces, links resolved. Raises InputError: it is no regular file."""
     try:
         if path.is_symlink():
@@ -24,23 +24,25 @@ def replaceable(path: Path) -> Path:
     except (FileNotFoundError, NotADirectoryError):
         return path
     except (OSError, RuntimeError) as error:
-        raise unwritable(path, error if isinstance(error, OSError) else OSError(errno.ELOOP, str(error))) from error
+        raise unwritable_error(
+            path, error if isinstance(error, OSError) else OSError(errno.ELOOP, str(error))
+        ) from error
     if not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "no regular file"
         raise InputError(f"cannot write {path}: it is {kind}", "name a new file with --out")
     return path
 
 
-def check_output(path: Path) -> None:
-    """Refuse ``path`` before the document is made. Raises InputError: `write_document` could not write it."""
+def check_output_path(path: Path) -> None:
+    """Refuse ``path`` before the document is made. Raises InputError: `write_file_or_stdout` could not write it."""
     if path != STANDARD_OUTPUT:
-        replaceable(path)
+        resolve_output_file(path)
 
 
-def write_document(path: Path, data: bytes) -> Path:
+def write_file_or_stdout(path: Path, data: bytes) -> Path:
     """Write ``data`` as `write_bytes` does, or to standard output where ``path`` is ``-``."""
     if path != STANDARD_OUTPUT:
-        return write_bytes(replaceable(path), data)
+        return write_bytes(resolve_output_file(path), data)
     sys.stdout.buffer.write(data)
     sys.stdout.buffer.flush()
     return path
@@ -53,7 +55,7 @@ def write_bytes(path: Path, data: bytes) -> Path:
         InputError: the folder cannot be written, the disk is full, or ``path`` is there and no regular file.
     """
     if not path.is_symlink():
-        path = replaceable(path)
+        path = resolve_output_file(path)
     temporary = path.with_name(f".{path.name}.{uuid4().hex[:8]}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -62,11 +64,11 @@ def write_bytes(path: Path, data: bytes) -> Path:
     except OSError as error:
         with suppress(OSError):  # what stands in the way of the file may stand in the way of its removal
             temporary.unlink()
-        raise unwritable(path, error) from error
+        raise unwritable_error(path, error) from error
     return path
 
 
-def unwritable(path: Path, error: OSError) -> InputError:
+def unwritable_error(path: Path, error: OSError) -> InputError:
     """The one-line error for a file that the system refused to write."""
     reason = error.strerror or str(error)
     return InputError(f"cannot write {path}: {reason}", "free space or name a writable folder with --out")

@@ -1,7 +1,7 @@
 """Requests to end (Ctrl-C, SIGTERM): raised where the program is, and remembered.
 
 An exception that is raised while a module of another package is imported, in a destructor or in a callback of C code
-may be dropped there. Whoever starts something long asks ``requested`` first.
+may be dropped there. Whoever starts something long asks ``is_interrupt_requested`` first.
 """
 
 import signal
@@ -10,19 +10,19 @@ from types import FrameType
 _came: list[int] = []
 
 
-def catch() -> None:
+def install_signal_handlers() -> None:
     """Let SIGINT and SIGTERM raise ``KeyboardInterrupt`` from now on, unless this process was told to ignore them."""
     _came.clear()
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, _interrupt)
+            signal.signal(number, _raise_interrupt)
 
 
-def requested() -> bool:
-    """Whether a request to end has come since ``catch``."""
+def is_interrupt_requested() -> bool:
+    """Whether a request to end has come since ``install_signal_handlers``."""
     return bool(_came)
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
+def _raise_interrupt(number: int, frame: FrameType | None) -> None:
     _came.append(number)
     raise KeyboardInterrupt

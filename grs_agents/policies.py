@@ -44,7 +44,7 @@ class RoutingDecision(Frozen):
     policy: str
 
 
-def failures(report: TestReport) -> tuple[str, ...]:
+def failures_without_run_details(report: TestReport) -> tuple[str, ...]:
     """What went wrong in ``report``, without what differs from run to run: seconds, printed text, tracebacks.
 
     Two reports with the same failures show that the fix between them changed nothing.
@@ -70,7 +70,7 @@ class Llm:
 
     def decide(self, context: RoutingContext) -> RoutingDecision:
         """Ask; the model's explanation is passed on to the fixer."""
-        reply = roles.route(context.agents, context.task, context.results, context.history)
+        reply = roles.decide_what_to_fix(context.agents, context.task, context.results, context.history)
         if isinstance(reply, NoReply):
             fallback = Rules().decide(context)
             explanation = f"{reply}; decided by rules instead: {fallback.explanation}"
@@ -89,15 +89,15 @@ class Rules:
 
     def decide(self, context: RoutingContext) -> RoutingDecision:
         """Read the types; compare with the report of the decision before."""
-        verdict, why = _judge(context)
+        verdict, why = _judge_by_rules(context)
         last = context.earlier[-1] if context.earlier and not context.audit_failed else None
-        if last is not None and last.failures == failures(context.report):
+        if last is not None and last.failures == failures_without_run_details(context.report):
             verdict = "fix_test" if last.verdict == "fix_code" else "fix_code"
             why = f"{last.verdict} left the report as it was, so the other program is next; {why}"
         return RoutingDecision(verdict=verdict, explanation=why, policy="rules")
 
 
-def _judge(context: RoutingContext) -> tuple[Verdict, str]:
+def _judge_by_rules(context: RoutingContext) -> tuple[Verdict, str]:
     report = context.report
     if context.audit_failed:
         return "fix_code", "the tests pass but the audit of the task instances fails"
@@ -108,22 +108,24 @@ def _judge(context: RoutingContext) -> tuple[Verdict, str]:
     failed = [case for case in report.cases if case.outcome not in ("passed", "not_run")]
     if not failed:
         return "fix_test", f"the tests as a whole are {report.outcome}: {report.message}"
-    first = next(filter(_speaks_against_program, failed), None)
+    first = next(filter(_is_program_fault, failed), None)
     if first is None:
         return "fix_test", f"{failed[0].id} {failed[0].outcome} in the tests themselves: {failed[0].message}"
     reason = (
-        f"the oracle ended in {first.episode['outcome']}" if first.episode and _fell_short(first) else first.message
+        f"the oracle ended in {first.episode['outcome']}"
+        if first.episode and _has_oracle_failed(first)
+        else first.message
     )
     return "fix_code", f"{first.id} {first.outcome}: {reason}"
 
 
-def _speaks_against_program(case: TestCase) -> bool:
+def _is_program_fault(case: TestCase) -> bool:
     if case.outcome in ("no_assertion", "skipped", "expected_failure"):
         return False
-    return case.raised_in != "tests" or (case.outcome == "failed" and _fell_short(case))
+    return case.raised_in != "tests" or (case.outcome == "failed" and _has_oracle_failed(case))
 
 
-def _fell_short(case: TestCase) -> bool:
+def _has_oracle_failed(case: TestCase) -> bool:
     """Whether the oracle itself ended its episode without reaching its goals."""
     return case.episode is not None and case.episode.get("outcome") not in ("success", "stopped", None)
 
@@ -154,7 +156,7 @@ def load_policy(name: str) -> Policy:
     if ":" not in name and name not in entries.names:
         raise UnknownNameError("policy", name, [*POLICIES, *entries.names, "package.module:Class"])
     try:
-        policy = (_named(name) if ":" in name else entries[name].load())()
+        policy = (_import_object_by_path(name) if ":" in name else entries[name].load())()
     except Exception as error:  # whatever the user's own code raises
         raise ConfigError(
             f"policy {name!r}: {type(error).__name__}: {error}",
@@ -165,7 +167,7 @@ def load_policy(name: str) -> Policy:
     return cast(Policy, policy)
 
 
-def _named(path: str) -> Any:
+def _import_object_by_path(path: str) -> Any:
     """What ``module:name`` names; the module may lie in the current folder, where Python's own path ends."""
     module, _, attribute = path.partition(":")
     folder = str(Path.cwd())

@@ -12,9 +12,9 @@ from langgraph.graph import END, START, StateGraph
 
 from grs_agents.config import load_config
 from grs_agents.errors import InputError
-from grs_agents.run import GIVEN, Order, execute, load_graph
+from grs_agents.run import GIVEN, Order, execute_run, load_graph
 from grs_agents.state import RunState
-from grs_agents.views import follow
+from grs_agents.views import attach_live_views
 
 
 class Answer(RunState):
@@ -23,7 +23,7 @@ class Answer(RunState):
     folder: str  # the run folder, for `grs show`, `grs report` and `grs replay`
 
 
-def serve(name: str) -> StateGraph[Answer, None, RunState, Answer]:
+def build_served_graph(name: str) -> StateGraph[Answer, None, RunState, Answer]:
     """The graph ``name`` with all that ``grs run`` gives it: sandbox, models, event log, recording.
 
     The request's state has ``scene_path`` and what else the graph needs; its ``configurable`` may have ``set``, a list
@@ -37,7 +37,7 @@ def serve(name: str) -> StateGraph[Answer, None, RunState, Answer]:
         given = {key: value for key, value in state.items() if key not in GIVEN}
         command = "run" if getattr(load_graph(name), "VERDICT", True) else "scene"
         order = Order(command, Path(state["scene_path"]), load_config(None, settings).config, given=given, nested=True)
-        ended = execute(order, follow)
+        ended = execute_run(order, attach_live_views)
         if ended.problem is not None:
             raise ended.problem
         return {**ended.state, "folder": str(ended.folder)}
@@ -49,5 +49,9 @@ def serve(name: str) -> StateGraph[Answer, None, RunState, Answer]:
     return graph
 
 
-grs, router, scene = serve("grs"), serve("router"), serve("scene")
-no_router, no_fix, llm_only = serve("no_router"), serve("no_fix"), serve("llm_only")
+grs, router, scene = build_served_graph("grs"), build_served_graph("router"), build_served_graph("scene")
+no_router, no_fix, llm_only = (
+    build_served_graph("no_router"),
+    build_served_graph("no_fix"),
+    build_served_graph("llm_only"),
+)

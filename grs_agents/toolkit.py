@@ -54,17 +54,17 @@ def load_tool(name: str) -> Tool:
     return cast(Tool, module)
 
 
-def tool_names() -> list[str]:
+def json_tool_names() -> list[str]:
     """The tools whose requests are plain JSON, which any agent framework can therefore call."""
-    return [name for name in content.names("tools") if _speaks_json(load_tool(name))]
+    return [name for name in content.content_names("tools") if _has_json_request(load_tool(name))]
 
 
-def tools_for(context: ToolContext, names: Sequence[str] | None = None) -> list[StructuredTool]:
+def build_langchain_tools(context: ToolContext, names: Sequence[str] | None = None) -> list[StructuredTool]:
     """The tools as LangChain ``StructuredTool``s: the tool's request is the schema, its result comes back as JSON.
 
     Args:
         context: the services they run with.
-        names: which tools; every tool of `tool_names` otherwise.
+        names: which tools; every tool of `json_tool_names` otherwise.
 
     Raises:
         UnknownNameError: a name that no tool has.
@@ -73,13 +73,13 @@ def tools_for(context: ToolContext, names: Sequence[str] | None = None) -> list[
     from langchain_core.tools import StructuredTool
 
     structured: list[StructuredTool] = []
-    for name in tool_names() if names is None else names:
+    for name in json_tool_names() if names is None else names:
         tool = load_tool(name)
-        if not _speaks_json(tool):
-            raise InputError(f"tool {name!r} takes arrays, not JSON", f"use one of: {', '.join(tool_names())}")
+        if not _has_json_request(tool):
+            raise InputError(f"tool {name!r} takes arrays, not JSON", f"use one of: {', '.join(json_tool_names())}")
         structured.append(
             StructuredTool.from_function(
-                func=_caller(tool, context),
+                func=_make_tool_function(tool, context),
                 name=name,
                 description=(tool.__doc__ or name).strip().splitlines()[0],
                 args_schema=tool.Request,
@@ -93,17 +93,17 @@ def open_library(roots: Sequence[str]) -> Library:
     return Library(*(Path(root) for root in roots))
 
 
-def readable(library_roots: Sequence[str], robot: str) -> tuple[Path, ...]:
+def readable_folders(library_roots: Sequence[str], robot: str) -> tuple[Path, ...]:
     """The folders that a simulation with these assets and this arm reads, beside the shipped ones."""
     arm = (Path(robot).parent,) if Path(robot).suffix else ()
     return (*(Path(root) for root in library_roots), *arm)
 
 
-def _speaks_json(tool: Tool) -> bool:
+def _has_json_request(tool: Tool) -> bool:
     return isinstance(tool.Request, type) and issubclass(tool.Request, BaseModel)
 
 
-def _caller(tool: Tool, context: ToolContext) -> Callable[..., dict[str, Any]]:
+def _make_tool_function(tool: Tool, context: ToolContext) -> Callable[..., dict[str, Any]]:
     def call(**arguments: Any) -> dict[str, Any]:
         return cast(BaseModel, tool.run(tool.Request(**arguments), context)).model_dump(mode="json")
 

@@ -53,15 +53,15 @@ FIXED = (Picture("fixes", "3 Tests and fixes", ("decision", -1)),)
 def digest() -> str:
     """The SHA-256 of what the pictures show: the layout of the views, the state machine, the sample scene, rerun."""
     from grs_agents import content
-    from grs_agents.views.rerun import blueprint, node_positions
+    from grs_agents.views.rerun import build_run_blueprint, node_positions
 
     sha = hashlib.sha256(f"{version('rerun-sdk')}\n".encode())
     sha.update(f"{node_positions(content.load_module('graphs', 'grs').build().nodes)}\n".encode())
-    layout = blueprint(("a", "b"))
+    layout = build_run_blueprint(("a", "b"))
     sha.update(f"{layout.time_panel and vars(layout.time_panel)}\n".encode())
     for line in _layout(layout.root_container):
         sha.update(f"{line}\n".encode())
-    for file in sorted(content.scenes()["groceries"].iterdir()):
+    for file in sorted(content.sample_scenes()["groceries"].iterdir()):
         sha.update(file.read_bytes())
     return sha.hexdigest()
 
@@ -102,10 +102,10 @@ def _viewer(trace: Path) -> Generator[Any]:
     """A viewer without a window, on this machine alone, that shows a recording."""
     from rerun.experimental import ViewerClient
 
-    from grs_agents.views.rerun import LOOPBACK, WebAddress, rerun_program, viewer_environment
+    from grs_agents.views.rerun import LOOPBACK, WebAddress, find_rerun_program, viewer_environment
 
-    port = WebAddress.free().data
-    command = [str(rerun_program()), "--headless", "--bind", LOOPBACK, "--port", str(port), str(trace)]
+    port = WebAddress.with_free_ports().data
+    command = [str(find_rerun_program()), "--headless", "--bind", LOOPBACK, "--port", str(port), str(trace)]
     command += ["--window-size", SIZE]
     process = subprocess.Popen(command, env=viewer_environment(), stderr=subprocess.DEVNULL)
     try:
@@ -150,13 +150,13 @@ def _still(viewer: Any) -> bytes:
 def moments_of(folder: Path) -> dict[str, list[float]]:
     """Where on the timeline ``replay`` each event of a run is, by kind, s."""
     from grs_agents.trace import Rollout, read_events
-    from grs_agents.views.rerun import Clock, duration
+    from grs_agents.views.rerun import Clock, rollout_duration
 
     clock, moments = Clock(), defaultdict[str, list[float]](list)
     for event in read_events(folder / "events.jsonl"):
-        moments[event.kind].append(clock.tick(event).replay)
+        moments[event.kind].append(clock.advance_to_event(event).replay)
         if isinstance(event, Rollout):
-            clock.play(duration(folder, event))
+            clock.advance_by_seconds(rollout_duration(folder, event))
     return moments
 
 
@@ -164,13 +164,15 @@ def main() -> int:
     """Make two runs and their pictures, and note what they show."""
     from grs_agents import content
     from grs_agents.config import load_config
-    from grs_agents.run import Order, execute
-    from grs_agents.views import follow
+    from grs_agents.run import Order, execute_run
+    from grs_agents.views import attach_live_views
 
-    scene = content.scenes()["groceries"]
+    scene = content.sample_scenes()["groceries"]
     with tempfile.TemporaryDirectory() as temporary:
         accepted, fixed = Path(temporary) / "groceries", Path(temporary) / "fixed"
-        if status := execute(Order("run", scene, load_config().config, accepted), follow).record.exit_status:
+        if status := execute_run(
+            Order("run", scene, load_config().config, accepted), attach_live_views
+        ).record.exit_status:
             return status
         shoot(accepted, ACCEPTED)
         fixed.mkdir()

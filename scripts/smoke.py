@@ -14,7 +14,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 FORBIDDEN = ("graphs", "tools", "prompts", "assets", "evals", "tests")
-PROBE = 'from grs_agents import content; print(content.path("assets", "scenes") / "groceries")'
+PROBE = 'from grs_agents import content; print(content.content_path("assets", "scenes") / "groceries")'
 
 
 def call(*command: str | Path, folder: Path) -> str:

@@ -40,7 +40,7 @@ def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 @pytest.fixture(scope="session")
 def sample_scene() -> Path:
     """The scene that ships with GRS."""
-    return content.path("assets", "scenes") / "groceries"
+    return content.content_path("assets", "scenes") / "groceries"
 
 
 @pytest.fixture(scope="session")

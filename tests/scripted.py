@@ -51,7 +51,7 @@ class ScriptedAgents(Agents):
 
     script: ScriptedModel = field(default_factory=lambda: ScriptedModel(replies=[]))
 
-    def model(self, role: str) -> BaseChatModel:
+    def chat_model_for_role(self, role: str) -> BaseChatModel:
         """The scripted model."""
         return self.script
 

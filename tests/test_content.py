@@ -28,7 +28,7 @@ def overlay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "graphs").mkdir()
     (tmp_path / "graphs" / "ours.py").write_text(OURS)
     (tmp_path / "graphs" / "_private.py").write_text(OURS)
-    content.add_overlay(tmp_path)
+    content.add_overlay_folder(tmp_path)
     yield tmp_path
     for name in set(sys.modules) - before:
         if name.startswith("grs_content."):
@@ -37,15 +37,15 @@ def overlay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 @pytest.mark.parametrize("kind", content.KINDS)
 def test_every_kind_ships_with_content(kind: content.Kind) -> None:
-    names = content.names(kind)
+    names = content.content_names(kind)
     assert names == sorted(set(names))
     assert names, f"no {kind} are shipped"
-    assert all(content.path(kind, name).exists() for name in names)
+    assert all(content.content_path(kind, name).exists() for name in names)
 
 
 @pytest.mark.parametrize("kind", ["graphs", "tools", "evals"])
 def test_every_shipped_python_file_loads_once_and_says_what_it_is(kind: content.Kind) -> None:
-    for name in content.names(kind):
+    for name in content.content_names(kind):
         module = content.load_module(kind, name)
         assert content.load_module(kind, name) is module
         assert (module.__doc__ or "").strip(), f"{kind}/{name}.py has no first line to show in `grs list`"
@@ -54,42 +54,42 @@ def test_every_shipped_python_file_loads_once_and_says_what_it_is(kind: content.
 def test_content_files_do_not_know_each_other() -> None:
     shared = re.compile(r"from evals\.(benchmark|synthesis)\b")  # of the experiments that only a checkout has
     for kind in ("graphs", "tools", "evals"):
-        for name in content.names(kind):
-            text = shared.sub("", content.path(kind, name).read_text(encoding="utf-8"))
+        for name in content.content_names(kind):
+            text = shared.sub("", content.content_path(kind, name).read_text(encoding="utf-8"))
             assert not any(f"{word} {other}." in text for word in ("import", "from") for other in content.KINDS)
 
 
 def test_an_overlay_adds_names_and_loads(overlay: Path) -> None:
-    assert "ours" in content.names("graphs")
-    assert "grs" in content.names("graphs")
-    assert content.path("graphs", "ours") == overlay.resolve() / "graphs" / "ours.py"
+    assert "ours" in content.content_names("graphs")
+    assert "grs" in content.content_names("graphs")
+    assert content.content_path("graphs", "ours") == overlay.resolve() / "graphs" / "ours.py"
     assert content.load_module("graphs", "ours").State().note is None
 
 
 def test_an_overlay_wins_over_the_shipped_file(overlay: Path) -> None:
     shipped = content.load_module("graphs", "grs")
     (overlay / "graphs" / "grs.py").write_text(OURS)
-    assert content.path("graphs", "grs").is_relative_to(overlay.resolve())
+    assert content.content_path("graphs", "grs").is_relative_to(overlay.resolve())
     assert content.load_module("graphs", "grs") is not shipped
     del sys.modules["grs_content.graphs.grs"]
 
 
 def test_names_that_start_with_an_underscore_are_private(overlay: Path) -> None:
-    assert "_private" not in content.names("graphs")
+    assert "_private" not in content.content_names("graphs")
     with pytest.raises(UnknownNameError):
-        content.path("graphs", "_private")
+        content.content_path("graphs", "_private")
 
 
 def test_an_unknown_name_lists_the_nearest_first() -> None:
     with pytest.raises(UnknownNameError, match="unknown graph 'no_ruter'; use one of: no_router"):
-        content.path("graphs", "no_ruter")
+        content.content_path("graphs", "no_ruter")
 
 
 @pytest.mark.parametrize("name", ["../grs_agents/errors", "/etc/passwd", "", ".", ".."])
 def test_a_name_is_never_a_way_out_of_its_folder(name: str) -> None:
     for kind in content.KINDS:
         with pytest.raises(UnknownNameError):
-            content.path(kind, name)
+            content.content_path(kind, name)
 
 
 def test_a_file_that_does_not_import_leaves_no_half_module(overlay: Path) -> None:
@@ -102,4 +102,4 @@ def test_a_file_that_does_not_import_leaves_no_half_module(overlay: Path) -> Non
 
 def test_a_missing_overlay_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nowhere does not exist.*--content"):
-        content.add_overlay(tmp_path / "nowhere")
+        content.add_overlay_folder(tmp_path / "nowhere")

@@ -172,7 +172,7 @@ def test_every_template_is_documented_with_its_defaults() -> None:
         for name in re.findall(r"`([^`]+)`", cells[0])
     }
     actual: dict[str, str] = {}
-    for name in library.templates():
+    for name in library.template_names():
         told = {stem: values for stem, values in library.template_defaults(name).items() if stem != "COLOR"}
         shown = (f"{stem} ({', '.join(map(short, values))})" for stem, values in told.items())
         actual[name] = ", ".join(shown)
@@ -192,9 +192,9 @@ def test_every_other_asset_is_documented_with_its_size_and_origin() -> None:
         for name in re.findall(r"`([^`]+)`", cells[0]):
             seen.add(name)
             assert [float(number) for number in cells[1].split(",")] == pytest.approx(
-                library.model(name).size, abs=1e-4
+                library.load_object_model(name).size, abs=1e-4
             ), name
-            low, high = library.model(name).bounds
+            low, high = library.load_object_model(name).bounds
             centred = all(abs(first + last) < 1e-4 for first, last in zip(low, high, strict=True))
             assert centred == (cells[2] == "centre"), name
     assert seen == named
@@ -205,7 +205,7 @@ def test_every_typed_goal_is_documented_with_an_example_that_holds_water() -> No
     things = {"cans": [1, 2, 3], "box": 4, "tray": 5, "base": 6, "middle": 7, "top": 8}
     made = [eval(example, {**vars(goal), **things}) for example in examples]
     assert all(isinstance(one, Goal) for one in made)
-    assert tuple(one.kind for one in made) == get_args(goal.Kind)
+    assert tuple(one.relation_kind for one in made) == get_args(goal.Kind)
 
 
 def test_every_outcome_is_documented() -> None:

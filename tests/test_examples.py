@@ -11,7 +11,7 @@ import pytest
 from grs_agents.agents import Example, read_examples
 from grs_agents.content import content_root
 from grs_agents.library import Library
-from grs_agents.sim import Task, TaskInstance, instantiate, rollout, task_class
+from grs_agents.sim import Task, TaskInstance, find_task_class, instantiate, rollout
 
 FOLDER = content_root() / "prompts" / "examples"
 EXAMPLES = read_examples(FOLDER)
@@ -34,7 +34,7 @@ def load(example: Example) -> ModuleType:
 def instance_of(example: Example, seed: int, library: Library) -> TaskInstance:
     random.seed(seed)
     np.random.seed(seed)
-    return instantiate(task_class(load(example))(), seed, library)
+    return instantiate(find_task_class(load(example))(), seed, library)
 
 
 def test_there_are_enough_programs_of_enough_families() -> None:
@@ -53,7 +53,7 @@ def test_it_is_one_short_documented_task_that_keeps_to_the_prompts_rules(example
     assert {name.name for node in tree.body if isinstance(node, ast.Import) for name in node.names} <= IMPORTED
     assert not [node for node in ast.walk(tree) if isinstance(node, ast.While)], "a loop without a bound"
     assert len(example.source.splitlines()) <= 72
-    task = task_class(load(example))()
+    task = find_task_class(load(example))()
     assert isinstance(task, Task)
     assert task.lang_template
     assert task.task_completed_desc != Task().task_completed_desc
@@ -65,7 +65,7 @@ def test_the_oracle_solves_it_and_doing_nothing_does_not(example: Example, libra
     done = rollout(TaskInstance.model_validate_json(instance.model_dump_json()), library)
     assert done.episode.outcome == "success", done.episode.detail
     assert done.episode.reward == pytest.approx(1, abs=0.01)
-    assert done.strict >= 0.99, done.episode.shortfalls
+    assert done.strict_score >= 0.99, done.episode.shortfalls
     assert done.idle_reward < 0.5
     assert len(done.moved) >= 2
     assert done.warnings + instance.warnings == ()

@@ -4,7 +4,7 @@ import pytest
 
 from grs_agents import content, nodes
 
-GRAPHS = content.names("graphs")
+GRAPHS = content.content_names("graphs")
 
 
 def drawn(name: str) -> tuple[set[str], set[tuple[str, str]]]:
@@ -18,7 +18,7 @@ def test_the_graphs_of_the_paper_are_there() -> None:
 
 @pytest.mark.parametrize("name", GRAPHS)
 def test_every_graph_is_one_short_topology(name: str) -> None:
-    assert len(content.path("graphs", name).read_text().splitlines()) < 100
+    assert len(content.content_path("graphs", name).read_text().splitlines()) < 100
     assert content.load_module("graphs", name).__doc__
 
 

@@ -15,8 +15,8 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "grs_agents"
 
 FLOORS: tuple[frozenset[str], ...] = (
-    frozenset({"errors", "base", "doors", "__version__"}),
-    frozenset({"files", "engine", "figures", "foreign", "interrupts", "terminal"}),
+    frozenset({"errors", "base", "lazy_exports", "__version__"}),
+    frozenset({"files", "metrics", "mujoco_import", "foreign", "interrupts", "terminal"}),
     frozenset({"trace", "config", "content", "geometry"}),
     frozenset({"library"}),
     frozenset({"sim", "sandbox", "models"}),

@@ -68,8 +68,10 @@ def test_the_wheel_bundles_the_content_that_needs_no_checkout(wheel: set[str]) -
 def test_bundled_experiments_need_nothing_that_is_left_out() -> None:
     needed = {
         name
-        for name in content.names("evals")
-        if re.search(r"^\s*(from|import) evals\b", content.path("evals", name).read_text(encoding="utf-8"), re.M)
+        for name in content.content_names("evals")
+        if re.search(
+            r"^\s*(from|import) evals\b", content.content_path("evals", name).read_text(encoding="utf-8"), re.M
+        )
     }
     assert needed == set(CHECKOUT_ONLY)
 

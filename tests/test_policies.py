@@ -7,7 +7,14 @@ import pytest
 
 from grs_agents.agents import Agents, TaskDefinition
 from grs_agents.errors import ConfigError, UnknownNameError
-from grs_agents.policies import POLICIES, Routed, RoutingContext, RoutingDecision, failures, load_policy
+from grs_agents.policies import (
+    POLICIES,
+    Routed,
+    RoutingContext,
+    RoutingDecision,
+    failures_without_run_details,
+    load_policy,
+)
 from grs_agents.sandbox import TestCase, TestReport
 
 TASK = TaskDefinition.model_validate({"task-name": "t", "task-description": "d", "assets-used": ["a"]})
@@ -41,7 +48,9 @@ def context(
             "backend": "process",
         }
     )
-    return RoutingContext(TASK, report, report.text(), audit_failed, (), cast(Agents, None))  # rules ask no model
+    return RoutingContext(
+        TASK, report, report.format_as_text(), audit_failed, (), cast(Agents, None)
+    )  # rules ask no model
 
 
 @pytest.mark.parametrize(
@@ -81,7 +90,7 @@ def test_rules_turn_to_the_other_side_while_the_report_stays_as_it_is() -> None:
     for _ in range(4):
         decision = load_policy("rules").decide(given)
         verdicts.append(decision.verdict)
-        routed = Routed(failures=failures(given.report), verdict=decision.verdict)
+        routed = Routed(failures=failures_without_run_details(given.report), verdict=decision.verdict)
         given = replace(given, earlier=(*given.earlier, routed))
     assert verdicts == ["fix_test", "fix_code", "fix_test", "fix_code"]
     other = context("failed", [case("error", "simulation")])

@@ -51,8 +51,8 @@ def verdict(context: ToolContext, simulation: str, tests: str) -> tuple[str, Any
     """What ``rules`` says of the two programs, and the report it says it of."""
     tool = load_tool("run_tests")
     report = tool.run(tool.Request(simulation=simulation, tests=tests), context).report
-    assert not report.ok
-    given = RoutingContext(TASK, report, report.text(), False, (), cast(Agents, None))  # rules ask no model
+    assert not report.all_passed
+    given = RoutingContext(TASK, report, report.format_as_text(), False, (), cast(Agents, None))  # rules ask no model
     return load_policy("rules").decide(given).verdict, report
 
 

@@ -27,7 +27,7 @@ ROOT = Path(__file__).parents[1]
 
 def test_langgraph_json_serves_every_graph() -> None:
     graphs: dict[str, str] = json.loads((ROOT / "langgraph.json").read_text(encoding="utf-8"))["graphs"]
-    assert sorted(graphs) == content.names("graphs")
+    assert sorted(graphs) == content.content_names("graphs")
     for name, target in graphs.items():
         assert target == f"{serving.__name__}:{name}"
         assert isinstance(getattr(serving, name), StateGraph)
@@ -76,10 +76,10 @@ def test_what_a_request_leaves_out_is_named(tmp_path: Path, monkeypatch: pytest.
         serving.grs.compile().invoke(given(scene_path="nowhere"))
     (tmp_path / "photo").mkdir()
     with pytest.raises(ConfigError, match="needs task and scene"):
-        serving.router.compile().invoke(given(scene_path=str(content.path("assets", "scenes") / "groceries")))
+        serving.router.compile().invoke(given(scene_path=str(content.content_path("assets", "scenes") / "groceries")))
     with pytest.raises(ConfigError, match="policy"):
         serving.grs.compile().invoke(
-            given(scene_path=str(content.path("assets", "scenes") / "groceries")),
+            given(scene_path=str(content.content_path("assets", "scenes") / "groceries")),
             {"configurable": {"set": ["policy=none_such"]}},
         )
 

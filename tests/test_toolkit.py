@@ -10,7 +10,7 @@ from grs_agents.config import Limits
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.library import Library
 from grs_agents.sandbox import Sandbox
-from grs_agents.toolkit import ToolContext, load_tool, open_library, tool_names, tools_for
+from grs_agents.toolkit import ToolContext, build_langchain_tools, json_tool_names, load_tool, open_library
 
 ADD = '''"""Add two numbers.
 
@@ -38,7 +38,7 @@ def context(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ToolContext:
 
 
 def test_a_tool_becomes_a_structured_tool(context: ToolContext) -> None:
-    (add,) = grs_agents.tools_for(context, ["add"])
+    (add,) = grs_agents.build_langchain_tools(context, ["add"])
     assert (add.name, add.description) == ("add", "Add two numbers.")
     assert set(add.args) == {"first", "second"}
     assert add.invoke({"first": 2}) == {"total": 3}
@@ -46,12 +46,12 @@ def test_a_tool_becomes_a_structured_tool(context: ToolContext) -> None:
 
 def test_a_tool_that_takes_arrays_is_refused_by_name(context: ToolContext) -> None:
     with pytest.raises(InputError, match="arrays"):
-        tools_for(context, ["arrays"])
+        build_langchain_tools(context, ["arrays"])
 
 
 def test_an_unknown_tool_lists_those_there_are(context: ToolContext) -> None:
     with pytest.raises(UnknownNameError, match="add"):
-        tools_for(context, ["ad"])
+        build_langchain_tools(context, ["ad"])
 
 
 def test_a_tool_that_lacks_parts_is_named(context: ToolContext) -> None:
@@ -61,9 +61,9 @@ def test_a_tool_that_lacks_parts_is_named(context: ToolContext) -> None:
 
 
 def test_the_shipped_tools_that_speak_json_are_all_offered() -> None:
-    names = tool_names()
+    names = json_tool_names()
     assert {"instantiate", "run_tests"} <= set(names)
-    offered = tools_for(ToolContext(sandbox=Sandbox(), library=Library(), limits=Limits()))
+    offered = build_langchain_tools(ToolContext(sandbox=Sandbox(), library=Library(), limits=Limits()))
     assert [tool.name for tool in offered] == names
     assert all(tool.description for tool in offered)
 

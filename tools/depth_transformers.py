@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import ConfigError
-from grs_agents.perception import LOCAL, Image, config_of, stumbling, weights_of
+from grs_agents.perception import LOCAL, Image, load_model_config, load_pretrained_model, wrap_model_errors
 from grs_agents.toolkit import ToolContext
 
 METRIC = ("depth_pro", "glpn", "zoedepth")
@@ -61,14 +61,14 @@ def run(request: Request, context: ToolContext) -> Result:
         raise ConfigError(
             f"tool depth_transformers needs {error.name or 'transformers'}", 'pip install "grs-agents[transformers]"'
         ) from error
-    with stumbling("depth", folder, request.photo, "AutoModelForDepthEstimation"):
+    with wrap_model_errors("depth", folder, request.photo, "AutoModelForDepthEstimation"):
         return _asked(request, folder, torch, transformers)
 
 
 def _asked(request: Request, folder: Path, torch: Any, transformers: Any) -> Result:
     processor = transformers.AutoImageProcessor.from_pretrained(str(folder), **LOCAL, trust_remote_code=False)
     kind = transformers.AutoModelForDepthEstimation
-    model = weights_of(kind, folder, "depth.model", transformers, trust_remote_code=False)
+    model = load_pretrained_model(kind, folder, "depth.model", transformers, trust_remote_code=False)
     with torch.inference_mode():
         answer = model(**processor(images=request.rgb, return_tensors="pt"))
     size = request.rgb.shape[:2]
@@ -81,7 +81,7 @@ def _asked(request: Request, folder: Path, torch: Any, transformers: Any) -> Res
 
 def _metric_model(name: str | None) -> Path:
     """The folder of a model that answers in metres."""
-    folder, config = config_of("depth.model", name, "depth_transformers")
+    folder, config = load_model_config("depth.model", name, "depth_transformers")
     kind = config["model_type"]
     if kind not in METRIC and config.get("depth_estimation_type") != "metric":
         raise ConfigError(

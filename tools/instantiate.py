@@ -13,8 +13,8 @@ from grs_agents import sandbox
 from grs_agents.base import Frozen
 from grs_agents.config import Limits
 from grs_agents.sandbox import BatchResult, CallResult, Trace
-from grs_agents.sim import InstanceError, TaskInstance, first_fault, names_task, read_instance
-from grs_agents.toolkit import ToolContext, open_library, readable
+from grs_agents.sim import InstanceError, TaskInstance, defines_task_class, describe_first_error, parse_instance_json
+from grs_agents.toolkit import ToolContext, open_library, readable_folders
 
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 FailureOutcome = Literal[
@@ -119,7 +119,7 @@ def run(request: Request, context: ToolContext) -> Result:
         ),
         failures=tuple(outcome for outcome in drawn.values() if isinstance(outcome, Failure)),
         seconds=sum(call.seconds for call in calls),
-        backend=first.last.backend,
+        backend=first.last_call.backend,
     )
 
 
@@ -130,7 +130,7 @@ def _unsound(request: Request) -> tuple[Failure, ...]:
     except SyntaxError as error:
         trace = sandbox.describe_error(error)
         return tuple(Failure(seed=seed, outcome="error", **_shown(trace)) for seed in request.seeds)
-    if names_task(tree):
+    if defines_task_class(tree):
         return ()
     message = "the program defines no class that derives from Task: write `class Name(Task):`"
     return tuple(Failure(seed=seed, outcome="error", message=message) for seed in request.seeds)
@@ -147,7 +147,7 @@ def _draw_all(
         [str(seed) for seed in seeds],
         context.limits,
         hopeless=lambda call: True,  # what hangs in reset for one seed hangs for all
-        readable=readable(request.library_roots, request.robot),
+        readable=readable_folders(request.library_roots, request.robot),
     )
     return {seed: _draw(seed, batch, request.simulation, context.limits) for seed in seeds}, batch
 
@@ -174,36 +174,36 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     import_hook.install()
     library = open_library(request["library_roots"])
     limits, background = Limits.model_validate(request["limits"]), request["background"]
-    sim.configure(library, robot=request["robot"], limits=limits, background=background)
+    sim.set_environment_defaults(library, robot=request["robot"], limits=limits, background=background)
     items: Sequence[str] = request["items"]
     task: Any = None
     with sandbox.CapturedError() as loading:
         sandbox.seed_everything(0)
-        task = sim.task_class(sandbox.load_program(request["simulation"]))
+        task = sim.find_task_class(sandbox.load_program(request["simulation"]))
     for item in items:
-        sandbox.progress({"item": item, "phase": "start"})
+        sandbox.report_progress({"item": item, "phase": "start"})
         sandbox.seed_everything(int(item))
-        sim.begin_test()
+        sim.reset_before_test()
         event: dict[str, Any] = {"instance": None}
         with sandbox.CapturedError() as captured:
             if loading.error is not None:
                 raise loading.error
             instance = sim.instantiate(task(), int(item), library)
-            if (limit := sim.reached()) is not None:  # though the program caught it
+            if (limit := sim.latest_limit_error()) is not None:  # though the program caught it
                 raise limit
             event["instance"] = instance.model_dump_json()
         if isinstance(captured.error, MemoryError):
             raise captured.error
         if captured.error is not None:
             event = _failure(captured.error)
-        sandbox.progress({"item": item, "phase": "end", **event})
+        sandbox.report_progress({"item": item, "phase": "end", **event})
     return {}
 
 
 def _failure(error: BaseException) -> dict[str, str]:
     shown = _shown(sandbox.describe_error(error))
     if isinstance(error, ValidationError):
-        return {**shown, "message": first_fault(error), "outcome": "invalid"}
+        return {**shown, "message": describe_first_error(error), "outcome": "invalid"}
     return {**shown, "outcome": str(getattr(error, "outcome", "error"))}
 
 
@@ -214,8 +214,8 @@ def _draw(seed: int, batch: BatchResult, source: str, limits: Limits) -> TaskIns
     event = batch.ended.get(item)
     if item in batch.repeated or item in batch.untimely:
         return Failure(seed=seed, outcome="forged", message="its instance was reported twice, or out of turn")
-    if event is None and not batch.last.events:
-        return _stopped(seed, batch.last, source)
+    if event is None and not batch.last_call.events:
+        return _stopped(seed, batch.last_call, source)
     if event is None:
         message = f"an earlier seed used up the limit of {limits.wall_seconds:g} s for all of them"
         return Failure(seed=seed, outcome="not_run", message=message)
@@ -230,7 +230,7 @@ def _validated(seed: int, text: object, objects: int) -> TaskInstance | Failure:
     if not isinstance(text, str):
         return Failure(seed=seed, outcome="invalid", message=f"the instance is {type(text).__name__}, not JSON as text")
     try:
-        checked = read_instance(text, objects)
+        checked = parse_instance_json(text, objects)
     except InstanceError as error:
         return Failure(seed=seed, outcome="invalid", message=str(error)[:1000])
     if checked.seed != seed:

@@ -9,7 +9,7 @@ from grs_agents.config import Limits
 from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes
 from grs_agents.sandbox import CallResult
-from grs_agents.toolkit import ToolContext, open_library, readable
+from grs_agents.toolkit import ToolContext, open_library, readable_folders
 
 
 class Request(Frozen):
@@ -45,7 +45,7 @@ class Result(Frozen):
 
 def run(request: Request, context: ToolContext) -> Result:
     """Draw in the sandbox."""
-    reads = readable(request.library_roots, request.robot)
+    reads = readable_folders(request.library_roots, request.robot)
     limits = context.limits.model_dump(mode="json")
     frame = {"request": request.model_dump(mode="json"), "limits": limits}
     call: CallResult = context.sandbox.call("render", frame, context.limits, reads)
@@ -71,12 +71,12 @@ def _draw(asked: Request, limits: Limits) -> bytes:
 
     instance = sim.TaskInstance.model_validate(asked.instance)
     library = open_library(asked.library_roots)
-    sim.configure(library, instance.seed, asked.robot, limits)
+    sim.set_environment_defaults(library, instance.seed, asked.robot, limits)
     task = sim.InstanceTask(instance)
     env = sim.Environment(task=task, library=library, seed=instance.seed)
     env.reset()
     if asked.moment == "end":
-        sim.solve(env, task)
+        sim.run_oracle(env, task)
     view = rendering.View(asked.position, asked.target, height=asked.height, width=asked.width)
-    picture = rendering.render(env.sight, [view])[0]
-    return rendering.png(picture.color)
+    picture = rendering.render_views(env.visible_scene, [view])[0]
+    return rendering.encode_png(picture.color)

@@ -9,7 +9,7 @@ from grs_agents.config import Limits
 from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes
 from grs_agents.sandbox import CallResult
-from grs_agents.toolkit import ToolContext, open_library, readable
+from grs_agents.toolkit import ToolContext, open_library, readable_folders
 
 
 class Request(Frozen):
@@ -44,7 +44,7 @@ class Result(Frozen):
 
 def run(request: Request, context: ToolContext) -> Result:
     """Run the oracle in the sandbox."""
-    reads = readable(request.library_roots, request.robot)
+    reads = readable_folders(request.library_roots, request.robot)
     limits = context.limits.model_dump(mode="json")
     frame = {"request": request.model_dump(mode="json"), "limits": limits}
     call: CallResult = context.sandbox.call("rollout", frame, context.limits, reads)
@@ -65,7 +65,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     try:
         instance = sim.TaskInstance.model_validate(asked.instance)
         library = open_library(asked.library_roots)
-        sim.configure(library, instance.seed, asked.robot, limits)
+        sim.set_environment_defaults(library, instance.seed, asked.robot, limits)
         done = sim.rollout(instance, library, recording if asked.recording else None)
     except (GrsError, ValueError) as error:
         return {**Result(rollout=None, outcome="error", error=str(error)).model_dump(mode="json"), "motion": None}

@@ -8,7 +8,7 @@ from grs_agents import sandbox
 from grs_agents.base import Frozen
 from grs_agents.config import Limits
 from grs_agents.sandbox import TestReport, TestRun
-from grs_agents.toolkit import ToolContext, open_library, readable
+from grs_agents.toolkit import ToolContext, open_library, readable_folders
 
 
 class Request(Frozen):
@@ -46,9 +46,9 @@ def run(request: Request, context: ToolContext) -> Result:
         tests=request.tests,
         simulation_name=request.simulation_name,
         seed=request.seed,
-        clear="grs_agents.sim:begin_test",
+        clear="grs_agents.sim:reset_before_test",
         episode="grs_agents.sim:last_episode",
-        limit="grs_agents.sim:reached_limit",
+        limit="grs_agents.sim:describe_reached_limit",
         extra={
             "library_roots": request.library_roots,
             "robot": request.robot,
@@ -56,7 +56,7 @@ def run(request: Request, context: ToolContext) -> Result:
             "limits": context.limits.model_dump(mode="json"),
         },
     )
-    reads = readable(request.library_roots, request.robot)
+    reads = readable_folders(request.library_roots, request.robot)
     return Result(report=sandbox.run_tests(context.sandbox, "run_tests", programs, context.limits, reads))
 
 
@@ -69,5 +69,5 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     extra = request["extra"]
     limits = Limits.model_validate(extra["limits"])
     library, background = open_library(extra["library_roots"]), extra["background"]
-    sim.configure(library, request["seed"], extra["robot"], limits, background)
+    sim.set_environment_defaults(library, request["seed"], extra["robot"], limits, background)
     return sandbox.run_tests_inside(request)

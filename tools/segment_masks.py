@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from grs_agents.perception import Candidate, RGBDFrame, TableFrame, candidates_of, read_masks
+from grs_agents.perception import Candidate, RGBDFrame, TableFrame, measure_candidates, read_masks
 from grs_agents.toolkit import ToolContext
 
 
@@ -30,4 +30,4 @@ def run(request: Request, context: ToolContext) -> Result:
     """
     rows, columns = request.frame.depth.shape
     labels = read_masks(request.frame.source, (rows, columns))
-    return Result(candidates_of(request.frame, request.table, labels))
+    return Result(measure_candidates(request.frame, request.table, labels))

@@ -2,7 +2,15 @@
 
 from dataclasses import dataclass
 
-from grs_agents.perception import DEFAULT, Candidate, RGBDFrame, Segmentation, TableFrame, candidates_of, segment
+from grs_agents.perception import (
+    DEFAULT,
+    Candidate,
+    RGBDFrame,
+    Segmentation,
+    TableFrame,
+    measure_candidates,
+    segment_objects_on_table,
+)
 from grs_agents.toolkit import ToolContext
 
 
@@ -25,5 +33,5 @@ class Result:
 
 def run(request: Request, context: ToolContext) -> Result:
     """Segment and measure."""
-    labels = segment(request.frame, request.table, request.config)
-    return Result(candidates_of(request.frame, request.table, labels))
+    labels = segment_objects_on_table(request.frame, request.table, request.config)
+    return Result(measure_candidates(request.frame, request.table, labels))

@@ -18,11 +18,11 @@ from grs_agents.perception import (
     RGBDFrame,
     Segmentation,
     TableFrame,
-    candidates_of,
-    config_of,
-    segment_proposed,
-    stumbling,
-    weights_of,
+    load_model_config,
+    load_pretrained_model,
+    measure_candidates,
+    segment_from_proposals,
+    wrap_model_errors,
 )
 from grs_agents.toolkit import ToolContext
 
@@ -83,13 +83,13 @@ def run(request: Request, context: ToolContext) -> Result:
         ) from error
 
     def proposals(rgb: Image, where: Mask) -> Iterator[Proposal]:
-        model = weights_of(kind, folder, "segment.model", transformers).float()
+        model = load_pretrained_model(kind, folder, "segment.model", transformers).float()
         with torch.inference_mode():
             yield from _automatic(model, rgb, where, torch)
 
-    with stumbling("segmentation", folder, request.frame.source, "Sam2Model"):
-        labels = segment_proposed(request.frame, request.table, proposals, request.config)
-    return Result(candidates_of(request.frame, request.table, labels))
+    with wrap_model_errors("segmentation", folder, request.frame.source, "Sam2Model"):
+        labels = segment_from_proposals(request.frame, request.table, proposals, request.config)
+    return Result(measure_candidates(request.frame, request.table, labels))
 
 
 def _automatic(model: Any, rgb: Image, where: Mask, torch: Any) -> Iterator[Proposal]:
@@ -130,7 +130,7 @@ def _grid(where: Mask) -> "np.ndarray[tuple[int, ...], np.dtype[np.float64]]":
 
 def _sam2(name: str | None) -> Path:
     """The folder of a SAM 2."""
-    folder, config = config_of("segment.model", name, "segment_sam2")
+    folder, config = load_model_config("segment.model", name, "segment_sam2")
     if config["model_type"] not in KINDS:
         kinds = ", ".join(KINDS)
         raise ConfigError(f"segment.model = {name!r} is a {config['model_type']} model", f"name a SAM 2: {kinds}")

@@ -10,9 +10,9 @@ from typing import Any
 
 from evals.benchmark.segmentation_metrics import sum_scores
 from evals.benchmark.types import ObjectFigures, SceneFigures
-from grs_agents.figures import Figure, figure_records
 from grs_agents.files import write_json, write_text
-from grs_agents.run import markdown
+from grs_agents.metrics import Figure, metrics_to_dicts
+from grs_agents.run import markdown_table
 
 _LENGTHS = {"centre mm": "center", "size mm": "size", "position mm": "position", "drift mm": "drift"}
 _DIGITS = {
@@ -168,7 +168,7 @@ def write_figures(out: Path, scenes: Sequence[SceneFigures]) -> dict[str, Any]:
     """
     rows, sums, figures = [scene_row(scene) for scene in scenes], total_rows(scenes), perception_targets(scenes)
     value = {
-        "targets": figure_records(figures),
+        "targets": metrics_to_dicts(figures),
         "totals": sums,
         "rows": rows,
         "scenes": [scene.model_dump(mode="json") for scene in scenes],
@@ -181,7 +181,7 @@ def write_figures(out: Path, scenes: Sequence[SceneFigures]) -> dict[str, Any]:
     write_json(out / "figures.json", value)
     write_text(out / "scenes.csv", csv_text(COLUMNS, [*rows, *sums]))
     write_text(out / "objects.csv", csv_text(("scene", *ObjectFigures.model_fields), objects))
-    write_text(out / "figures.md", "\n".join((_targets_table(figures), markdown(COLUMNS, [*rows, *sums]))))
+    write_text(out / "figures.md", "\n".join((_targets_table(figures), markdown_table(COLUMNS, [*rows, *sums]))))
     return value
 
 
@@ -189,13 +189,13 @@ def _targets_table(figures: Sequence[Figure]) -> str:
     rows = [
         {
             "figure": figure.name,
-            "measured": f"{figure.value:.3g} {figure.unit}{' (missed)' if figure.reached is False else ''}",
-            "target": figure.bound().replace("<=", "at most").replace(">=", "at least"),
+            "measured": f"{figure.value:.3g} {figure.unit}{' (missed)' if figure.is_target_met is False else ''}",
+            "target": figure.format_target_value().replace("<=", "at most").replace(">=", "at least"),
         }
         for figure in figures
         if figure.value is not None
     ]
-    return markdown(("figure", "measured", "target"), rows)
+    return markdown_table(("figure", "measured", "target"), rows)
 
 
 def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:

@@ -14,7 +14,7 @@ from evals.benchmark.ground_truth_bop import bop_objects
 from grs_agents.base import Frozen, Quat, Vec3
 from grs_agents.errors import InputError
 from grs_agents.perception import Aabb, Array, Labels, RGBDFrame
-from grs_agents.perception.reading import is_bop, read_masks, read_scene, scene_name
+from grs_agents.perception.reading import is_bop_source, read_masks, read_scene, short_scene_name
 
 FEWEST_PIXELS = 100
 LEAST_VISIBLE = 0.1
@@ -101,7 +101,7 @@ def read_labelled(source: Path) -> LabelledScene:
         InputError: the scene or its truth cannot be read, or their sizes differ.
     """
     frame = read_scene(source)
-    if is_bop(source):
+    if is_bop_source(source):
         return _bop_scene(source, frame)
     file = source / "labels.png"
     image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else None
@@ -109,19 +109,19 @@ def read_labelled(source: Path) -> LabelledScene:
         raise InputError(f"{file} is no picture of labels", "write one channel of 8 or 16 bits, 0 = background")
     if image.shape != frame.depth.shape:
         raise InputError(f"{file} has shape {image.shape}, the photo {frame.depth.shape}", "give both one size")
-    return LabelledScene(scene_name(source), frame, image.astype(np.int32), read_truth(source / "truth.json"))
+    return LabelledScene(short_scene_name(source), frame, image.astype(np.int32), read_truth(source / "truth.json"))
 
 
 def _bop_scene(source: Path, frame: RGBDFrame) -> LabelledScene:
     rows, columns = frame.depth.shape
     labels, told = read_masks(source, (rows, columns)), bop_objects(source)
     if len(told) != labels.max():  # it is not known which mask is whose
-        return LabelledScene(scene_name(source), frame, labels)
+        return LabelledScene(short_scene_name(source), frame, labels)
     objects = tuple(
         TrueObject(id=number, visible=one["visible"], whole=one["whole"]) for number, one in enumerate(told, 1)
     )
     points = {number: one["points"] for number, one in enumerate(told, 1) if "points" in one}
-    return LabelledScene(scene_name(source), frame, labels, Truth(objects=objects), points)
+    return LabelledScene(short_scene_name(source), frame, labels, Truth(objects=objects), points)
 
 
 def read_truth(file: Path) -> Truth:

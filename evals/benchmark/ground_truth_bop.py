@@ -7,9 +7,9 @@ from typing import Any, cast
 import numpy as np
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import exists, is_folder, names_in, read_json
+from grs_agents.foreign import is_folder, list_folder_names, path_exists, read_json
 from grs_agents.perception import Array
-from grs_agents.perception.reading import METRES_PER_MILLIMETRE, PREFIX, bop_image, read_ply
+from grs_agents.perception.reading import METRES_PER_MILLIMETRE, PREFIX, parse_bop_source, read_ply
 
 MODELS = ("models_eval", "models", "models_cad", "models_reconst")
 MOST_POINTS = 4000
@@ -26,10 +26,10 @@ def bop_sources(source: str, most: int) -> list[str]:
         InputError: there is no image.
     """
     folder = Path(source.removeprefix(PREFIX))
-    inner = [folder / name for name in names_in(folder)] if is_folder(folder) else []
-    scenes = [one for one in [folder, *inner] if is_folder(one) and exists(one / "scene_camera.json")]
+    inner = [folder / name for name in list_folder_names(folder)] if is_folder(folder) else []
+    scenes = [one for one in [folder, *inner] if is_folder(one) and path_exists(one / "scene_camera.json")]
     if not scenes:
-        bop_image(Path(source))
+        parse_bop_source(Path(source))
         return [source]
     images = [f"{PREFIX}{scene}/{int(number)}" for scene in scenes for number in sorted(_entries(scene), key=int)]
     if not images:
@@ -47,7 +47,7 @@ def bop_objects(source: Path) -> list[dict[str, Any]]:
     Raises:
         InputError: a file is not of the format.
     """
-    image = bop_image(source)
+    image = parse_bop_source(source)
     shown = _listed(image.scene / "scene_gt_info.json", image.number)
     poses = _listed(image.scene / "scene_gt.json", image.number)
     objects: list[dict[str, Any]] = []
@@ -65,7 +65,7 @@ def _posed(scene: Path, pose: Mapping[str, Any]) -> Array | None:
     """The model's vertices at a pose, or ``None`` where there is no model."""
     root = scene.parent.parent
     name = f"obj_{int(pose.get('obj_id', 0)):06d}.ply"
-    file = next((root / folder / name for folder in MODELS if exists(root / folder / name)), None)
+    file = next((root / folder / name for folder in MODELS if path_exists(root / folder / name)), None)
     if file is None:
         return None
     rotation, shift = np.array(pose.get("cam_R_m2c"), np.float64), np.array(pose.get("cam_t_m2c"), np.float64)
@@ -83,7 +83,7 @@ def _entries(scene: Path) -> list[str]:
 
 def _listed(file: Path, number: int) -> Sequence[Mapping[str, Any]]:
     """The list of objects that a file of the scene has for an image; empty where there is none."""
-    if not exists(file):
+    if not path_exists(file):
         return ()
     value = _object(file).get(str(number), [])
     if not isinstance(value, list) or not all(isinstance(one, dict) for one in cast(list[Any], value)):

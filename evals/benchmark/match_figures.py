@@ -9,7 +9,7 @@ from evals.benchmark.figures import csv_text
 from evals.benchmark.match_types import Matching, f1_precision_recall
 from evals.benchmark.rank_tests import confidence_interval, kruskal_wallis, scheirer_ray_hare
 from grs_agents.files import write_json, write_text
-from grs_agents.run import markdown
+from grs_agents.run import markdown_table
 
 _COUNTED = ("right", "wrong asset", "false alarm", "missed")
 _SCORES = ("F1", "F1 low", "F1 high", "precision", "recall", "pooled F1")
@@ -41,7 +41,7 @@ def write_matchings(out: Path, found: Sequence[Matching], prices: Mapping[str, t
     }
     write_json(out / "figures.json", value)
     write_text(out / "table1.csv", csv_text(COLUMNS, rows))
-    write_text(out / "table1.md", "\n".join((markdown(COLUMNS, rows), _tests_table(tests))))
+    write_text(out / "table1.md", "\n".join((markdown_table(COLUMNS, rows), _tests_table(tests))))
     write_text(out / "objects.csv", csv_text(_OBJECTS, _object_rows(usable)))
     write_text(out / "confusions.csv", csv_text(("method", "truth", "answer", "count"), confusions))
     return value
@@ -163,4 +163,4 @@ def _tests_table(tests: Sequence[Mapping[str, Any]]) -> str:
         {**test, "H": f"{test['statistic']:.2f}", "degrees of freedom": test["freedom"], "p": f"{test['p']:.3g}"}
         for test in tests
     ]
-    return markdown(("test", "effect", "H", "degrees of freedom", "p"), rows) if rows else ""
+    return markdown_table(("test", "effect", "H", "degrees of freedom", "p"), rows) if rows else ""

@@ -12,8 +12,8 @@ from evals.benchmark.types import Order
 from evals.benchmark.worker_processes import error_of, fingerprint, run_jobs, run_worker
 from grs_agents import content, terminal
 from grs_agents.errors import InputError
-from grs_agents.run import table
-from grs_agents.terminal import say, say_json
+from grs_agents.run import terminal_table
+from grs_agents.terminal import print_escaped, print_json
 
 METHODS: dict[str, Method] = {
     one.name: one
@@ -36,7 +36,7 @@ def match_orders(
 ) -> list[MatchOrder]:
     """One order for each scene, method, model and run; methods that ask no model have one model, ``-``, and one run."""
     rooms = [content.package_root() / room for room in ("perception", "agents")]
-    code = fingerprint(*rooms, content.path("tools", "match_features"))
+    code = fingerprint(*rooms, content.content_path("tools", "match_features"))
     found: list[MatchOrder] = []
     for name in methods:
         method = METHODS[name]
@@ -83,16 +83,16 @@ def run_match_orders(
     write_match_plot(out, value["table"])
     write_match_sheet(out, found)
     if as_json:
-        say_json(value)
+        print_json(value)
     else:
-        console = terminal.console()
-        console.print(table("correspondence", SHOWN, value["table"]))
+        console = terminal.make_console()
+        console.print(terminal_table("correspondence", SHOWN, value["table"]))
         for test in value["tests"]:
             console.print(f"{test['test']}, {test['effect']}: H = {test['statistic']:.2f}, p = {test['p']:.3g}")
         console.print(f"table1.md, table1.csv, objects.csv, confusions.csv, f1.png and sheets are in {out}")
     for one in found:
         if one.error:
-            say(f"{one.order.stem}: {one.error}", error=True)
+            print_escaped(f"{one.order.stem}: {one.error}", error=True)
     return 0 if all(not one.error for one in found) else 1
 
 

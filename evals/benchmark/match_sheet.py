@@ -10,7 +10,7 @@ import numpy as np
 from evals.benchmark.contact_sheet import Picture, write_picture, write_words
 from evals.benchmark.match_types import Matching, ScoredAnswer
 from grs_agents.errors import GrsError
-from grs_agents.library import Library, asset_views
+from grs_agents.library import Library, render_asset_views
 
 _TILE, _BAR, _ACROSS = 120, 34, 5
 _COLORS = {
@@ -78,7 +78,7 @@ def _asset(name: str | None, library: Library, drawn: dict[str, Picture]) -> Pic
         return _fitted(None)
     if name not in drawn:
         try:
-            rgba = asset_views(library, name, [(1.0, 0.6, 0.7)], size=_TILE)[0].rgba.astype(np.float64)
+            rgba = render_asset_views(library, name, [(1.0, 0.6, 0.7)], size=_TILE)[0].rgba.astype(np.float64)
         except GrsError:  # the sheet does without
             return _fitted(None)
         cover = rgba[:, :, 3:] / 255

@@ -17,20 +17,20 @@ from grs_agents.config import Config, Limits, load_config
 from grs_agents.errors import GrsError
 from grs_agents.files import write_json
 from grs_agents.library import Library
-from grs_agents.nodes import measurements, model_matcher
+from grs_agents.nodes import candidate_measurements, make_model_matcher
 from grs_agents.perception import (
     Candidate,
     CandidateRecord,
     MatchEvidence,
     TableFrame,
-    candidates_of,
     find_table,
+    measure_candidates,
     save_candidates,
     save_frame,
 )
 from grs_agents.perception.matching import MatchResult, Segment
 from grs_agents.sandbox import Sandbox
-from grs_agents.terminal import say
+from grs_agents.terminal import print_escaped
 from grs_agents.toolkit import ToolContext, load_tool
 from grs_agents.trace import EventLog, Reply, read_events
 
@@ -75,7 +75,7 @@ def first_of_same_look(library: Library) -> dict[str, str]:
     first: dict[str, str] = {}
     found: dict[str, str] = {}
     for asset in library.everyday_assets():
-        looks = repr(library.model(asset.name).visuals)
+        looks = repr(library.load_object_model(asset.name).visuals)
         found[asset.name] = first.setdefault(looks, asset.name)
     return found
 
@@ -89,7 +89,7 @@ def _candidates(
     order: MatchOrder, scene: LabelledScene, table: TableFrame, context: ToolContext
 ) -> Sequence[Candidate]:
     if not order.scene.tool:
-        return candidates_of(scene.frame, table, scene.labels)
+        return measure_candidates(scene.frame, table, scene.labels)
     tool = load_tool(order.scene.tool)
     found: Sequence[Candidate] = tool.run(tool.Request(frame=scene.frame, table=table), context).candidates
     return found
@@ -108,7 +108,7 @@ def _matched(
     described: dict[int, Description] = {}
     if order.method.models:
         for record in records:
-            said = roles.describe(agents, measurements(record), [record.crop, image])
+            said = roles.describe_crop(agents, candidate_measurements(record), [record.crop, image])
             described[record.id] = _silent(record) if isinstance(said, NoReply) else said
     config, tool = agents.config, load_tool(order.method.tool)
     asked = [one for one in candidates if one.id not in described or described[one.id].is_object]
@@ -118,7 +118,7 @@ def _matched(
         segments=segments,
         frame=scene.frame,
         table=table,
-        ask=model_matcher(agents, records, described, image, []),
+        ask=make_model_matcher(agents, records, described, image, []),
         seed=order.run,
         model=config.match.model,
         index=config.match.index,
@@ -188,11 +188,11 @@ def main(arguments: Sequence[str]) -> int:
     """
     order = MatchOrder.model_validate_json(sys.stdin.read())
     for root in reversed(order.scene.content):
-        content.add_overlay(Path(root))
+        content.add_overlay_folder(Path(root))
     try:
         match_scene(order, Path(arguments[0]))
     except GrsError as error:
-        say(error, error=True)
+        print_escaped(error, error=True)
         return error.exit_status
     return 0
 

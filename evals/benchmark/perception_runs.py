@@ -17,10 +17,10 @@ from evals.benchmark.worker_processes import EVALS, error_of, fingerprint, run_j
 from evals.synthesis.scene import Recipe
 from grs_agents import content, terminal
 from grs_agents.errors import InputError
-from grs_agents.figures import figure_table
-from grs_agents.perception.reading import is_bop, scene_name
-from grs_agents.run import table
-from grs_agents.terminal import say_json
+from grs_agents.metrics import metrics_table
+from grs_agents.perception.reading import is_bop_source, short_scene_name
+from grs_agents.run import terminal_table
+from grs_agents.terminal import print_json
 
 _SHOWN = ("scene", "objects", "segments", "F1@.5", "IoU", "centre mm", "CPU s")
 """What of a row fits a terminal; the rest is in the files."""
@@ -51,16 +51,18 @@ def orders_of(sources: Sequence[str], work: MeasurementOptions, most: int) -> li
     """
     found: list[str] = []
     for source in sources:
-        bop = is_bop(Path(source))
+        bop = is_bop_source(Path(source))
         found += bop_sources(source, most) if bop else [str(folder) for folder in labelled_folders(Path(source))]
-    names = [scene_name(Path(source)) for source in found]
+    names = [short_scene_name(Path(source)) for source in found]
     names = [name if names.count(name) == 1 else f"{index:03d}-{name}" for index, name in enumerate(names)]
     return [_order(name, source, None, work) for name, source in zip(names, found, strict=True)]
 
 
 def synthesised_orders(wanted: Sequence[Recipe], out: Path, work: MeasurementOptions) -> list[Order]:
     """Orders for scenes that are made below ``out/synthesised`` if they are not there yet."""
-    made = fingerprint(EVALS / "synthesis", content.package_root() / "library", content.path("assets", "library"))[:12]
+    made = fingerprint(
+        EVALS / "synthesis", content.package_root() / "library", content.content_path("assets", "library")
+    )[:12]
     return [
         _order(f"synth_{recipe.seed:04d}", str(out / "synthesised" / made / _stem(recipe)), recipe, work)
         for recipe in wanted
@@ -83,18 +85,18 @@ def run_orders(orders: Sequence[Order], out: Path, workers: int, as_json: bool) 
     if drawn:
         write_sheet(out, drawn)
     if as_json:
-        say_json(value)
+        print_json(value)
     else:
-        console = terminal.console()
-        console.print(table("perception", _SHOWN, [*value["rows"], *value["totals"]]))
-        console.print(figure_table("targets", perception_targets(scenes)))
+        console = terminal.make_console()
+        console.print(terminal_table("perception", _SHOWN, [*value["rows"], *value["totals"]]))
+        console.print(metrics_table("targets", perception_targets(scenes)))
         console.print(f"figures.md, scenes.csv, objects.csv, sheet.png, scores.png and errors.png are in {out}")
     return 0 if all(not scene.error for scene in scenes) else 1
 
 
 def _order(name: str, source: str, recipe: Recipe | None, work: MeasurementOptions) -> Order:
-    overlays = tuple(str(root) for root in content.roots()[:-1])
-    tools = [content.path("tools", work.tool)] if work.tool else []
+    overlays = tuple(str(root) for root in content.content_search_roots()[:-1])
+    tools = [content.content_path("tools", work.tool)] if work.tool else []
     code = fingerprint(content.package_root() / "perception", EVALS / "benchmark", *tools)
     return Order(
         name=name,

@@ -27,7 +27,7 @@ from grs_agents.files import write_bytes, write_json
 from grs_agents.library import Library
 from grs_agents.perception import DEFAULT, Candidate, TableFrame, find_table
 from grs_agents.sandbox import Sandbox
-from grs_agents.terminal import say
+from grs_agents.terminal import print_escaped
 from grs_agents.toolkit import Tool, ToolContext, load_tool
 
 _MEBIBYTE = 1024 * 1024 if sys.platform == "darwin" else 1024
@@ -80,7 +80,7 @@ def _found(scene: LabelledScene, tool: Tool, context: ToolContext, order: Order)
         table = find_table(scene.frame, np.random.default_rng(order.seed))
         if order.without and not hasattr(tool.Request, "config"):
             raise ConfigError(f"tool {order.tool} has no rules that can be off", "leave out --without")
-        config = {"config": DEFAULT.segmentation.without(*order.without)} if order.without else {}
+        config = {"config": DEFAULT.segmentation.without_rules(*order.without)} if order.without else {}
         request = tool.Request(frame=scene.frame, table=table, model=order.model, **config)
         candidates = tool.run(request, context).candidates
     except GrsError as failure:
@@ -144,11 +144,11 @@ def main(arguments: Sequence[str]) -> int:
     verb, out = arguments
     order = Order.model_validate_json(sys.stdin.read())
     for root in reversed(order.content):
-        content.add_overlay(Path(root))
+        content.add_overlay_folder(Path(root))
     try:
         make_scene(order) if verb == "make" else measure_scene(order, Path(out))
     except GrsError as error:
-        say(error, error=True)
+        print_escaped(error, error=True)
         return error.exit_status
     return 0
 

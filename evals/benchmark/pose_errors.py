@@ -10,8 +10,8 @@ from evals.benchmark.segmentation_metrics import MATCHED, overlaps
 from evals.benchmark.twin_run import TwinRun
 from evals.benchmark.types import FrameFigures, ObjectFigures
 from grs_agents.errors import InputError
-from grs_agents.library import Library, posed_triangles, rotation_matrix
-from grs_agents.perception import Aabb, Candidate, TableFrame, find_table, place_asset, symmetry_of
+from grs_agents.library import Library, build_posed_triangles, matrix_from_quaternion
+from grs_agents.perception import Aabb, Candidate, TableFrame, find_asset_symmetry, find_table, fit_asset_to_box
 
 Floats = npt.NDArray[np.float64]
 
@@ -74,16 +74,16 @@ def _pose_errors(one: TrueObject, candidate: Candidate, library: Library, stood:
     found: dict[str, object] = {}
     rotation = one.rotation
     if one.asset in library and one.position is not None and rotation is not None:
-        bounds = np.array(library.model(one.asset).bounds)
-        true = rotation_matrix(rotation)
+        bounds = np.array(library.load_object_model(one.asset).bounds)
+        true = matrix_from_quaternion(rotation)
         middle = true @ bounds.mean(axis=0) + one.position
-        center, turned, _ = place_asset(candidate.upright, library.asset(one.asset).size)
+        center, turned, _ = fit_asset_to_box(candidate.upright, library.asset(one.asset).size)
         if (registered := stood.poses.get(candidate.id)) is not None:
             center, turned = registered.position, registered.orientation
             found["residual"], found["method"] = registered.residual, registered.method
-        symmetry = symmetry_of(one.asset, library)
+        symmetry = find_asset_symmetry(one.asset, library)
         found["position"] = float(np.linalg.norm(np.subtract(center, middle)))
-        found["angle"] = symmetry.angle(rotation_matrix(turned), true)
+        found["angle"] = symmetry.rotation_error_degrees(matrix_from_quaternion(turned), true)
         found["symmetric"] = len(symmetry.axes) > 0
     if (placed := stood.placed.get(candidate.id)) is not None:
         found["drift"], found["held"] = placed.drift, placed.held
@@ -95,7 +95,7 @@ def _box_of(one: TrueObject, library: Library) -> Aabb | None:
     rotation = one.rotation
     if one.asset not in library or one.position is None or rotation is None:
         return None
-    return _box_around(posed_triangles([(one.asset, (one.position, rotation))], library).corners.reshape(-1, 3))
+    return _box_around(build_posed_triangles([(one.asset, (one.position, rotation))], library).corners.reshape(-1, 3))
 
 
 def _box_around(points: Floats) -> Aabb:
@@ -123,7 +123,7 @@ def frame_figures(scene: LabelledScene, rng: np.random.Generator) -> FrameFigure
     )
     found = np.array(find_table(blind, rng).T_robot_cam)
     tilt = float(np.rad2deg(np.arccos(np.clip(true[2, :3] @ found[2, :3], -1, 1))))
-    points = scene.frame.points()[(scene.labels > 0) & (scene.frame.depth > 0)]
+    points = scene.frame.camera_frame_point_map()[(scene.labels > 0) & (scene.frame.depth > 0)]
     if not len(points):
         raise InputError(f"{scene.name}: none of its objects has a depth", "label what was measured")
     middle = true[:3, :3] @ points.mean(axis=0) + true[:3, 3]

@@ -16,16 +16,16 @@ import numpy as np
 
 from evals.benchmark.worker_processes import error_of, run_worker
 from grs_agents.errors import GrsError, InputError
-from grs_agents.figures import Figure
+from grs_agents.metrics import Figure
 from grs_agents.perception.matching import (
     DIMENSIONS,
     WEIGHTS,
     AssetIndex,
     Vectors,
-    histograms,
-    look_vector,
-    size_vectors,
-    words_vector,
+    embed_color_histogram,
+    embed_sizes,
+    embed_words,
+    histograms_from_rgb,
 )
 
 _KINDS, _WORDS, _TOLD, _COLORS = 300, 8000, 9, 400
@@ -39,12 +39,12 @@ def synthetic_vectors(count: int, rng: np.random.Generator) -> Vectors:
     """(count, DIMENSIONS) vectors of assets that nobody made."""
     shares = 1 / np.arange(1, _WORDS + 1)
     shares /= shares.sum()
-    spelt = np.array([words_vector(f"word{number}") for number in range(_WORDS)])
+    spelt = np.array([embed_words(f"word{number}") for number in range(_WORDS)])
     kinds = rng.integers(0, _KINDS, count)
     shared = rng.choice(_WORDS, (_KINDS, 4), p=shares)
     told = np.concatenate([shared[kinds], rng.choice(_WORDS, (count, _TOLD - 4), p=shares)], axis=1)
     usual = np.exp(rng.normal(-2.5, 0.6, (_KINDS, 3)))
-    pure = histograms(rng.random((_COLORS, 3)), np.eye(_COLORS)).astype(np.float64) ** 2
+    pure = histograms_from_rgb(rng.random((_COLORS, 3)), np.eye(_COLORS)).astype(np.float64) ** 2
     found = np.empty((count, DIMENSIONS), np.float32)
     for first in range(0, count, 1000):
         some = slice(first, min(first + 1000, count))
@@ -54,7 +54,7 @@ def synthetic_vectors(count: int, rng: np.random.Generator) -> Vectors:
         mixed, amounts = rng.integers(0, _COLORS, (number, _MIXED)), rng.dirichlet(np.full(_MIXED, 0.7), number)
         looks = np.sqrt(np.einsum("nm,nmb->nb", amounts, pure[mixed]))
         sizes = usual[kinds[some]] * np.exp(rng.normal(0, 0.25, (number, 3)))
-        parts = (words, look_vector(looks), size_vectors(sizes))
+        parts = (words, embed_color_histogram(looks), embed_sizes(sizes))
         found[some] = np.concatenate([np.sqrt(w) * part for w, part in zip(WEIGHTS, parts, strict=True)], axis=1)
     return found
 

@@ -21,11 +21,11 @@ from grs_agents.perception import (
     Surroundings,
     TableFrame,
     TwinReport,
-    asset_surface_at,
-    register,
-    residual_candidates,
+    asset_surface_at_pose,
+    find_residual_candidates,
+    register_asset,
 )
-from grs_agents.perception.proxies import choose_kind, measured_shape, write_proxy
+from grs_agents.perception.proxies import choose_proxy_kind, measure_shape, write_proxy
 from grs_agents.perception.settling import (
     KnownObject,
     Placed,
@@ -33,10 +33,10 @@ from grs_agents.perception.settling import (
     Reconciled,
     RestState,
     Segment,
+    match_fallen_to_support,
     reconcile_segments,
     repair_collisions,
-    report_of,
-    supporting_segments,
+    settle_and_report,
 )
 
 
@@ -99,8 +99,8 @@ def _residual(
 ) -> ResidualCandidates:
     """What the registered assets do not explain of their segments, numbered from ``first``."""
     known = [one.known for one in segments]
-    surfaces = [None if one is None else asset_surface_at(one.asset, one.pose, library) for one in known]
-    return residual_candidates([one.mask for one in segments], surfaces, scene.frame, table, first)
+    surfaces = [None if one is None else asset_surface_at_pose(one.asset, one.pose, library) for one in known]
+    return find_residual_candidates([one.mask for one in segments], surfaces, scene.frame, table, first)
 
 
 def _painted(residual: ResidualCandidates, found: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
@@ -138,7 +138,7 @@ def _segments(
     for one in candidates:
         thing = None
         if one.id in assets:
-            stood = poses[one.id] = register(assets[one.id], library, one.upright, frame, table, one.mask)
+            stood = poses[one.id] = register_asset(assets[one.id], library, one.upright, frame, table, one.mask)
             thing = PlacedObject(assets[one.id], (stood.position, stood.orientation))
         segments.append(Segment(one.mask, one.upright, one.shape, thing, one.hollow))
     return segments
@@ -185,7 +185,7 @@ def _settled(
     """The twin of segments and what stands for them."""
     rest, twin, agreed, kept = _at_rest(candidates, segments, {}, scene, library, table)
     fell = {index for index, one in zip(kept, rest.placed, strict=True) if one is not None and one.fell}
-    if carried := supporting_segments(fell, agreed):
+    if carried := match_fallen_to_support(fell, agreed):
         rest, twin, agreed, kept = _at_rest(candidates, segments, carried, scene, library, table)
     placed = {candidates[index].id: one for index, one in zip(kept, rest.placed, strict=True) if one is not None}
     return TwinRun(poses, placed, twin if placed else None)
@@ -205,12 +205,20 @@ def _at_rest(
     with tempfile.TemporaryDirectory(prefix="grs-twin-") as folder:
         where = Path(folder)
         proxies = {
-            index: _proxy(candidates[index], agreed.masks[index], claim, agreed.around(index), scene, table, where)
+            index: _proxy(
+                candidates[index],
+                agreed.masks[index],
+                claim,
+                agreed.surroundings_of_segment(index),
+                scene,
+                table,
+                where,
+            )
             for index, claim in agreed.claims.items()
         }
         things = [segments[index].known or proxies[index] for index in kept]
-        both = library.overlay(Path(folder)) if proxies else library
-        rest, twin = report_of(things, both, scene.frame, table, scene.labels > 0)
+        both = library.with_overlay(Path(folder)) if proxies else library
+        rest, twin = settle_and_report(things, both, scene.frame, table, scene.labels > 0)
     return rest, twin, agreed, kept
 
 
@@ -225,8 +233,8 @@ def _proxy(
 ) -> PlacedObject:
     """What a run would let stand for a thing of no asset: the solid that fits its points best."""
     box = claim.box
-    measured = measured_shape(scene.frame, table, mask, box, around)
-    kind = choose_kind(measured, box.size, claim.shape == "cylinder", one.hollow)
+    measured = measure_shape(scene.frame, table, mask, box, around)
+    kind = choose_proxy_kind(measured, box.size, claim.shape == "cylinder", one.hollow)
     asset = write_proxy(folder, f"candidate_{one.id}", kind, box.size, one.color, "a proxy", measured)
     return PlacedObject(
         asset.name, (box.center, (0.0, 0.0, float(np.sin(box.yaw / 2)), float(np.cos(box.yaw / 2)))), guessed=True

@@ -54,7 +54,7 @@ def run_jobs(
     """
     columns = [BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()]
     with (
-        Progress(TextColumn("{task.description}"), *columns, console=terminal.console(error=True)) as progress,
+        Progress(TextColumn("{task.description}"), *columns, console=terminal.make_console(error=True)) as progress,
         ThreadPoolExecutor(workers) as pool,
     ):
         bar = progress.add_task(title, total=len(jobs))

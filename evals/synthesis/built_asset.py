@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from grs_agents.files import write_bytes, write_text
 from grs_agents.library import COLORS, Asset, Rgba, Shape
-from grs_agents.library.formats import urdf_text
+from grs_agents.library.formats import format_urdf_text
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def build_asset(
     """An asset of these shapes, with the inertia of a solid box of its size and mass."""
     x, y, z = asset.size
     inertia = tuple(asset.mass * (a * a + b * b) / 12 for a, b in ((y, z), (x, z), (x, y)))
-    text = urdf_text(
+    text = format_urdf_text(
         asset.kind,
         visuals,
         colliders,

@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat, Vec3
-from grs_agents.engine import mujoco
 from grs_agents.errors import GrsError
-from grs_agents.library import Library, quaternion_from_rpy, rotation_matrix
+from grs_agents.library import Library, matrix_from_quaternion, quaternion_from_rpy
+from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.instance import InstanceObject
-from grs_agents.sim.world import World, build, place
+from grs_agents.sim.world import World, build_world, reset_world_to_poses
 
 Floats = npt.NDArray[np.float64]
 CENTER: Final = (0.5, 0.0)
@@ -79,7 +79,7 @@ def _arranged(assets: Sequence[str], library: Library, rng: np.random.Generator)
     placed: list[tuple[Floats, Floats, float]] = []
     items: dict[int, InstanceObject] = {}
     for order, index in enumerate(widest):
-        bounds = np.array(library.model(assets[index]).bounds)
+        bounds = np.array(library.load_object_model(assets[index]).bounds)
         upper = order >= (1 - _STACKED) * len(assets)
         standing = library.asset(assets[index]).hollow
         turned = _rotation(rng, standing, any_way=upper and bool(rng.random() < _STACKED))
@@ -111,7 +111,7 @@ def _rotation(rng: np.random.Generator, standing: bool, any_way: bool) -> Quat:
 
 def _box_of(bounds: Floats, rotation: Quat) -> tuple[Floats, Floats]:
     """Lowest and highest corner of the turned bounds (2, 3)."""
-    corners = np.array(np.meshgrid(*bounds.T)).reshape(3, -1).T @ rotation_matrix(rotation).T
+    corners = np.array(np.meshgrid(*bounds.T)).reshape(3, -1).T @ matrix_from_quaternion(rotation).T
     return corners.min(axis=0), corners.max(axis=0)
 
 
@@ -144,8 +144,8 @@ def _over(low: Floats, high: Floats, least: Floats, most: Floats) -> bool:
 
 def _settled(items: Sequence[InstanceObject], library: Library) -> list[Pose] | None:
     """Poses after everything came to rest; None where something rolled away, or does not rest."""
-    world = build(items, library)
-    place(world, items)
+    world = build_world(items, library)
+    reset_world_to_poses(world, items)
     _prepare(world)
     model, data = world.model, world.data
     first, still = world.arm.dof, 0

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evals.synthesis.scenery import Light, Scenery, bilinear, dot_products
-from grs_agents.geometry import Buffer, barycentric, rasterise
+from grs_agents.geometry import Buffer, barycentric_coordinates, rasterise_triangles
 from grs_agents.library import Triangles
 from grs_agents.perception import Camera
 
@@ -105,7 +105,7 @@ def _rasterised(triangles: Triangles, camera: Camera) -> Buffer:
     local = (triangles.corners - pose[:3, 3]) @ pose[:3, :3]
     nearness = 1 / local[:, :, 2]
     corners = local[:, :, :2] * nearness[:, :, None] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-    return rasterise(corners, nearness, camera.width, camera.height)
+    return rasterise_triangles(corners, nearness, camera.width, camera.height)
 
 
 def _draw(triangles: Triangles, scenery: Scenery, camera: Camera, shiny: Sequence[int]) -> PerfectImage:
@@ -150,7 +150,7 @@ def _room(scenery: Scenery, rays: Floats, eye: Floats) -> tuple[Floats, Floats, 
 
 def _surface(triangles: Triangles, index: npt.NDArray[np.int64], points: Floats) -> tuple[Floats, Floats]:
     """Colour and normal of points on triangles."""
-    weights = barycentric(points, triangles.corners[index])
+    weights = barycentric_coordinates(points, triangles.corners[index])
     normals = np.einsum("ij,ijk->ik", weights, triangles.normals[index])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
     uvs = np.clip(np.einsum("ij,ijk->ik", weights, triangles.uvs[index]), 0, 1)
@@ -172,7 +172,7 @@ def _lit(triangles: Triangles, points: Floats, normals: Floats, light: Light) ->
     low, high = turned.min(axis=(0, 1)), turned.max(axis=(0, 1))
     resolution = 900
     scale = (resolution - 20) / float(np.max(high - low))
-    buffer = rasterise((turned[:, :, :2] - low[:2]) * scale + 10, turned[:, :, 2], resolution, resolution)
+    buffer = rasterise_triangles((turned[:, :, :2] - low[:2]) * scale + 10, turned[:, :, 2], resolution, resolution)
     above = np.where(np.isfinite(buffer.nearness), buffer.nearness, -9.0).astype(np.float32)
     raised = points + normals * 0.003
     across, along, depth = (dot_products(raised, axes[:, axis]) for axis in range(3))

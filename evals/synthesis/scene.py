@@ -21,7 +21,7 @@ from evals.synthesis.sensors import SENSORS, SensorKind
 from evals.synthesis.sensors.common import noisy_rgb
 from grs_agents.base import Frozen, Vec3
 from grs_agents.files import write_bytes, write_json, write_text
-from grs_agents.library import Library, Triangles, posed_triangles
+from grs_agents.library import Library, Triangles, build_posed_triangles
 from grs_agents.perception import Aabb, Camera
 
 _SHINY = 0.15
@@ -130,9 +130,9 @@ def synthesise(recipe: Recipe, library: Library) -> SynthesisedScene:
     with tempfile.TemporaryDirectory(prefix="grs-synth-") as folder:
         strange = write_distractors(Path(folder), recipe.distractors, rng)
         names = [*_chosen(recipe.objects - recipe.distractors, library, rng), *strange]
-        both = library.overlay(Path(folder))
+        both = library.with_overlay(Path(folder))
         resting = settle_heap(names, both, rng)
-        triangles = posed_triangles([(one.asset, one.pose) for one in resting], both)
+        triangles = build_posed_triangles([(one.asset, one.pose) for one in resting], both)
     camera = random_camera(recipe.tilt, _middle(resting), (recipe.width, recipe.height), rng)
     shiny = [number for number in range(1, recipe.objects + 1) if rng.random() < _SHINY]
     seen = draw_scene(triangles, random_scenery(rng), camera, shiny)

@@ -17,11 +17,11 @@ from langchain_core.language_models.chat_models import BaseChatModel
 from langchain_core.messages import AIMessage, BaseMessage, HumanMessage
 
 from grs_agents import content
-from grs_agents.agents.reply import ReplyError, render
+from grs_agents.agents.reply import ReplyError, render_prompt_template
 from grs_agents.agents.types import NoReply
 from grs_agents.config import Config, ModelConfig
-from grs_agents.foreign import member, read_picture
-from grs_agents.models import OFFLINE, Answer, ReplyProblem, Retries, chat_model, invoke
+from grs_agents.foreign import read_picture, resolve_member_file
+from grs_agents.models import OFFLINE, Answer, ReplyProblem, Retries, invoke_with_retries, make_chat_model
 from grs_agents.trace import Event, EventLog, NodeStarted, Note, Prompt, Reply
 
 Parsed = TypeVar("Parsed")
@@ -29,7 +29,7 @@ IMAGE_SIDE = 1024
 """Longer sides are scaled down to this many pixels before a picture is sent."""
 
 
-def digest(role: str, model: ModelConfig, messages: Sequence[BaseMessage]) -> str:
+def hash_model_request(role: str, model: ModelConfig, messages: Sequence[BaseMessage]) -> str:
     """SHA-256 of all that a reply depends on: role, model, its settings, and every message with its pictures."""
     settings = model.model_dump(mode="json", include={"model", "base_url", "temperature", "max_tokens"})
     contents = [(message.type, message.content) for message in messages]
@@ -56,7 +56,7 @@ class EarlierReplies:
             elif isinstance(event, Reply) and event.answered and digests.get(event.call):
                 self._replies[digests[event.call]].append(event)
 
-    def take(self, prompt: str) -> Reply | None:
+    def pop_reply_by_digest(self, prompt: str) -> Reply | None:
         """The next reply to the prompt with this digest; None if it has to be asked for."""
         replies = self._replies.get(prompt)
         return replies.popleft() if replies else None
@@ -73,15 +73,15 @@ class Agents:
     earlier: EarlierReplies = field(default_factory=EarlierReplies)
     _models: dict[str, BaseChatModel] = field(default_factory=dict[str, BaseChatModel])
 
-    def model(self, role: str) -> BaseChatModel:
+    def chat_model_for_role(self, role: str) -> BaseChatModel:
         """The chat model that serves ``role``, made once."""
-        spec = self.config.model_for(role)
+        spec = self.config.model_for_role(role)
         key = spec.model_dump_json()
         if key not in self._models:
-            self._models[key] = chat_model(spec, self.config.seed)
+            self._models[key] = make_chat_model(spec, self.config.seed)
         return self._models[key]
 
-    def ask(
+    def ask_role(
         self, role: str, values: Mapping[str, str], parse: Callable[[str], Parsed], images: Sequence[str] = ()
     ) -> Parsed | NoReply:
         """Ask ``role`` and parse its reply; a reply that does not parse is asked for again with the error.
@@ -92,14 +92,16 @@ class Agents:
             parse: raises ``ReplyError`` on a reply of the wrong form.
             images: picture files relative to the run folder, sent before the text in this order.
         """
-        file = content.path("prompts", getattr(self.config.prompts, role))
-        text = render(file, values)
-        blocks: list[str | dict[Any, Any]] = [image_block(member(self.folder, image)) for image in images]
+        file = content.content_path("prompts", getattr(self.config.prompts, role))
+        text = render_prompt_template(file, values)
+        blocks: list[str | dict[Any, Any]] = [
+            image_block_from_file(resolve_member_file(self.folder, image)) for image in images
+        ]
         messages: list[BaseMessage] = [HumanMessage(content=[*blocks, {"type": "text", "text": text}])]
         problem = ""
         tries = self.config.reply_retries + 1
         for _ in range(tries):
-            reply, problem = self._exchange(role, messages, text, images)
+            reply, problem = self._request_or_reuse_reply(role, messages, text, images)
             if reply is not None:
                 try:
                     return parse(reply)
@@ -113,13 +115,13 @@ class Agents:
             images = ()
         return NoReply(role=role, tries=tries, problem=problem)
 
-    def _exchange(
+    def _request_or_reuse_reply(
         self, role: str, messages: list[BaseMessage], text: str, images: Sequence[str]
     ) -> tuple[str | None, str]:
         """The text of the reply, or None and why there is none that can be used."""
-        spec = self.config.model_for(role)
-        prompt = digest(role, spec, messages)
-        if (earlier := self.earlier.take(prompt)) is not None:
+        spec = self.config.model_for_role(role)
+        prompt = hash_model_request(role, spec, messages)
+        if (earlier := self.earlier.pop_reply_by_digest(prompt)) is not None:
             self.log.append(Note(level="info", text=f"the reply to {earlier.call} was paid for and is used again"))
             return (None, earlier.error) if earlier.error else (earlier.text, "")
         call = f"{role}-{uuid4().hex[:8]}"
@@ -127,7 +129,9 @@ class Agents:
         begin = time.perf_counter()
         answer, error, answered = Answer(""), "", True
         try:
-            answer = invoke(self.model(role), messages, Retries(deadline=deadline(spec)))
+            answer = invoke_with_retries(
+                self.chat_model_for_role(role), messages, Retries(deadline=call_timeout_seconds(spec))
+            )
         except ReplyProblem as problem:
             answer, error = problem.answer or answer, str(problem)
             return None, error
@@ -154,17 +158,17 @@ class Agents:
         return answer.text, ""
 
 
-def deadline(spec: ModelConfig) -> float | None:
+def call_timeout_seconds(spec: ModelConfig) -> float | None:
     """The seconds that one call of a model may take; the offline model, which asks nobody, has as long as it needs."""
     return None if spec.model == OFFLINE else spec.timeout
 
 
-def image_block(path: Path) -> dict[str, str]:
-    """A picture file as ``jpeg_block`` makes it."""
-    return jpeg_block(read_picture(path, cv2.IMREAD_COLOR))
+def image_block_from_file(path: Path) -> dict[str, str]:
+    """A picture file as ``image_block_from_array`` makes it."""
+    return image_block_from_array(read_picture(path, cv2.IMREAD_COLOR))
 
 
-def jpeg_block(image: npt.NDArray[Any]) -> dict[str, str]:
+def image_block_from_array(image: npt.NDArray[Any]) -> dict[str, str]:
     """A picture (H, W, 3), blue first, as a standard LangChain image block (JPEG, longest side ``IMAGE_SIDE``)."""
     scale = IMAGE_SIDE / max(image.shape[:2])
     if scale < 1:

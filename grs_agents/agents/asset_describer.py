@@ -14,12 +14,20 @@ from langchain_core.messages import HumanMessage
 from pydantic import ConfigDict, Field, ValidationError
 
 from grs_agents import content
-from grs_agents.agents.agent import jpeg_block
-from grs_agents.agents.reply import ReplyError, parse_json, render
+from grs_agents.agents.agent import image_block_from_array
+from grs_agents.agents.reply import ReplyError, parse_json, render_prompt_template
 from grs_agents.base import Frozen
 from grs_agents.files import write_json
-from grs_agents.library import Asset, AssetView, Library, asset_views, color_name, over_white, random_directions
-from grs_agents.models import ReplyProblem, invoke
+from grs_agents.library import (
+    Asset,
+    AssetView,
+    Library,
+    color_name_from_rgb,
+    composite_over_white,
+    random_view_directions,
+    render_asset_views,
+)
+from grs_agents.models import ReplyProblem, invoke_with_retries
 
 PROMPT = "describe_asset"
 VIEWS, SIDE = 3, 384
@@ -63,19 +71,23 @@ class Plan:
     output_tokens: int
 
 
-def plan(root: Path, assets: Sequence[Asset], model: str, again: bool = False) -> Plan:
+def plan_descriptions(root: Path, assets: Sequence[Asset], model: str, again: bool = False) -> Plan:
     """What there is to describe in the library ``root``, and about how many tokens that takes."""
     prompt = _prompt_hash()
     todo: list[Asset] = []
     done: list[DescribedAsset] = []
     for asset in assets:
-        before = read_described(root, asset.name)
-        fits = before is not None and (before.model, before.prompt, before.content) == (model, prompt, _content(asset))
+        before = read_saved_description(root, asset.name)
+        fits = before is not None and (before.model, before.prompt, before.content) == (
+            model,
+            prompt,
+            _asset_content_hash(asset),
+        )
         if before is not None and fits and not again:
             done.append(before)
         else:
             todo.append(asset)
-    template = content.path("prompts", PROMPT).read_text("utf-8")
+    template = content.content_path("prompts", PROMPT).read_text("utf-8")
     tokens = len(template) // 4 + 60 + VIEWS * SIDE * SIDE // _PIXELS_PER_TOKEN
     return Plan(tuple(todo), tuple(done), tokens * len(todo), _REPLY_TOKENS * len(todo))
 
@@ -85,52 +97,56 @@ def describe_assets(
 ) -> Iterator[tuple[Asset, DescribedAsset | None]]:
     """Describe assets, each kept on disk before the next is asked for; None where the model gave no usable reply."""
     for asset in todo:
-        described = _described(library, asset, model, name, warn)
+        described = _describe_asset(library, asset, model, name, warn)
         if described is None:
             yield asset, None
             continue
-        write_json(described_path(root, asset.name), described.model_dump(mode="json"))
-        yield with_words(asset, described.words), described
+        write_json(description_file_path(root, asset.name), described.model_dump(mode="json"))
+        yield replace_asset_description(asset, described.words), described
 
 
-def with_words(asset: Asset, words: AssetWords) -> Asset:
+def replace_asset_description(asset: Asset, words: AssetWords) -> Asset:
     """The asset with a model's words instead of its own; its size is added, since it is not in the pictures."""
     x, y, z = (f"{100 * extent:.1f}" for extent in asset.size)
     text = f"{words.description.strip().rstrip('.')}, {x} x {y} x {z} cm"
     return asset.model_copy(update={"description": text, "color": words.color, "category": words.category.lower()})
 
 
-def described_path(root: Path, name: str) -> Path:
+def description_file_path(root: Path, name: str) -> Path:
     """Where the description of an asset is kept."""
     urdf = root / name
     return urdf.parent / "descriptions" / f"{urdf.stem}.json"
 
 
-def read_described(root: Path, name: str) -> DescribedAsset | None:
+def read_saved_description(root: Path, name: str) -> DescribedAsset | None:
     """The description that is kept of an asset; None where there is none or it cannot be read."""
     try:
-        return DescribedAsset.model_validate_json(described_path(root, name).read_text("utf-8"))
+        return DescribedAsset.model_validate_json(description_file_path(root, name).read_text("utf-8"))
     except (OSError, ValidationError, UnicodeDecodeError):
         return None
 
 
-def _described(
+def _describe_asset(
     library: Library, asset: Asset, model: BaseChatModel, name: str, warn: Callable[[str], None]
 ) -> DescribedAsset | None:
     seed = int.from_bytes(hashlib.sha256(asset.name.encode()).digest()[:8], "big")
-    views = asset_views(library, asset.name, random_directions(VIEWS, np.random.default_rng(seed)), size=SIDE)
+    views = render_asset_views(
+        library, asset.name, random_view_directions(VIEWS, np.random.default_rng(seed)), size=SIDE
+    )
     facts = {
         "file_name": Path(asset.name).stem,
         "size_m": [round(extent, 3) for extent in asset.size],
-        "colors": colors_seen(views),
+        "colors": visible_color_names(views),
         "hollow": asset.hollow,
     }
-    text = render(content.path("prompts", PROMPT), {"facts": json.dumps(facts)})
-    blocks: list[str | dict[Any, Any]] = [jpeg_block(over_white(view)[:, :, ::-1]) for view in views]
+    text = render_prompt_template(content.content_path("prompts", PROMPT), {"facts": json.dumps(facts)})
+    blocks: list[str | dict[Any, Any]] = [
+        image_block_from_array(composite_over_white(view)[:, :, ::-1]) for view in views
+    ]
     message = HumanMessage(content=[*blocks, {"type": "text", "text": text}])
     for _ in range(_TRIES):
         try:
-            answer = invoke(model, [message])
+            answer = invoke_with_retries(model, [message])
             words = parse_json(answer.text, AssetWords)
         except (ReplyProblem, ReplyError) as error:
             warn(f"{asset.name}: {error}")
@@ -140,7 +156,7 @@ def _described(
             words=words,
             model=name,
             prompt=_prompt_hash(),
-            content=_content(asset),
+            content=_asset_content_hash(asset),
             date=datetime.now(UTC).isoformat(timespec="seconds"),
             input_tokens=answer.input_tokens,
             output_tokens=answer.output_tokens,
@@ -148,24 +164,24 @@ def _described(
     return None
 
 
-def colors_seen(views: Sequence[AssetView]) -> list[str]:
+def visible_color_names(views: Sequence[AssetView]) -> list[str]:
     """Names of the colours that views show, the most frequent first, at most three."""
     pixels = np.concatenate([view.rgba[view.rgba[:, :, 3] > 200][::7, :3] for view in views])
     levels, counts = np.unique(pixels // 16, axis=0, return_counts=True)
     shares: dict[str, int] = {}
     for level, count in zip(levels, counts, strict=True):
         red, green, blue = ((float(value) * 16 + 8) / 255 for value in level)
-        named = color_name((min(red, 1.0), min(green, 1.0), min(blue, 1.0)))
+        named = color_name_from_rgb((min(red, 1.0), min(green, 1.0), min(blue, 1.0)))
         shares[named] = shares.get(named, 0) + int(count)
     ranked = sorted(shares, key=lambda value: (-shares[value], value))
     return ranked[:1] + [value for value in ranked[1:3] if shares[value] >= _SHARE * len(pixels)]
 
 
 def _prompt_hash() -> str:
-    return hashlib.sha256(content.path("prompts", PROMPT).read_bytes()).hexdigest()
+    return hashlib.sha256(content.content_path("prompts", PROMPT).read_bytes()).hexdigest()
 
 
-def _content(asset: Asset) -> str:
+def _asset_content_hash(asset: Asset) -> str:
     """What makes a description out of date: other source files, another size."""
     source = asset.origin.content if asset.origin is not None else ""
     return hashlib.sha256(f"{asset.name} {asset.size} {source}".encode()).hexdigest()

@@ -31,14 +31,14 @@ class Example(Frozen):
     source: str
 
     @property
-    def words(self) -> Counter[str]:
+    def word_stem_counts(self) -> Counter[str]:
         """Stems of the words it is described in: names, docstrings, sentences and assets, not the code."""
         tree = ast.parse(self.source)
         texts = [
             node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)
         ]
         names = [node.name for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
-        return _stems([self.name, *names, *texts])
+        return _count_word_stems([self.name, *names, *texts])
 
 
 def read_examples(folder: Path) -> tuple[Example, ...]:
@@ -56,17 +56,19 @@ def read_examples(folder: Path) -> tuple[Example, ...]:
     return tuple(examples)
 
 
-def nearest(examples: Sequence[Example], task: TaskDefinition, count: int, seed: int) -> tuple[Example, ...]:
+def select_nearest_examples(
+    examples: Sequence[Example], task: TaskDefinition, count: int, seed: int
+) -> tuple[Example, ...]:
     """The examples that share most with a task's name, description and assets, the nearest first.
 
     A shared word counts the more, the fewer examples have it (cosine of tf-idf). At most two are of one family. Where
     examples are equally near, the seed decides.
     """
-    bags = [example.words for example in examples]
+    bags = [example.word_stem_counts for example in examples]
     having = Counter(word for bag in bags for word in bag)
     rarity = {word: math.log((1 + len(bags)) / number) for word, number in having.items()}
-    wanted = _stems([task.name, task.description, *task.assets])
-    near = [round(_cosine(bag, wanted, rarity), 9) for bag in bags]
+    wanted = _count_word_stems([task.name, task.description, *task.assets])
+    near = [round(_tfidf_cosine_similarity(bag, wanted, rarity), 9) for bag in bags]
     order = sorted(range(len(bags)), key=lambda index: (-near[index], (index - seed) % len(bags)))
     chosen: list[Example] = []
     for index in order:
@@ -76,7 +78,7 @@ def nearest(examples: Sequence[Example], task: TaskDefinition, count: int, seed:
     return tuple(chosen)
 
 
-def _cosine(first: Counter[str], second: Counter[str], rarity: dict[str, float]) -> float:
+def _tfidf_cosine_similarity(first: Counter[str], second: Counter[str], rarity: dict[str, float]) -> float:
     def weights(bag: Counter[str]) -> dict[str, float]:
         return {word: (1 + math.log(number)) * rarity.get(word, 0.0) for word, number in bag.items()}
 
@@ -85,12 +87,12 @@ def _cosine(first: Counter[str], second: Counter[str], rarity: dict[str, float])
     return sum(left[word] * right[word] for word in left.keys() & right.keys()) / length if length else 0.0
 
 
-def _stems(texts: Iterable[str]) -> Counter[str]:
+def _count_word_stems(texts: Iterable[str]) -> Counter[str]:
     """Words without their endings, so that "stacking", "stacked" and "stack" are one; CamelCase is taken apart."""
-    return Counter(_stem(word.lower()) for text in texts for word in _WORD.findall(text))
+    return Counter(_stem_word(word.lower()) for text in texts for word in _WORD.findall(text))
 
 
-def _stem(word: str) -> str:
+def _stem_word(word: str) -> str:
     word = word.replace("colour", "color")
     ending = next((ending for ending in _ENDINGS if word.endswith(ending)), "")
     return word.removesuffix(ending) if len(word) - len(ending) >= _SHORTEST else word

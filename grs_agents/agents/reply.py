@@ -21,7 +21,7 @@ class ReplyError(ValueError):
     """A reply that does not have the form asked for; the message tells the model what to mend."""
 
 
-def fenced(text: str, language: str) -> str:
+def extract_fenced_block(text: str, language: str) -> str:
     """The last closed block fenced in ``language`` (or in none). Raises ReplyError: there is no such block."""
     blocks = [body for tag, body in _FENCE.findall(text) if tag.lower() in (language, "", language[:2])]
     if blocks:
@@ -33,7 +33,7 @@ def fenced(text: str, language: str) -> str:
 
 def parse_json(text: str, model: type[Model]) -> Model:
     """The JSON object in the fenced block, or the whole reply. Raises ReplyError: it is no ``model``."""
-    body = text if text.lstrip().startswith("{") else fenced(text, "json")
+    body = text if text.lstrip().startswith("{") else extract_fenced_block(text, "json")
     try:
         value: Any = json.loads(body)
         json.dumps(value, ensure_ascii=False).encode()  # refuses half a surrogate pair, which no file can hold
@@ -47,14 +47,14 @@ def parse_json(text: str, model: type[Model]) -> Model:
         raise ReplyError(f"{where}: {first['msg']}") from error
 
 
-def parse_python(text: str) -> str:
+def extract_python_program(text: str) -> str:
     """The Python program in the reply's fenced block. Its syntax is left to the tests: a broken program is a
     version like any other, with a traceback that the router reads.
 
     Raises:
         ReplyError: no block, or an empty one.
     """
-    body = text if _is_program(text) else fenced(text, "python")
+    body = text if _is_python_source(text) else extract_fenced_block(text, "python")
     if not body.strip():
         raise ReplyError("the python block is empty")
     return body.rstrip() + "\n"
@@ -70,7 +70,7 @@ def parse_verdict(text: str) -> RouterReply:
     return RouterReply(verdict=_VERDICTS[verdicts[-1]], explanation=explanation)
 
 
-def _is_program(text: str) -> bool:
+def _is_python_source(text: str) -> bool:
     if "```" in text or "import" not in text:
         return False
     try:
@@ -83,15 +83,15 @@ def _is_program(text: str) -> bool:
 _VARIABLE = re.compile(r"\{\{\s*([a-z_]+)\s*\}\}")
 
 
-def variables(template: str) -> frozenset[str]:
+def find_template_variables(template: str) -> frozenset[str]:
     """The names of the variables in ``template``."""
     return frozenset(_VARIABLE.findall(template))
 
 
-def render(file: Path, values: Mapping[str, str]) -> str:
+def render_prompt_template(file: Path, values: Mapping[str, str]) -> str:
     """Fill the template in ``file``; inserted text is not scanned. Raises ConfigError: other variables than given."""
     template = file.read_text(encoding="utf-8")
-    wanted = variables(template)
+    wanted = find_template_variables(template)
     if wanted != frozenset(values):
         unknown, unused = sorted(wanted - set(values)), sorted(set(values) - wanted)
         raise ConfigError(

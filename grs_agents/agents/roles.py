@@ -9,19 +9,19 @@ from collections.abc import Sequence
 from typing import Any
 
 from grs_agents.agents.agent import Agents
-from grs_agents.agents.reply import ReplyError, parse_json, parse_python, parse_verdict
+from grs_agents.agents.reply import ReplyError, extract_python_program, parse_json, parse_verdict
 from grs_agents.agents.types import Description, Match, NoReply, RouterReply, TaskDefinition
 
 Json = dict[str, Any]
 
 
-def describe(agents: Agents, measurements: Json, images: Sequence[str]) -> Description | NoReply:
+def describe_crop(agents: Agents, measurements: Json, images: Sequence[str]) -> Description | NoReply:
     """Describe one crop. ``images``: the crop, then the scene."""
-    values = {"measurements": _json(measurements)}
-    return agents.ask("describe", values, lambda text: parse_json(text, Description), images)
+    values = {"measurements": _to_json_text(measurements)}
+    return agents.ask_role("describe", values, lambda text: parse_json(text, Description), images)
 
 
-def match(agents: Agents, candidate: Json, assets: Sequence[Json], images: Sequence[str]) -> Match | NoReply:
+def match_asset(agents: Agents, candidate: Json, assets: Sequence[Json], images: Sequence[str]) -> Match | NoReply:
     """Match one candidate with an asset. ``assets`` hold name, description, color and size."""
     names = {str(asset["name"]) for asset in assets}
 
@@ -32,7 +32,7 @@ def match(agents: Agents, candidate: Json, assets: Sequence[Json], images: Seque
         return answer
 
     lines = "\n".join(json.dumps(asset, ensure_ascii=False) for asset in assets)
-    return agents.ask("match", {"candidate": _json(candidate), "assets": lines}, parse, images)
+    return agents.ask_role("match", {"candidate": _to_json_text(candidate), "assets": lines}, parse, images)
 
 
 def author_task(
@@ -49,27 +49,33 @@ def author_task(
         return task
 
     lines = "\n".join(json.dumps(fixture, ensure_ascii=False) for fixture in fixtures)
-    return agents.ask("task", {"scene": _json(scene), "fixtures": lines}, parse, images)
+    return agents.ask_role("task", {"scene": _to_json_text(scene), "fixtures": lines}, parse, images)
 
 
 def author_simulation(
     agents: Agents, task: TaskDefinition, scene: Json, api: str, examples: str, images: Sequence[str]
 ) -> str | NoReply:
     """Write the simulation program."""
-    values = {"task": _json(task.as_json()), "scene": _json(scene), "api": api, "examples": examples}
-    return agents.ask("simulation", values, parse_python, images)
+    values = {"task": _to_json_text(task.as_json()), "scene": _to_json_text(scene), "api": api, "examples": examples}
+    return agents.ask_role("simulation", values, extract_python_program, images)
 
 
 def author_tests(agents: Agents, task: TaskDefinition, code: str, api: str) -> str | NoReply:
     """Write the tests, from the task and the program alone."""
-    values = {"task": _json(task.as_json()), "code": code, "api": api}
-    return agents.ask("tests", values, parse_python)
+    values = {"task": _to_json_text(task.as_json()), "code": code, "api": api}
+    return agents.ask_role("tests", values, extract_python_program)
 
 
-def route(agents: Agents, task: TaskDefinition, results: str, history: Sequence[str]) -> RouterReply | NoReply:
+def decide_what_to_fix(
+    agents: Agents, task: TaskDefinition, results: str, history: Sequence[str]
+) -> RouterReply | NoReply:
     """Decide between fixing the program and fixing the tests."""
-    values = {"task": _json(task.as_json()), "test_results": results, "history": "\n".join(history) or "(no fixes yet)"}
-    return agents.ask("route", values, parse_verdict)
+    values = {
+        "task": _to_json_text(task.as_json()),
+        "test_results": results,
+        "history": "\n".join(history) or "(no fixes yet)",
+    }
+    return agents.ask_role("route", values, parse_verdict)
 
 
 def fix_code(
@@ -84,14 +90,14 @@ def fix_code(
 ) -> str | NoReply:
     """Write the next version of the simulation program."""
     values = {
-        "task": _json(task.as_json()),
-        "scene": _json(scene),
+        "task": _to_json_text(task.as_json()),
+        "scene": _to_json_text(scene),
         "code": code,
         "test_results": results,
         "explanation": explanation,
         "api": api,
     }
-    return agents.ask("fix_code", values, parse_python, images)
+    return agents.ask_role("fix_code", values, extract_python_program, images)
 
 
 def fix_tests(
@@ -99,14 +105,14 @@ def fix_tests(
 ) -> str | NoReply:
     """Write the next version of the tests."""
     values = {
-        "task": _json(task.as_json()),
+        "task": _to_json_text(task.as_json()),
         "code": code,
         "tests": tests,
         "test_results": results,
         "explanation": explanation,
     }
-    return agents.ask("fix_tests", values, parse_python)
+    return agents.ask_role("fix_tests", values, extract_python_program)
 
 
-def _json(value: Json) -> str:
+def _to_json_text(value: Json) -> str:
     return json.dumps(value, indent=1, ensure_ascii=False)

@@ -48,7 +48,7 @@ class TaskDefinition(Frozen):
 
     @field_validator("name")
     @classmethod
-    def kebab_case(cls, name: str) -> str:
+    def normalize_task_name(cls, name: str) -> str:
         """Task names become file and class names: letters, digits and dashes."""
         slug = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
         if not slug:

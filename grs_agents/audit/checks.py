@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from grs_agents.agents import TaskDefinition
-from grs_agents.audit.photo_changes import changes
+from grs_agents.audit.pose_changes import find_pose_changes
 from grs_agents.audit.types import AuditReport, Finding
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
@@ -21,7 +21,7 @@ TABLE_TOP = -0.02
 """What ends lower than this (m) has fallen off the table."""
 
 
-def audit(
+def audit_task(
     instances: Sequence[TaskInstance],
     failures: Sequence[str],
     rollouts: Sequence[Rollout],
@@ -42,28 +42,28 @@ def audit(
         scene: the photo the program must keep to; ``None`` for a program without one.
     """
     findings = [
-        _instantiated(instances, failures, config),
-        _solved(rollouts, config),
-        _not_idle(rollouts),
-        _moved(instances, rollouts, scene),
-        _on_table(rollouts),
-        _as_in_library(instances, library),
+        _check_all_seeds_instantiate(instances, failures, config),
+        _check_oracle_solves(rollouts, config),
+        _check_idle_reward_low(rollouts),
+        _check_objects_moved(instances, rollouts, scene),
+        _check_nothing_fell_off(rollouts),
+        _check_library_and_timestep(instances, library),
     ]
     if task is not None:
-        findings.append(_assets_of_task(instances, task))
+        findings.append(_check_task_assets(instances, task))
     if scene is not None:
-        findings.append(_assets_of_scene(instances, scene, library))
+        findings.append(_check_scene_assets(instances, scene, library))
     return AuditReport(
         accepted=all(finding.passed for finding in findings),
         findings=tuple(findings),
-        changes=tuple(changes(instances, scene)) if scene is not None else (),
+        changes=tuple(find_pose_changes(instances, scene)) if scene is not None else (),
         rollouts=tuple(rollouts),
         rewards=tuple(rollout.episode.reward for rollout in rollouts),
-        about=_about(instances),
+        about=_describe_verdict_scope(instances),
     )
 
 
-def _about(instances: Sequence[TaskInstance]) -> str:
+def _describe_verdict_scope(instances: Sequence[TaskInstance]) -> str:
     seeds = ", ".join(str(instance.seed) for instance in instances) or "none"
     return (
         f"The verdict is about the task instances, of the seeds {seeds}; two processes drew each of them alike. "
@@ -71,14 +71,16 @@ def _about(instances: Sequence[TaskInstance]) -> str:
     )
 
 
-def _instantiated(instances: Sequence[TaskInstance], failures: Sequence[str], config: AuditConfig) -> Finding:
+def _check_all_seeds_instantiate(
+    instances: Sequence[TaskInstance], failures: Sequence[str], config: AuditConfig
+) -> Finding:
     detail = f"{len(instances)} of {config.seeds} seeds gave a task instance"
     if failures:
         detail += "; " + "; ".join(failures)
     return Finding(check="instantiated", passed=len(instances) == config.seeds and not failures, detail=detail)
 
 
-def _solved(rollouts: Sequence[Rollout], config: AuditConfig) -> Finding:
+def _check_oracle_solves(rollouts: Sequence[Rollout], config: AuditConfig) -> Finding:
     episodes = [rollout.episode for rollout in rollouts]
     scores = (
         ", ".join(f"{episode.strict:.2f} (published {episode.reward:.2f}, {episode.outcome})" for episode in episodes)
@@ -90,15 +92,15 @@ def _solved(rollouts: Sequence[Rollout], config: AuditConfig) -> Finding:
         detail += f", the weakest goal is at {weakest:.2f}, at least {GOAL} is asked of each"
     if shortfalls := dict.fromkeys(clause for episode in episodes for clause in episode.shortfalls):
         detail += f"; short of it: {'; '.join(shortfalls)}"
-    solved = all(_is_solved(episode, config.reward) for episode in episodes) and weakest >= GOAL
+    solved = all(_is_episode_solved(episode, config.reward) for episode in episodes) and weakest >= GOAL
     return Finding(check="solved", passed=len(episodes) == config.seeds and solved, detail=detail)
 
 
-def _is_solved(episode: Episode, least: float) -> bool:
+def _is_episode_solved(episode: Episode, least: float) -> bool:
     return min(episode.strict, episode.reward) >= least and episode.outcome == "success"
 
 
-def _not_idle(rollouts: Sequence[Rollout]) -> Finding:
+def _check_idle_reward_low(rollouts: Sequence[Rollout]) -> Finding:
     rewards = [rollout.idle_reward for rollout in rollouts]
     shown = ", ".join(f"{reward:.2f}" for reward in rewards) or "none"
     seconds = max((rollout.idle_seconds for rollout in rollouts), default=0.0)
@@ -107,7 +109,9 @@ def _not_idle(rollouts: Sequence[Rollout]) -> Finding:
     return Finding(check="not_idle", passed=bool(rewards) and max(rewards) < IDLE, detail=detail)
 
 
-def _moved(instances: Sequence[TaskInstance], rollouts: Sequence[Rollout], scene: SceneDescription | None) -> Finding:
+def _check_objects_moved(
+    instances: Sequence[TaskInstance], rollouts: Sequence[Rollout], scene: SceneDescription | None
+) -> Finding:
     """A task from a photo moves two of its objects, if two are in reach; others move two if their goals ask for two."""
     if scene is not None:
         seen = {item.asset for item in scene.objects}
@@ -116,20 +120,20 @@ def _moved(instances: Sequence[TaskInstance], rollouts: Sequence[Rollout], scene
         why = f"{movable} are in reach"
     else:
         counts = [len(rollout.moved) for rollout in rollouts]
-        movable = min((sum(map(_objects_to_move, instance.goals)) for instance in instances), default=0)
+        movable = min((sum(map(_count_objects_to_move, instance.goals)) for instance in instances), default=0)
         why = f"the goals ask for {movable}"
     needed = max(1, min(2, movable))
     detail = f"objects moved by the robot: {counts}; at least {needed} must be, {why}"
     return Finding(check="moved", passed=bool(counts) and min(counts) >= needed, detail=detail)
 
 
-def _objects_to_move(goal: Goal) -> int:
+def _count_objects_to_move(goal: Goal) -> int:
     """How many objects have to move for a goal, wherever they start: not a stack's lowest nor the ends of a line."""
     kind = goal.relation.kind if goal.relation is not None else ""
     return len(goal.objects) - {"stacked": 1, "aligned": 2}.get(kind, 0)
 
 
-def _on_table(rollouts: Sequence[Rollout]) -> Finding:
+def _check_nothing_fell_off(rollouts: Sequence[Rollout]) -> Finding:
     fallen = [
         f"object {number} at ({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f}) in seed {rollout.seed}"
         for rollout in rollouts
@@ -140,11 +144,11 @@ def _on_table(rollouts: Sequence[Rollout]) -> Finding:
     return Finding(check="on_table", passed=not fallen, detail=detail)
 
 
-def _as_in_library(instances: Sequence[TaskInstance], library: Library) -> Finding:
+def _check_library_and_timestep(instances: Sequence[TaskInstance], library: Library) -> Finding:
     """Values for what is no template would change nothing, a time step of its own would change any physics."""
     items = [item for instance in instances for item in instance.objects]
     unknown = {item.asset for item in items if item.asset not in library}
-    filled = {item.asset for item in items if item.fill} - unknown - set(library.templates())
+    filled = {item.asset for item in items if item.fill} - unknown - set(library.template_names())
     faults = [f"there is no asset {name}" for name in sorted(unknown)]
     faults += [f"{name} is no template" for name in sorted(filled)]
     steps = {instance.timestep for instance in instances} - {TIMESTEP}
@@ -153,7 +157,7 @@ def _as_in_library(instances: Sequence[TaskInstance], library: Library) -> Findi
     return Finding(check="as_in_library", passed=not faults, detail=detail)
 
 
-def _assets_of_task(instances: Sequence[TaskInstance], task: TaskDefinition) -> Finding:
+def _check_task_assets(instances: Sequence[TaskInstance], task: TaskDefinition) -> Finding:
     wanted = set(task.assets)
     faults: set[str] = set()
     for instance in instances:
@@ -164,7 +168,7 @@ def _assets_of_task(instances: Sequence[TaskInstance], task: TaskDefinition) -> 
     return Finding(check="assets_of_task", passed=not faults, detail=detail)
 
 
-def _assets_of_scene(instances: Sequence[TaskInstance], scene: SceneDescription, library: Library) -> Finding:
+def _check_scene_assets(instances: Sequence[TaskInstance], scene: SceneDescription, library: Library) -> Finding:
     seen = Counter(item.asset for item in scene.objects)
     fixtures = {asset.name for asset in library.assets() if asset.fixture}
     absent = {

@@ -32,7 +32,7 @@ class AuditReport(Frozen):
     rewards: tuple[float, ...]  # the reward of each rollout
     about: str = ""  # what the verdict is about, one sentence or two
 
-    def text(self) -> str:
+    def format_as_text(self) -> str:
         """What the router and the code fixer read."""
         lines = ["audit: " + ("accepted" if self.accepted else "failed")]
         for finding in self.findings:

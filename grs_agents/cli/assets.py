@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from grs_agents.cli.options import ConfigFile, Json, Settings, effective
+from grs_agents.cli.options import ConfigFile, Json, Settings, load_effective_config
 
 assets_app = typer.Typer(
     name="assets",
@@ -29,8 +29,7 @@ Shipped = Annotated[bool, typer.Option("--all", help="The assets that GRS ships,
 @assets_app.command("import")
 def import_assets(
     source: Annotated[
-        str,
-        typer.Argument(help="A folder, mesh, URDF, MJCF or archive; hope; or objaverse:WORDS.", metavar="SOURCE"),
+        str, typer.Argument(help="A folder, mesh, URDF, MJCF or archive; hope; or objaverse:WORDS.", metavar="SOURCE")
     ],
     library: LibraryFolder = None,
     name: Annotated[str | None, typer.Option("--name", help="The collection; the source's name by default.")] = None,
@@ -78,9 +77,9 @@ def show_assets(
     views: Annotated[int, typer.Option("--views", help="Pictures of each.", min=1, max=12)] = 3,
 ) -> None:
     """Write a contact sheet: a picture of the assets from several sides."""
-    from grs_agents.cli.assets_import import show_library
+    from grs_agents.cli.assets_import import write_contact_sheets
 
-    sys.exit(show_library(library, names or [], shipped, out, views))
+    sys.exit(write_contact_sheets(library, names or [], shipped, out, views))
 
 
 @assets_app.command("verify")
@@ -106,7 +105,7 @@ def describe_assets(
     """Describe three random views of each asset with the configured model, once; what it may cost is said first."""
     from grs_agents.cli.assets_describe import describe_library
 
-    sys.exit(describe_library(library, names or [], effective(config, settings).config, again, yes, json))
+    sys.exit(describe_library(library, names or [], load_effective_config(config, settings).config, again, yes, json))
 
 
 @assets_app.command("index")
@@ -116,6 +115,6 @@ def index_assets(
     json: Json = False,
 ) -> None:
     """Bring an index up to date, for matching in a library too large to compare everything; see match.index."""
-    from grs_agents.cli.assets_describe import index_assets as update
+    from grs_agents.cli.assets_describe import update_asset_index as update
 
     sys.exit(update(folder, again, json))

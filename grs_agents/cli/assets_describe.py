@@ -10,14 +10,14 @@ import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from grs_agents import terminal
-from grs_agents.agents import describe_assets, plan, with_words
-from grs_agents.cli.assets_import import chosen_assets, library_root
+from grs_agents.agents import describe_assets, plan_descriptions, replace_asset_description
+from grs_agents.cli.assets_import import select_assets, user_library_root
 from grs_agents.config import Config
 from grs_agents.errors import ConfigError, GrsError, InputError
 from grs_agents.library import Asset, Library, read_manifest
-from grs_agents.library.importing import write_entries
-from grs_agents.models import chat_model
-from grs_agents.terminal import say, say_json
+from grs_agents.library.importing import update_manifest_entries
+from grs_agents.models import make_chat_model
+from grs_agents.terminal import print_escaped, print_json
 
 if TYPE_CHECKING:
     from grs_agents.perception.matching import AssetIndex
@@ -29,42 +29,44 @@ def describe_library(
     library: Path | None, names: Sequence[str], config: Config, again: bool, yes: bool, as_json: bool
 ) -> int:
     """Describe the user's own assets after saying what it takes; 1 where the model gave no usable reply."""
-    root = library_root(library)
-    known, chosen = chosen_assets(library, names, False)
-    assets = _own_assets(chosen, root)
-    spec = config.model_for(ROLE)
-    model = chat_model(spec, config.seed)
-    todo = plan(root, assets, spec.model, again)
-    say(
+    root = user_library_root(library)
+    known, chosen = select_assets(library, names, False)
+    assets = _select_user_assets(chosen, root)
+    spec = config.model_for_role(ROLE)
+    model = make_chat_model(spec, config.seed)
+    todo = plan_descriptions(root, assets, spec.model, again)
+    print_escaped(
         f"{len(todo.todo)} of {len(assets)} assets to describe with {spec.model}: about {todo.input_tokens} tokens in "
         f"(3 pictures each) and {todo.output_tokens} out",
         error=True,
     )
     if spec.model == "offline":
-        say("the offline model tells names and measurements, it does not look at the pictures", error=True)
+        print_escaped("the offline model tells names and measurements, it does not look at the pictures", error=True)
     elif todo.todo and not yes:
-        _confirm()
+        _confirm_model_cost()
     by_name = {asset.name: asset for asset in assets}
-    entries = [with_words(by_name[described.asset], described.words) for described in todo.done]
+    entries = [replace_asset_description(by_name[described.asset], described.words) for described in todo.done]
     records = list(todo.done)
     unanswered = 0
     try:
-        for asset, described in describe_assets(root, known, todo.todo, model, spec.model, partial(say, error=True)):
+        for asset, described in describe_assets(
+            root, known, todo.todo, model, spec.model, partial(print_escaped, error=True)
+        ):
             entries.append(asset)
             if described is None:
                 unanswered += 1
                 continue
             records.append(described)
             if not as_json:
-                say(f"{asset.name}: {asset.description}")
+                print_escaped(f"{asset.name}: {asset.description}")
     finally:
-        write_entries(root, entries)
+        update_manifest_entries(root, entries)
     if as_json:
-        say_json([described.model_dump(mode="json") for described in records])
+        print_json([described.model_dump(mode="json") for described in records])
     return 1 if unanswered else 0
 
 
-def _own_assets(assets: Sequence[Asset], root: Path) -> list[Asset]:
+def _select_user_assets(assets: Sequence[Asset], root: Path) -> list[Asset]:
     """The assets that the library ``root`` itself lists."""
     listed = {asset.name for asset in read_manifest(root).assets} if root.is_dir() else set[str]()
     own = [asset for asset in assets if asset.name in listed]
@@ -76,16 +78,16 @@ def _own_assets(assets: Sequence[Asset], root: Path) -> list[Asset]:
     return own
 
 
-def _confirm() -> None:
+def _confirm_model_cost() -> None:
     """Ask before money may be spent."""
     if not sys.stdin.isatty():
         raise ConfigError("this model may cost money and nobody can be asked", "give --yes")
-    say("go on? [y/N] ", end="", error=True, flush=True)
+    print_escaped("go on? [y/N] ", end="", error=True, flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise ConfigError("not confirmed, nothing was asked", "give --yes")
 
 
-def index_assets(folder: Path, again: bool, as_json: bool) -> int:
+def update_asset_index(folder: Path, again: bool, as_json: bool) -> int:
     """Bring an index in a folder up to date with the library; 1 if an asset could not be looked at."""
     from grs_agents.perception.matching import AssetIndex, matchable_assets
 
@@ -99,30 +101,30 @@ def index_assets(folder: Path, again: bool, as_json: bool) -> int:
     broken = _add_to_index(index, [assets[name] for name in wanted], library)
     added = len(wanted) - len(broken)
     index.remove(gone)
-    if index.crowded:
+    if index.needs_compaction:
         index.compact()
     if as_json:
         figures = {"assets": len(index), "added": added, "removed": len(gone), "broken": broken}
-        say_json({"folder": str(folder), **figures})
+        print_json({"folder": str(folder), **figures})
     else:
-        say(f"{folder}: {len(index)} assets, {added} added, {len(gone)} removed")
+        print_escaped(f"{folder}: {len(index)} assets, {added} added, {len(gone)} removed")
         for name, reason in broken.items():
-            say(f"  {name}: {reason}")
+            print_escaped(f"  {name}: {reason}")
     return 1 if broken else 0
 
 
 def _add_to_index(index: "AssetIndex", assets: Sequence[Asset], library: Library) -> dict[str, str]:
     """Add the vectors of each asset, and return why an asset has none, by its name."""
-    from grs_agents.perception.matching import Vectors, appearance_of, embed
+    from grs_agents.perception.matching import Vectors, embed_object, load_appearance
 
     vectors: dict[str, Vectors] = {}
     broken: dict[str, str] = {}
     columns = (TextColumn("indexing"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=terminal.console(error=True)) as progress:
+    with Progress(*columns, console=terminal.make_console(error=True)) as progress:
         for asset in progress.track(assets):
             try:
-                look = appearance_of(asset.name, library).views.mean(axis=0)
-                vectors[asset.name] = embed(asset.description, look, asset.size)
+                look = load_appearance(asset.name, library).views.mean(axis=0)
+                vectors[asset.name] = embed_object(asset.description, look, asset.size)
             except GrsError as error:
                 broken[asset.name] = str(error)
     if vectors:

@@ -10,7 +10,7 @@ from rich.text import Text
 
 from grs_agents import content, terminal
 from grs_agents.errors import InputError
-from grs_agents.files import replaceable, write_bytes
+from grs_agents.files import resolve_output_file, write_bytes
 from grs_agents.library import Asset, Library
 from grs_agents.library.importing import (
     ImportOptions,
@@ -20,26 +20,26 @@ from grs_agents.library.importing import (
     ObjaverseEntry,
     SourceFolder,
     SourceItem,
-    download,
-    load_package,
-    open_source,
+    download_objects,
+    load_objaverse_package,
+    open_import_source,
     search_objaverse,
-    slug_of,
+    slugify_name,
 )
-from grs_agents.terminal import say, say_json
+from grs_agents.terminal import print_escaped, print_json
 
 DEFAULT = Path("grs-content")
 
 
-def content_folder(library: Path | None) -> Path:
+def user_content_folder(library: Path | None) -> Path:
     """The content folder of the user's assets: as named, else that of ``--content``, else ``grs-content`` here."""
-    overlays = content.roots()[:-1]
+    overlays = content.content_search_roots()[:-1]
     return library or (overlays[0] if overlays else DEFAULT)
 
 
-def library_root(library: Path | None) -> Path:
+def user_library_root(library: Path | None) -> Path:
     """The library in the user's content folder."""
-    return content_folder(library) / "assets" / "library"
+    return user_content_folder(library) / "assets" / "library"
 
 
 def import_source(
@@ -53,13 +53,13 @@ def import_source(
     as_json: bool,
 ) -> int:
     """Import a source, telling each outcome as it comes; 1 where something was refused."""
-    with open_source(source, options) as source_items:
-        collection = slug_of(name) if name is not None else source_items.collection
+    with open_import_source(source, options) as source_items:
+        collection = slugify_name(name) if name is not None else source_items.collection
         if not source_items.items and not source_items.refused:
             raise InputError(f"{source} holds no mesh, URDF or MJCF", "name a folder that does")
-        order = ImportRun(library_root(library), collection, options, Library().assets(), again, jobs)
+        order = ImportRun(user_library_root(library), collection, options, Library().assets(), again, jobs)
         progress = Progress(len(source_items.items) + len(source_items.refused), as_json)
-        return print_import(order.run(source_items, progress), library, as_json)
+        return print_import_report(order.run(source_items, progress), library, as_json)
 
 
 class Progress:
@@ -74,42 +74,44 @@ class Progress:
             return
         status = f"{outcome.status}{' before' if old else ''}"
         what = outcome.asset.description if outcome.asset is not None else outcome.reason
-        say(f"[{self._done}/{self._count}] {outcome.item}: {status}: {what}", error=True)
+        print_escaped(f"[{self._done}/{self._count}] {outcome.item}: {status}: {what}", error=True)
         for note in outcome.notes if not old else ():
-            say(f"    {note}", error=True)
+            print_escaped(f"    {note}", error=True)
 
 
-def print_import(outcomes: Sequence[ImportOutcome], library: Path | None, as_json: bool) -> int:
+def print_import_report(outcomes: Sequence[ImportOutcome], library: Path | None, as_json: bool) -> int:
     """Print the report of an import; the exit status."""
     refused = [outcome for outcome in outcomes if outcome.status == "refused"]
     if as_json:
-        say_json([outcome.model_dump(mode="json") for outcome in outcomes])
+        print_json([outcome.model_dump(mode="json") for outcome in outcomes])
         return 1 if refused else 0
     counts = Counter(outcome.status for outcome in outcomes)
-    folder = content_folder(library)
-    say(f"{counts['imported']} imported, {counts['duplicate']} duplicates, {counts['refused']} refused; in {folder}")
+    folder = user_content_folder(library)
+    print_escaped(
+        f"{counts['imported']} imported, {counts['duplicate']} duplicates, {counts['refused']} refused; in {folder}"
+    )
     for outcome in refused:
-        say(f"refused {outcome.source}: {outcome.reason}")
-    say(f"look: grs assets show --library {folder}   use: grs --content {folder} run SCENE")
+        print_escaped(f"refused {outcome.source}: {outcome.reason}")
+    print_escaped(f"look: grs assets show --library {folder}   use: grs --content {folder} run SCENE")
     return 1 if refused else 0
 
 
-def chosen_assets(library: Path | None, names: Sequence[str], shipped: bool) -> tuple[Library, list[Asset]]:
+def select_assets(library: Path | None, names: Sequence[str], shipped: bool) -> tuple[Library, list[Asset]]:
     """The library with the user's own assets, and those of the names or collections; all of the user's own if none."""
-    root, known = library_root(library), Library()
+    root, known = user_library_root(library), Library()
     own: Sequence[Asset] = ()
     if root.is_dir():
         own = Library(root).assets()
         if root.resolve() not in [other.resolve() for other in known.roots]:
-            known = known.overlay(root)
+            known = known.with_overlay(root)
     elif library is not None:
         raise InputError(f"there is no asset library in {library}", "import one: grs assets import SOURCE")
     if not names:
         return known, list(known.assets() if shipped or not own else own)
-    return known, [asset for name in names for asset in _named_assets(known, name)]
+    return known, [asset for name in names for asset in _find_assets_by_name(known, name)]
 
 
-def _named_assets(library: Library, name: str) -> list[Asset]:
+def _find_assets_by_name(library: Library, name: str) -> list[Asset]:
     """The assets of the collection ``name``, or the asset of that name."""
     collection = [asset for asset in library.assets() if asset.name.startswith(f"{name.rstrip('/')}/")]
     return collection or [library.asset(name)]
@@ -121,11 +123,11 @@ _WIDE = 120
 
 def list_library(library: Path | None, names: Sequence[str], shipped: bool, as_json: bool) -> None:
     """Print assets as a table or JSON."""
-    _, assets = chosen_assets(library, names, shipped)
+    _, assets = select_assets(library, names, shipped)
     if as_json:
-        say_json([asset.model_dump(mode="json") for asset in assets])
+        print_json([asset.model_dump(mode="json") for asset in assets])
         return
-    console = terminal.console()
+    console = terminal.make_console()
     columns = ["name", "size (cm)", "mass", "from"]
     columns += ["licence"] if any(asset.origin is not None for asset in assets) else []
     columns += ["what it is"] if console.width >= _WIDE else []
@@ -133,7 +135,7 @@ def list_library(library: Path | None, names: Sequence[str], shipped: bool, as_j
     for column in columns:
         table.add_column(column, overflow="fold", no_wrap=column in ("size (cm)", "mass"))
     for asset in assets:
-        mass = asset.physical().mass
+        mass = asset.physics_or_defaults().mass
         cells = {
             "name": asset.name,
             "size (cm)": "x".join(f"{100 * extent:.1f}" for extent in asset.size),
@@ -146,21 +148,21 @@ def list_library(library: Path | None, names: Sequence[str], shipped: bool, as_j
     console.print(table)
 
 
-def show_library(library: Path | None, names: Sequence[str], shipped: bool, out: Path, views: int) -> int:
+def write_contact_sheets(library: Path | None, names: Sequence[str], shipped: bool, out: Path, views: int) -> int:
     """Write a contact sheet; 1 where an asset cannot be drawn."""
-    from grs_agents.library import MAX_ASSETS, contact_sheet, png_bytes
+    from grs_agents.library import MAX_ASSETS, draw_contact_sheet, encode_png
 
-    known, assets = chosen_assets(library, names, shipped)
+    known, assets = select_assets(library, names, shipped)
     sheets = [assets[start : start + MAX_ASSETS] for start in range(0, len(assets), MAX_ASSETS)]
     broken: dict[str, str] = {}
     for number, part in enumerate(sheets):
-        picture, failed = contact_sheet(known, part, views)
+        picture, failed = draw_contact_sheet(known, part, views)
         path = out if len(sheets) == 1 else out.with_stem(f"{out.stem}-{number + 1}")
-        write_bytes(replaceable(path), png_bytes(picture))
-        say(f"{len(part)} assets in {path}")
+        write_bytes(resolve_output_file(path), encode_png(picture))
+        print_escaped(f"{len(part)} assets in {path}")
         broken |= failed
     for name, reason in broken.items():
-        say(f"{name}: {reason}", error=True)
+        print_escaped(f"{name}: {reason}", error=True)
     return 1 if broken else 0
 
 
@@ -168,18 +170,18 @@ def verify_library(library: Path | None, names: Sequence[str], shipped: bool, as
     """Check assets; 1 where one is broken."""
     from grs_agents.library.importing import verify_asset
 
-    known, assets = chosen_assets(library, names, shipped)
+    known, assets = select_assets(library, names, shipped)
     verdicts = [verify_asset(known, asset) for asset in assets]
     broken = [verdict for verdict in verdicts if not verdict.ok]
     if as_json:
-        say_json([verdict.model_dump(mode="json") for verdict in verdicts])
+        print_json([verdict.model_dump(mode="json") for verdict in verdicts])
         return 1 if broken else 0
     table = Table("asset", "state", "rests", "findings", box=None, pad_edge=False, header_style="bold")
     for verdict in verdicts:
         rests = "" if verdict.rests is None else "yes" if verdict.rests else "no"
         table.add_row(*map(Text, (verdict.name, "ok" if verdict.ok else "broken", rests, "; ".join(verdict.findings))))
-    terminal.console().print(table)
-    say(f"{len(verdicts) - len(broken)} of {len(verdicts)} are whole")
+    terminal.make_console().print(table)
+    print_escaped(f"{len(verdicts) - len(broken)} of {len(verdicts)} are whole")
     return 1 if broken else 0
 
 
@@ -190,15 +192,15 @@ PREFIX = "objaverse:"
 
 def import_objaverse(words: str, library: Path | None, options: ImportOptions, count: int, as_json: bool) -> int:
     """List what matches words; with ``count``, download the first so many and import them."""
-    door = load_package()
+    door = load_objaverse_package()
     matches = search_objaverse(door, words)
     if not matches:
         raise InputError(f"nothing in Objaverse matches {words!r}", "use fewer or other words")
     if count == 0:
-        _list(matches, as_json)
+        _print_objaverse_matches(matches, as_json)
         return 0
     with tempfile.TemporaryDirectory(prefix="grs-objaverse-") as name:
-        named = download(door, matches[:count], Path(name))
+        named = download_objects(door, matches[:count], Path(name))
         items = tuple(
             SourceItem(kind="mesh", name=Path(file).stem, file=file, license=entry.license)
             for file, entry in named.items()
@@ -206,16 +208,18 @@ def import_objaverse(words: str, library: Path | None, options: ImportOptions, c
         if not items:
             raise InputError(f"none of {count} matches could be downloaded", "try again, or other words")
         source = ImportSource(SourceFolder(Path(name), options.limits.bytes), items, COLLECTION)
-        outcomes = ImportRun(library_root(library), COLLECTION, options).run(source, Progress(len(items), as_json))
-        return print_import(outcomes, library, as_json)
+        outcomes = ImportRun(user_library_root(library), COLLECTION, options).run(source, Progress(len(items), as_json))
+        return print_import_report(outcomes, library, as_json)
 
 
-def _list(matches: list[ObjaverseEntry], as_json: bool) -> None:
+def _print_objaverse_matches(matches: list[ObjaverseEntry], as_json: bool) -> None:
     if as_json:
-        say_json([match.model_dump(mode="json") for match in matches])
+        print_json([match.model_dump(mode="json") for match in matches])
         return
     table = Table("uid", "title", "author", "licence", "faces", box=None, pad_edge=False, header_style="bold")
     for match in matches:
         table.add_row(*map(Text, (match.uid, match.title, match.author, match.license, str(match.faces or ""))))
-    terminal.console().print(table)
-    say(f"{len(matches)} matches, nothing downloaded; --download N fetches and imports the first N", error=True)
+    terminal.make_console().print(table)
+    print_escaped(
+        f"{len(matches)} matches, nothing downloaded; --download N fetches and imports the first N", error=True
+    )

@@ -18,12 +18,12 @@ from grs_agents.cli.options import (
     Settings,
     Unsafe,
     View,
-    effective,
-    refuse_changes,
-    refuse_graph,
+    check_graph_is_scene,
+    load_effective_config,
+    refuse_config_on_resume,
 )
 from grs_agents.errors import InputError
-from grs_agents.terminal import say, say_json
+from grs_agents.terminal import print_escaped, print_json
 
 app = typer.Typer(
     name="grs",
@@ -48,25 +48,25 @@ Seeds = Annotated[
 ]
 
 
-def _version(wanted: bool) -> None:
+def _print_version(wanted: bool) -> None:
     if wanted:
         from grs_agents import __version__
 
-        say(__version__)
+        print_escaped(__version__)
         raise typer.Exit
 
 
 @app.callback()
-def common(
+def apply_global_options(
     content_folder: Annotated[
         Path | None,
         typer.Option("--content", help="Your own graphs, tools, prompts and assets; their code is executed."),
     ] = None,
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True)] = False,
+    version: Annotated[bool, typer.Option("--version", callback=_print_version, is_eager=True)] = False,
 ) -> None:
     """From a photo with depth to a validated MuJoCo robot task."""
     if content_folder is not None:
-        content.add_overlay(content_folder)
+        content.add_overlay_folder(content_folder)
 
 
 @app.command()
@@ -85,8 +85,8 @@ def run(
     """Make a validated task of a photo with depth. Exit status: 0 accepted, 1 rejected, 2 bad input, 3 our error."""
     from grs_agents.cli.run import run_graph
 
-    refuse_changes(resume, config, settings, seed, unsafe)
-    chosen = effective(config, settings, seed, unsafe).config
+    refuse_config_on_resume(resume, config, settings, seed, unsafe)
+    chosen = load_effective_config(config, settings, seed, unsafe).config
     sys.exit(run_graph("run", scene, chosen, out, resume, json, view, otel))
 
 
@@ -102,8 +102,8 @@ def scene(
     """Comprehend a photo alone: its objects, their boxes and assets."""
     from grs_agents.cli.run import run_graph
 
-    refuse_graph(effective(config, settings, seed))
-    chosen = effective(config, [*(settings or []), "graph=scene"], seed).config
+    check_graph_is_scene(load_effective_config(config, settings, seed))
+    chosen = load_effective_config(config, [*(settings or []), "graph=scene"], seed).config
     sys.exit(run_graph("scene", scene, chosen, out, False, json))
 
 
@@ -126,7 +126,7 @@ def check(
     from grs_agents.cli.run import check_program
 
     extra = [] if seeds is None else [f"audit.seeds={seeds}"]
-    chosen = effective(config, [*(settings or []), *extra], unsafe=unsafe)
+    chosen = load_effective_config(config, [*(settings or []), *extra], unsafe=unsafe)
     sys.exit(check_program(simulation, tests, assets, chosen, json))
 
 
@@ -153,9 +153,9 @@ def replay(
     web: Annotated[bool, typer.Option("--web", help="Open the viewer in a browser.")] = False,
 ) -> None:
     """Open a run's trace, or two side by side, in the rerun viewer, on 127.0.0.1."""
-    from grs_agents.cli.show import replay_run
+    from grs_agents.cli.show import open_run_viewer
 
-    sys.exit(replay_run(run, beside, web))
+    sys.exit(open_run_viewer(run, beside, web))
 
 
 @app.command()
@@ -167,15 +167,15 @@ def trace(
     ] = False,
 ) -> None:
     """Make a run's rerun recording anew from its events, or send it as OpenTelemetry spans."""
-    from grs_agents.cli.outputs import rebuild_trace, send_spans
+    from grs_agents.cli.run_outputs import rebuild_trace, send_otel_spans
     from grs_agents.trace import event_schema
 
     if schema:
-        say_json(event_schema())
+        print_json(event_schema())
     elif otel:
-        send_spans(_required(run, "grs trace --otel"))
+        send_otel_spans(_require_run_folder(run, "grs trace --otel"))
     else:
-        rebuild_trace(_required(run, "grs trace"))
+        rebuild_trace(_require_run_folder(run, "grs trace"))
 
 
 @app.command()
@@ -189,7 +189,7 @@ def report(
     ] = None,
 ) -> None:
     """Write a run as one HTML page that needs nothing else: photo, task, pictures, decisions, changes, tests."""
-    from grs_agents.cli.outputs import report_run
+    from grs_agents.cli.run_outputs import report_run
 
     report_run(run, out)
 
@@ -205,9 +205,9 @@ def play(
     ] = None,
 ) -> None:
     """Play a run's task, as the oracle solved it, in MuJoCo's window or into an mp4 or gif file."""
-    from grs_agents.cli.outputs import play_run
+    from grs_agents.cli.run_outputs import play_rollout
 
-    sys.exit(play_run(run, out, seed))
+    sys.exit(play_rollout(run, out, seed))
 
 
 @app.command()
@@ -221,12 +221,12 @@ def share(
     ] = None,
 ) -> None:
     """Pack a run into one zip file without keys and home folders, with its recording and report."""
-    from grs_agents.cli.outputs import share_run
+    from grs_agents.cli.run_outputs import share_run_as_zip
 
-    share_run(run, out)
+    share_run_as_zip(run, out)
 
 
-def _required(run: Path | None, command: str) -> Path:
+def _require_run_folder(run: Path | None, command: str) -> Path:
     if run is None:
         raise InputError(f"{command} needs a run folder", f"{command} RUN")
     return run
@@ -235,19 +235,19 @@ def _required(run: Path | None, command: str) -> Path:
 @app.command()
 def graph(name: Annotated[str, typer.Argument(help="A graph's name; see grs list.")]) -> None:
     """Print a graph as a mermaid diagram."""
-    say(content.load_module("graphs", name).build().compile().get_graph().draw_mermaid())
+    print_escaped(content.load_module("graphs", name).build().compile().get_graph().draw_mermaid())
 
 
 @app.command()
 def doctor(json: Json = False) -> None:
     """Say what works on this machine, and how to get what does not."""
-    from grs_agents.cli.doctor import diagnose
+    from grs_agents.cli.doctor import diagnose_installation
 
-    sys.exit(diagnose(json))
+    sys.exit(diagnose_installation(json))
 
 
 @app.command("list")
-def list_names(json: Json = False) -> None:
+def list_available_content(json: Json = False) -> None:
     """List the graphs, tools, prompts, assets, evals and policies there are."""
     from grs_agents.cli.listing import list_content
 
@@ -259,14 +259,14 @@ def show_config(config: ConfigFile = None, settings: Settings = None, seed: Seed
     """Show the effective configuration with the source of each value."""
     from grs_agents.cli.listing import list_config
 
-    list_config(effective(config, settings, seed), json)
+    list_config(load_effective_config(config, settings, seed), json)
 
 
 _PASS_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "allow_interspersed_args": False}
 
 
 @app.command("eval", context_settings=_PASS_ON)
-def evaluate(
+def run_named_experiment(
     context: typer.Context, name: Annotated[str, typer.Argument(help="An experiment's name; see grs list.")]
 ) -> None:
     """Run an experiment; what follows its name is passed on to it, --help included: grs eval NAME --help."""

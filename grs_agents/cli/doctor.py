@@ -14,12 +14,12 @@ from rich.text import Text
 from grs_agents import terminal
 from grs_agents.config import UNSAFE, Config, Limits
 from grs_agents.library import Library
-from grs_agents.models import PROVIDERS, installed
-from grs_agents.run import open_sandbox, versions
+from grs_agents.models import PROVIDERS, is_provider_installed
+from grs_agents.run import installed_versions, open_sandbox
 from grs_agents.sandbox import BACKEND_REMEDIES, BackendChoice, SandboxError, backend_candidates
-from grs_agents.terminal import say_json
+from grs_agents.terminal import print_json
 from grs_agents.toolkit import ToolContext, load_tool
-from grs_agents.views import working
+from grs_agents.views import show_activity_status
 
 _DISTRIBUTION = "grs-agents"
 _STYLES = {"works": "green", "absent": "", "not installed": "", "no key": "yellow", "broken": "red"}
@@ -37,18 +37,18 @@ class Diagnosis:
     remedy: str = ""  # how to get it
 
 
-def diagnose(as_json: bool) -> int:
+def diagnose_installation(as_json: bool) -> int:
     """Look at the sandbox, GL, the models and the versions; 0 if all that GRS needs works, 3 if not."""
     diagnoses = [Diagnosis("models offline", "works", "embedded, no key")]
-    with working("looking at models and packages") as show:
-        diagnoses += [*(_provider(name) for name in PROVIDERS), *_extras()]
+    with show_activity_status("looking at models and packages") as show:
+        diagnoses += [*(_diagnose_model_provider(name) for name in PROVIDERS), *_diagnose_all_extras()]
         show("attacking the sandboxes")
-        diagnoses += _sandboxes()
+        diagnoses += _diagnose_all_sandboxes()
         show("drawing with OpenGL")
-        diagnoses += [_gl(name) for name in GL_BACKENDS]
-    diagnoses += [Diagnosis(name, "works", value) for name, value in versions().items()]
+        diagnoses += [_diagnose_gl_backend(name) for name in GL_BACKENDS]
+    diagnoses += [Diagnosis(name, "works", value) for name, value in installed_versions().items()]
     if as_json:
-        say_json([asdict(diagnosis) for diagnosis in diagnoses])
+        print_json([asdict(diagnosis) for diagnosis in diagnoses])
     else:
         table = Table(box=None, pad_edge=False, header_style="bold")
         table.add_column("what", no_wrap=True)
@@ -57,14 +57,14 @@ def diagnose(as_json: bool) -> int:
         for diagnosis in diagnoses:
             detail = f"{diagnosis.detail}\n→ {diagnosis.remedy}" if diagnosis.remedy else diagnosis.detail
             table.add_row(Text(diagnosis.subject), Text(diagnosis.state, style=_STYLES[diagnosis.state]), Text(detail))
-        terminal.console().print(table)
+        terminal.make_console().print(table)
     return 3 if any(diagnosis.state == "broken" for diagnosis in diagnoses) else 0
 
 
-def _sandboxes() -> list[Diagnosis]:
+def _diagnose_all_sandboxes() -> list[Diagnosis]:
     """What ``sandbox = "auto"`` comes to, then each backend of this system: attacked, and given an endless program."""
     asked = backend_candidates("auto")
-    diagnoses = {backend: _sandbox(backend) for backend in asked}
+    diagnoses = {backend: _diagnose_sandbox_backend(backend) for backend in asked}
     best = next((diagnosis for diagnosis in diagnoses.values() if diagnosis.state == "works"), None)
     if best is not None:
         return [Diagnosis("sandbox", "works", f"auto takes {best.detail.split(':')[0]}"), *diagnoses.values()]
@@ -73,7 +73,7 @@ def _sandboxes() -> list[Diagnosis]:
     return [broken, *diagnoses.values()]
 
 
-def _sandbox(backend: BackendChoice) -> Diagnosis:
+def _diagnose_sandbox_backend(backend: BackendChoice) -> Diagnosis:
     limits = Limits(wall_seconds=10, cpu_seconds=1)
     tool = load_tool("run_tests")
     try:
@@ -89,7 +89,7 @@ def _sandbox(backend: BackendChoice) -> Diagnosis:
 _TESTS = "import unittest\nclass T(unittest.TestCase):\n    def test_a(self):\n        import task_code\n"
 
 
-def _gl(name: str) -> Diagnosis:
+def _diagnose_gl_backend(name: str) -> Diagnosis:
     """Make a renderer in a process of its own: a wrong ``MUJOCO_GL`` breaks the import of mujoco itself."""
     probe = "import mujoco; mujoco.Renderer(mujoco.MjModel.from_xml_string('<mujoco/>'), 8, 8)"
     done = subprocess.run(
@@ -102,12 +102,12 @@ def _gl(name: str) -> Diagnosis:
     )
 
 
-def _provider(name: str) -> Diagnosis:
+def _diagnose_model_provider(name: str) -> Diagnosis:
     provider = PROVIDERS[name]
     key = provider.key_variable
     key_state = (f", {key} is set" if os.environ.get(key) else f", {key} is not set") if key else ", needs no key"
-    if not installed(name):
-        remedy = _install(name)
+    if not is_provider_installed(name):
+        remedy = _pip_install_command(name)
         return Diagnosis(
             f"models {name}", "not installed", f"the package {provider.module} is missing{key_state}", remedy
         )
@@ -116,28 +116,35 @@ def _provider(name: str) -> Diagnosis:
     return Diagnosis(f"models {name}", "works", f"the package is installed{key_state}")
 
 
-def _extras() -> list[Diagnosis]:
+def _diagnose_all_extras() -> list[Diagnosis]:
     """Whether the packages of each extra are here, in a version that it takes."""
     declared = metadata(_DISTRIBUTION).get_all("Provides-Extra") or []
     wanted = [Requirement(text) for text in requires(_DISTRIBUTION) or ()]
-    return [_extra(name, [requirement for requirement in wanted if _is_of(requirement, name)]) for name in declared]
+    return [
+        _diagnose_extra(name, [requirement for requirement in wanted if _is_required_by_extra(requirement, name)])
+        for name in declared
+    ]
 
 
-def _extra(name: str, wanted: list[Requirement]) -> Diagnosis:
-    missing = [f"{need.name}{need.specifier}" for need in wanted if not need.specifier.contains(_version(need.name))]
+def _diagnose_extra(name: str, wanted: list[Requirement]) -> Diagnosis:
+    missing = [
+        f"{need.name}{need.specifier}" for need in wanted if not need.specifier.contains(_installed_version(need.name))
+    ]
     if missing:
         detail = f"missing: {', '.join(missing)}"
-        return Diagnosis(f"extra {name}", "not installed", detail, _install(name))
-    return Diagnosis(f"extra {name}", "works", ", ".join(f"{need.name} {_version(need.name)}" for need in wanted))
+        return Diagnosis(f"extra {name}", "not installed", detail, _pip_install_command(name))
+    return Diagnosis(
+        f"extra {name}", "works", ", ".join(f"{need.name} {_installed_version(need.name)}" for need in wanted)
+    )
 
 
-def _is_of(wanted: Requirement, extra: str) -> bool:
+def _is_required_by_extra(wanted: Requirement, extra: str) -> bool:
     """Whether an extra asks for this package and the package itself does not."""
     marker = wanted.marker
     return marker is not None and marker.evaluate({"extra": extra}) and not marker.evaluate({"extra": ""})
 
 
-def _version(package: str) -> str:
+def _installed_version(package: str) -> str:
     """The version that is installed; one that nothing takes if there is none."""
     try:
         return version(package)
@@ -145,5 +152,5 @@ def _version(package: str) -> str:
         return "0.dev0"
 
 
-def _install(extra: str) -> str:
+def _pip_install_command(extra: str) -> str:
     return f'pip install "{_DISTRIBUTION}[{extra}]"'

@@ -11,7 +11,7 @@ from typing import Any, cast
 
 from grs_agents import interrupts
 from grs_agents.errors import GrsError, InputError
-from grs_agents.terminal import VisibleFormatter, say
+from grs_agents.terminal import VisibleFormatter, print_escaped
 
 _LONGEST_PATH = 4096
 """Bytes; no system takes a longer path."""
@@ -27,36 +27,38 @@ def main() -> None:
 
     A request to end (SIGTERM) is an interruption like Ctrl-C.
     """
-    interrupts.catch()
+    interrupts.install_signal_handlers()
     try:
         from grs_agents.cli.commands import app
 
         if logging.lastResort is not None:
             logging.lastResort.setFormatter(VisibleFormatter())
-        _check(sys.argv[1:])
-        sys.exit(_status(app))
+        _check_arguments(sys.argv[1:])
+        sys.exit(_run_command_line(app))
     except GrsError as error:
-        say(f"grs: {error}", error=True)
+        print_escaped(f"grs: {error}", error=True)
         sys.exit(error.exit_status)
     except OSError as error:
         if error.filename is None or error.errno not in _UNUSABLE:
-            _report(error)
-        say(f"grs: cannot use {str(error.filename)[:200]}: {error.strerror}; name another file or folder", error=True)
+            _exit_with_traceback(error)
+        print_escaped(
+            f"grs: cannot use {str(error.filename)[:200]}: {error.strerror}; name another file or folder", error=True
+        )
         sys.exit(InputError.exit_status)
     except KeyboardInterrupt:
         sys.exit(_INTERRUPTED)
     except Exception as error:
-        _report(error)
+        _exit_with_traceback(error)
 
 
-def _report(error: Exception) -> None:
+def _exit_with_traceback(error: Exception) -> None:
     """Print an error of ours and end."""
-    say(f"grs: {type(error).__name__}: {error}; report it with this traceback:", error=True)
-    say("".join(traceback.format_exception(error)), error=True, end="")
+    print_escaped(f"grs: {type(error).__name__}: {error}; report it with this traceback:", error=True)
+    print_escaped("".join(traceback.format_exception(error)), error=True, end="")
     sys.exit(GrsError.exit_status)
 
 
-def _check(arguments: Sequence[str]) -> None:
+def _check_arguments(arguments: Sequence[str]) -> None:
     """See that every argument can be the name of something."""
     for number, argument in enumerate(arguments, start=1):
         option, _, value = argument.partition("=") if argument.startswith("--") else ("", "", argument)
@@ -70,7 +72,7 @@ def _check(arguments: Sequence[str]) -> None:
             raise InputError(f"{shown} is not UTF-8: {argument}", "rename the file, or set the locale to UTF-8")
 
 
-def _status(app: Any) -> int:
+def _run_command_line(app: Any) -> int:
     """Run the verb, and say what is wrong with the command line if something is."""
     from typer.exceptions import Abort, TyperException
 
@@ -80,7 +82,7 @@ def _status(app: Any) -> int:
         message = io.StringIO()
         with contextlib.redirect_stderr(message):
             cast(Any, error).show()
-        say(message.getvalue(), error=True, end="")
+        print_escaped(message.getvalue(), error=True, end="")
         return error.exit_code
     except Abort:
         return 1

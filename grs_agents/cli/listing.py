@@ -9,8 +9,8 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents import content, terminal
-from grs_agents.config import Effective, flat
-from grs_agents.terminal import say_json
+from grs_agents.config import Effective, flatten_tree
+from grs_agents.terminal import print_json
 
 
 def list_content(as_json: bool) -> None:
@@ -19,18 +19,18 @@ def list_content(as_json: bool) -> None:
     from grs_agents.policies import POLICIES
 
     listed: dict[str, dict[str, str]] = {
-        kind: {name: _headline(content.path(kind, name)) for name in content.names(kind)}
+        kind: {name: _read_file_summary(content.content_path(kind, name)) for name in content.content_names(kind)}
         for kind in content.KINDS
         if kind != "assets"
     }
     listed["assets"] = {asset.name: asset.description for asset in Library().assets()}
-    listed["scenes"] = {name: "a sample scene: grs run " + name for name in content.scenes()}
+    listed["scenes"] = {name: "a sample scene: grs run " + name for name in content.sample_scenes()}
     listed["policies"] = {name: _first_line(policy.__doc__) for name, policy in POLICIES.items()}
     listed["policies"].update({entry.name: entry.value for entry in entry_points(group="grs_agents.policies")})
     if as_json:
-        say_json(listed)
+        print_json(listed)
         return
-    console = terminal.console()
+    console = terminal.make_console()
     for kind, entries in listed.items():
         table = Table("name", "what it is", title=kind, title_justify="left", expand=False)
         for name, text in entries.items():
@@ -40,18 +40,18 @@ def list_content(as_json: bool) -> None:
 
 def list_config(effective: Effective, as_json: bool) -> None:
     """Print each key with its value and where the value came from."""
-    values = flat(effective.config.model_dump(mode="json"))
+    values = flatten_tree(effective.config.model_dump(mode="json"))
     sources = {key: effective.sources.get(key, "default") for key in values}
     if as_json:
-        say_json({key: {"value": value, "source": sources[key]} for key, value in values.items()})
+        print_json({key: {"value": value, "source": sources[key]} for key, value in values.items()})
         return
     table = Table("key", "value", "source")
     for key, value in values.items():
         table.add_row(key, Text(json.dumps(value)), Text(sources[key]))
-    terminal.console().print(table)
+    terminal.make_console().print(table)
 
 
-def _headline(file: Path) -> str:
+def _read_file_summary(file: Path) -> str:
     """The first line of a module's docstring, or the first sentence of a prompt, without importing anything."""
     text = file.read_text(encoding="utf-8")
     if file.suffix == ".py":

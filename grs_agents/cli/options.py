@@ -24,7 +24,7 @@ Otel = Annotated[bool, typer.Option("--otel", help="Send OpenTelemetry spans to 
 Unsafe = Annotated[bool, typer.Option("--unsafe-no-sandbox", help="Run generated code without isolation.")]
 
 
-def effective(
+def load_effective_config(
     file: Path | None, settings: list[str] | None, seed: int | None = None, unsafe: bool = False
 ) -> "Effective":
     """The configuration that these options make; ``--seed N`` is ``--set seed=N``."""
@@ -34,7 +34,7 @@ def effective(
     return load_config(file, [*(settings or []), *extra], unsafe=unsafe)
 
 
-def refuse_graph(chosen: "Effective") -> None:
+def check_graph_is_scene(chosen: "Effective") -> None:
     """Refuse another graph than ``scene``, the only one that comprehends a photo alone."""
     if chosen.sources.get("graph") == "--set" and chosen.config.graph != "scene":
         raise ConfigError(
@@ -42,7 +42,9 @@ def refuse_graph(chosen: "Effective") -> None:
         )
 
 
-def refuse_changes(resume: bool, file: Path | None, settings: list[str] | None, seed: int | None, unsafe: bool) -> None:
+def refuse_config_on_resume(
+    resume: bool, file: Path | None, settings: list[str] | None, seed: int | None, unsafe: bool
+) -> None:
     """Refuse a configuration together with ``--resume``: a resumed run keeps its own."""
     if resume and (file is not None or settings or seed is not None or unsafe):
         raise ConfigError(

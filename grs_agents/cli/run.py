@@ -12,13 +12,13 @@ from rich.text import Text
 
 from grs_agents import terminal
 from grs_agents.audit import AuditReport
-from grs_agents.config import Config, Effective, validated
+from grs_agents.config import Config, Effective, validate_config
 from grs_agents.errors import GrsError, InputError
-from grs_agents.perception import SceneDescription, read_description, resolve_scene
-from grs_agents.run import CheckOrder, Order, RunRecord, UnexpectedError, check, execute, read_record
+from grs_agents.perception import SceneDescription, read_scene_description, resolve_scene_path
+from grs_agents.run import CheckOrder, Order, RunRecord, UnexpectedError, check_user_program, execute_run, read_record
 from grs_agents.sandbox import TestReport
-from grs_agents.terminal import say, say_json
-from grs_agents.views import follow, summary_table
+from grs_agents.terminal import print_escaped, print_json
+from grs_agents.views import attach_live_views, summary_table
 
 
 def run_graph(
@@ -32,40 +32,40 @@ def run_graph(
     otel: bool = False,
 ) -> int:
     """Run the configured graph with its recording and live progress, and print the end."""
-    order = Order(command, resolve_scene(scene), config, out, resume)
-    ended = execute(order, partial(follow, view=view, otel=otel))
+    order = Order(command, resolve_scene_path(scene), config, out, resume)
+    ended = execute_run(order, partial(attach_live_views, view=view, otel=otel))
     if as_json:
-        say_json(ended.record.model_dump(mode="json"))
+        print_json(ended.record.model_dump(mode="json"))
     elif ended.problem is None:
-        _print_end(command, ended.folder, ended.record)
+        _print_run_summary(command, ended.folder, ended.record)
     if ended.problem is not None:
-        _print_problem(ended.problem, ended.folder)
+        _print_run_error(ended.problem, ended.folder)
     if ended.record.status == "interrupted" and command == "run":
         again = shlex.join(["grs", "run", str(scene), "--out", str(ended.folder), "--resume"])
-        say(f"interrupted; to go on: {again}", error=True)
+        print_escaped(f"interrupted; to go on: {again}", error=True)
     return ended.record.exit_status or 0
 
 
-def _print_end(command: str, folder: Path, record: RunRecord) -> None:
-    console = terminal.console()
+def _print_run_summary(command: str, folder: Path, record: RunRecord) -> None:
+    console = terminal.make_console()
     if command == "scene" and record.exit_status == 0:
-        console.print(objects_table(read_description(folder / "scene.json")))
+        console.print(build_objects_table(read_scene_description(folder / "scene.json")))
     else:
         console.print(summary_table(record.model_dump(mode="json")))
     console.print(Text.assemble((f"grs replay {folder}", "bold"), "   opens the trace"))
 
 
-def _print_problem(problem: GrsError, folder: Path) -> None:
+def _print_run_error(problem: GrsError, folder: Path) -> None:
     """One line; what nobody foresaw has its traceback too, and what was reached can be gone on with."""
-    say(f"grs: {problem}", error=True)
+    print_escaped(f"grs: {problem}", error=True)
     if isinstance(problem, InputError):
         return
     if isinstance(problem, UnexpectedError):
-        say("".join(traceback.format_exception(problem.__cause__)), error=True)
-    say(f"what was reached is in {folder}; --resume goes on there", error=True)
+        print_escaped("".join(traceback.format_exception(problem.__cause__)), error=True)
+    print_escaped(f"what was reached is in {folder}; --resume goes on there", error=True)
 
 
-def objects_table(scene: SceneDescription) -> Table:
+def build_objects_table(scene: SceneDescription) -> Table:
     """The objects of a scene for a terminal: sizes in centimetres, positions in metres in the robot's frame."""
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
     table.add_column("name", overflow="fold")
@@ -88,41 +88,41 @@ def check_program(program: Path, tests: Path | None, run: Path | None, chosen: E
         own = program / "test_simulation.py"
         tests, run = tests or (own if own.is_file() else None), run or program
         program = program / "simulation.py"
-    config = _as_in(run, chosen) if run else chosen.config
+    config = _config_matching_run(run, chosen) if run else chosen.config
     with tempfile.TemporaryDirectory(prefix="grs-check-") as folder:
-        report, audit = check(CheckOrder(program, tests, config, Path(folder), run))
-    accepted = audit.accepted and (report is None or report.ok)
+        report, audit = check_user_program(CheckOrder(program, tests, config, Path(folder), run))
+    accepted = audit.accepted and (report is None or report.all_passed)
     if as_json:
         value = {
             "status": "accepted" if accepted else "rejected",
             "tests": None if report is None else report.model_dump(mode="json"),
             "audit": audit.model_dump(mode="json"),
         }
-        say_json(value)
+        print_json(value)
     else:
-        _print_check(report, audit, accepted)
+        _print_check_result(report, audit, accepted)
     return 0 if accepted else 1
 
 
-def _as_in(run: Path, chosen: Effective) -> Config:
+def _config_matching_run(run: Path, chosen: Effective) -> Config:
     """The configuration with the robot and the seed of a run, where the user names none."""
     recorded = read_record(run).config
     same = {key: recorded[key] for key in ("robot", "seed") if key in recorded and chosen.sources[key] == "default"}
-    return validated({**chosen.config.model_dump(), **same})
+    return validate_config({**chosen.config.model_dump(), **same})
 
 
-def _print_check(report: TestReport | None, audit: AuditReport, accepted: bool) -> None:
-    console = terminal.console()
+def _print_check_result(report: TestReport | None, audit: AuditReport, accepted: bool) -> None:
+    console = terminal.make_console()
     table = Table(box=None, pad_edge=False, header_style="bold", title="accepted" if accepted else "rejected")
     for column in ("check", "result", "detail"):
         table.add_column(column, overflow="fold", no_wrap=column != "detail")
-    for row in (*_test_rows(report), *_audit_rows(audit)):
+    for row in (*_test_table_rows(report), *_audit_table_rows(audit)):
         table.add_row(*map(Text, row))
     console.print(table)
     console.print(Text(audit.about))
 
 
-def _test_rows(report: TestReport | None) -> Iterator[tuple[str, str, str]]:
+def _test_table_rows(report: TestReport | None) -> Iterator[tuple[str, str, str]]:
     if report is None:
         return
     if not report.cases:
@@ -131,7 +131,7 @@ def _test_rows(report: TestReport | None) -> Iterator[tuple[str, str, str]]:
         yield case.id.rpartition(".")[2], case.outcome, case.message
 
 
-def _audit_rows(audit: AuditReport) -> Iterator[tuple[str, str, str]]:
+def _audit_table_rows(audit: AuditReport) -> Iterator[tuple[str, str, str]]:
     for finding in audit.findings:
         yield finding.check, "passed" if finding.passed else "failed", finding.detail
     for rollout in audit.rollouts:

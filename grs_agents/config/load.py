@@ -9,7 +9,7 @@ from typing import Any, cast
 
 from pydantic import ValidationError
 
-from grs_agents.config.model import ROLE_ALIASES, ROLES, Config
+from grs_agents.config.schema import ROLE_ALIASES, ROLES, Config
 from grs_agents.errors import ConfigError, InputError, UnknownNameError
 from grs_agents.foreign import read_text
 
@@ -47,39 +47,39 @@ def load_config(
         ConfigError: a file that cannot be read, a malformed setting, an unknown key or a value out of bounds.
     """
     tree: Tree = Config().model_dump()
-    sources = dict.fromkeys(flat(tree), "default")
-    from_file = [(f"file {file}", _read(file))] if file else []
-    from_settings = [("--set", _setting(text)) for text in settings]
-    for layer in (_environment(environment), from_file, from_settings):
+    sources = dict.fromkeys(flatten_tree(tree), "default")
+    from_file = [(f"file {file}", _read_toml_file(file))] if file else []
+    from_settings = [("--set", _parse_setting(text)) for text in settings]
+    for layer in (_read_environment_layers(environment), from_file, from_settings):
         stated: Tree = {}  # a layer as a whole: base_url may stand before or after the model it belongs to
         named: dict[str, str] = {}
         for source, part in layer:
-            expanded = _expand(part)
-            stated = _merge(stated, expanded)
-            named.update(dict.fromkeys(flat(expanded), source))
+            expanded = _expand_shorthands(part)
+            stated = _merge_trees(stated, expanded)
+            named.update(dict.fromkeys(flatten_tree(expanded), source))
         for role, model in cast(Tree, stated.get("models", {})).items():
             if "model" in model:  # another model never inherits the endpoint or key of a layer below
                 tree["models"][role] = {}
                 sources = {key: value for key, value in sources.items() if not key.startswith(f"models.{role}.")}
-        tree = _merge(tree, stated)
+        tree = _merge_trees(tree, stated)
         sources.update(named)
     if unsafe:
         tree["sandbox"], sources["sandbox"] = "none", UNSAFE
     elif tree["sandbox"] == "none":
         raise ConfigError(f"sandbox = 'none' from {sources['sandbox']}", f"give {UNSAFE} on the command line instead")
-    return Effective(validated(tree), sources)
+    return Effective(validate_config(tree), sources)
 
 
-def _environment(environment: Mapping[str, str] | None) -> list[tuple[str, Tree]]:
+def _read_environment_layers(environment: Mapping[str, str] | None) -> list[tuple[str, Tree]]:
     layers: list[tuple[str, Tree]] = []
     for name, value in sorted((os.environ if environment is None else environment).items()):
         if name.startswith(ENVIRONMENT_PREFIX) and name != ENVIRONMENT_PREFIX:
             dotted = name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")
-            layers.append((f"environment {name}", _nest(dotted, _value(value))))
+            layers.append((f"environment {name}", _nest_under_keys(dotted, _parse_toml_value(value))))
     return layers
 
 
-def _read(file: Path) -> Tree:
+def _read_toml_file(file: Path) -> Tree:
     try:
         return tomllib.loads(read_text(file, "name an existing TOML file with --config"))
     except InputError as error:
@@ -88,27 +88,27 @@ def _read(file: Path) -> Tree:
         raise ConfigError(f"{file} is not TOML: {error}", "mend the line it names") from error
 
 
-def _setting(text: str) -> Tree:
+def _parse_setting(text: str) -> Tree:
     key, equals, value = text.partition("=")
     if not equals or not all(part.strip() for part in key.split(".")):
         raise ConfigError(f"--set wants key.sub=value, got {text!r}", "e.g. --set max_fixes=5")
-    return _nest([part.strip() for part in key.split(".")], _value(value))
+    return _nest_under_keys([part.strip() for part in key.split(".")], _parse_toml_value(value))
 
 
-def _value(text: str) -> Any:
+def _parse_toml_value(text: str) -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except (tomllib.TOMLDecodeError, RecursionError):
         return text.strip()
 
 
-def _nest(keys: Sequence[str], value: Any) -> Tree:
+def _nest_under_keys(keys: Sequence[str], value: Any) -> Tree:
     for key in reversed(keys):
         value = {key: value}
     return cast(Tree, value)
 
 
-def _expand(layer: Tree) -> Tree:
+def _expand_shorthands(layer: Tree) -> Tree:
     """Spell shorthands out: ``models.default = "offline"`` and the model keys beside the roles."""
     if "models" not in layer:
         return layer
@@ -128,25 +128,25 @@ def _expand(layer: Tree) -> Tree:
     return {**layer, "models": models}
 
 
-def _merge(below: Tree, above: Tree) -> Tree:
+def _merge_trees(below: Tree, above: Tree) -> Tree:
     merged = dict(below)
     for key, value in above.items():
         old = merged.get(key)
         both = isinstance(old, dict) and isinstance(value, dict)
-        merged[key] = _merge(cast(Tree, old), cast(Tree, value)) if both else value
+        merged[key] = _merge_trees(cast(Tree, old), cast(Tree, value)) if both else value
     return merged
 
 
-def flat(tree: Tree, prefix: str = "") -> Tree:
+def flatten_tree(tree: Tree, prefix: str = "") -> Tree:
     """The values of a tree by their dotted keys."""
     values: Tree = {}
     for key, value in tree.items():
         name = f"{prefix}{key}"
-        values |= flat(cast(Tree, value), f"{name}.") if isinstance(value, dict) else {name: value}
+        values |= flatten_tree(cast(Tree, value), f"{name}.") if isinstance(value, dict) else {name: value}
     return values
 
 
-def validated(tree: Tree) -> Config:
+def validate_config(tree: Tree) -> Config:
     """A whole configuration, as ``Config.model_dump`` gives it, checked.
 
     Raises:
@@ -158,7 +158,7 @@ def validated(tree: Tree) -> Config:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         if first["type"] == "extra_forbidden":
-            raise UnknownNameError("config key", where, flat(Config().model_dump())) from error
+            raise UnknownNameError("config key", where, flatten_tree(Config().model_dump())) from error
         given = "" if first["loc"][-1] in SECRET else f" = {first['input']!r}"
         raise ConfigError(
             f"config {where}{given}: {first['msg'].removeprefix('Value error, ')}", "see `grs config`"

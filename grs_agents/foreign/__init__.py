@@ -4,6 +4,6 @@ Arrays and pictures need NumPy and OpenCV; import them from ``grs_agents.foreign
 ``grs_agents.foreign.pictures``.
 """
 
-from grs_agents.doors import door
+from grs_agents.lazy_exports import attach_lazy_exports
 
-__getattr__, __dir__, __all__ = door(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)

@@ -36,7 +36,7 @@ MALFORMED = (
 def read_npy(file: Path) -> Numbers:
     """One array of numbers. Raises InputError: it cannot be read, holds Python objects or text, or is too large."""
     data = read_bytes(file)
-    return _array(BytesIO(data), str(file))
+    return _read_array(BytesIO(data), str(file))
 
 
 def read_npz(
@@ -59,45 +59,45 @@ def read_npz(
         InputError: it is no such archive, a wanted array is missing, or one holds other things than numbers.
     """
     data = read_bytes(file, "give a .npz with rgb, depth and K")
-    with _opened(data, str(file)) as archive:
+    with _open_npz(data, str(file)) as archive:
         members = {name.removesuffix(".npy"): name for name in archive.namelist()}
-        _check_members(members, wanted, file)
+        _check_required_arrays(members, wanted, file)
         arrays: dict[str, Numbers] = {}
         left = MOST_BYTES if together is None else together
         for name in [name for name in (*wanted, *optional) if name in members]:
             with archive.open(members[name]) as content:
-                arrays[name] = _array(content, f"{name} in {file}", left, "U" if name in text else NUMBERS)
+                arrays[name] = _read_array(content, f"{name} in {file}", left, "U" if name in text else NUMBERS)
             left -= 0 if together is None else arrays[name].nbytes
         return arrays
 
 
-def _check_members(members: Collection[str], wanted: Mapping[str, str], file: Path) -> None:
+def _check_required_arrays(members: Collection[str], wanted: Mapping[str, str], file: Path) -> None:
     missing = ", ".join(f"{name} ({what})" for name, what in wanted.items() if name not in members)
     if missing:
         held = ", ".join(name[:40] for name in members) or "nothing"
         raise InputError(f"{file} holds {held}, but no {missing}", f"add {missing}")
 
 
-def words_in(data: bytes, where: str) -> list[str]:
+def read_npz_words(data: bytes, where: str) -> list[str]:
     """All words that the arrays of an archive hold; arrays of numbers are not unpacked.
 
     Raises:
         InputError: it is no such archive, is too large, or one member is no array of numbers or words.
     """
     words: list[str] = []
-    with _opened(data, where) as archive:
+    with _open_npz(data, where) as archive:
         for name in archive.namelist():
             words.append(name)
             with archive.open(name) as content:
-                kind = _header(content, where)[2]
+                kind = _read_array_header(content, where)[2]
             if kind.kind not in NUMBERS:
                 with archive.open(name) as content:
-                    words += map(str, _array(content, f"{name} in {where}", MOST_TEXT, "U").ravel())
+                    words += map(str, _read_array(content, f"{name} in {where}", MOST_TEXT, "U").ravel())
     return words
 
 
 @contextmanager
-def _readable(where: str, what: str, writer: str) -> Generator[None]:
+def _wrap_read_errors(where: str, what: str, writer: str) -> Generator[None]:
     """Whatever numpy and zipfile stumble over is one named error."""
     try:
         yield
@@ -109,16 +109,16 @@ def _readable(where: str, what: str, writer: str) -> Generator[None]:
 
 
 @contextmanager
-def _opened(data: bytes, where: str) -> Generator[zipfile.ZipFile]:
+def _open_npz(data: bytes, where: str) -> Generator[zipfile.ZipFile]:
     """An archive of a bounded number of arrays."""
-    with _readable(where, ".npz", "numpy.savez"), zipfile.ZipFile(BytesIO(data)) as archive:
+    with _wrap_read_errors(where, ".npz", "numpy.savez"), zipfile.ZipFile(BytesIO(data)) as archive:
         count = len(archive.namelist())
         if count > MOST_MEMBERS:
             raise InputError(f"{where} holds {count} arrays, more than {MOST_MEMBERS}", "leave the others out")
         yield archive
 
 
-def _header(content: IO[bytes], where: str) -> "tuple[tuple[int, ...], bool, np.dtype[Any]]":
+def _read_array_header(content: IO[bytes], where: str) -> "tuple[tuple[int, ...], bool, np.dtype[Any]]":
     """Shape, whether columns come first, and kind, as the header says."""
     version = npy.read_magic(content)
     read_header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
@@ -128,10 +128,10 @@ def _header(content: IO[bytes], where: str) -> "tuple[tuple[int, ...], bool, np.
         return read_header(content)
 
 
-def _array(content: IO[bytes], where: str, most: int = MOST_BYTES, allowed: str = NUMBERS) -> Numbers:
-    with _readable(where, "array", "numpy.save"):
-        shape, column_major, kind = _header(content, where)
-        size = _bounded(shape, kind, where, most, allowed)
+def _read_array(content: IO[bytes], where: str, most: int = MOST_BYTES, allowed: str = NUMBERS) -> Numbers:
+    with _wrap_read_errors(where, "array", "numpy.save"):
+        shape, column_major, kind = _read_array_header(content, where)
+        size = _check_array_size(shape, kind, where, most, allowed)
         data = content.read(size)
         if len(data) != size:
             raise InputError(f"{where} ends after {len(data)} of {size} bytes", "write it again with numpy.save")
@@ -139,7 +139,7 @@ def _array(content: IO[bytes], where: str, most: int = MOST_BYTES, allowed: str 
         return cast(Numbers, array.astype(kind.newbyteorder("="), copy=False))
 
 
-def _bounded(shape: tuple[int, ...], kind: "np.dtype[Any]", where: str, most: int, allowed: str) -> int:
+def _check_array_size(shape: tuple[int, ...], kind: "np.dtype[Any]", where: str, most: int, allowed: str) -> int:
     """How many bytes the header promises, before any is read."""
     if kind.kind not in allowed or kind.itemsize > (8 if allowed == NUMBERS else MOST_WORD):
         remedy = "write it as integers or floats" if allowed == NUMBERS else "write it as words"

@@ -20,7 +20,7 @@ MOST_VALUES = 250_000
 _TOKEN = re.compile(rb'"(?:[^"\\\n]++|\\.)*+"?|[\[{\]},\n]')
 
 
-def exists(path: Path) -> bool:
+def path_exists(path: Path) -> bool:
     """Whether there is anything under this name, a broken link or an endless one included."""
     try:
         path.lstat()
@@ -39,7 +39,7 @@ def is_folder(path: Path) -> bool:
         return False
 
 
-def names_in(folder: Path) -> list[str]:
+def list_folder_names(folder: Path) -> list[str]:
     """The names in a folder, sorted. Raises InputError: it cannot be read."""
     try:
         return sorted(entry.name for entry in folder.iterdir())
@@ -74,7 +74,7 @@ def read_text(file: Path, remedy: str = "", most: int = MOST_TEXT_BYTES) -> str:
         raise InputError(f"{file} is not UTF-8 text: {error}", remedy or "give a text file") from error
 
 
-def check_json(data: bytes, where: object, values: int | None = MOST_VALUES) -> None:
+def check_json_limits(data: bytes, where: object, values: int | None = MOST_VALUES) -> None:
     """See that JSON, or lines of JSON, is not nested too deep and does not hold too many values, before it is parsed.
 
     Args:
@@ -104,7 +104,7 @@ def check_json(data: bytes, where: object, values: int | None = MOST_VALUES) -> 
 
 def parse_json(data: bytes, where: object, remedy: str, values: int | None = MOST_VALUES) -> Any:
     """The value that JSON in UTF-8 holds. Raises InputError: it is none, or nested too deep, or too large."""
-    check_json(data, where, values)
+    check_json_limits(data, where, values)
     try:
         return json.loads(data.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:

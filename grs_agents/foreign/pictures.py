@@ -29,7 +29,7 @@ _MOST_RUN_BYTES = 1 << 26
 
 
 @contextmanager
-def opened_picture(
+def open_picture(
     file: Path, remedy: str, formats: tuple[str, ...] = FORMATS, most: int = MOST_BYTES
 ) -> Generator[tuple[Pillow.Image, bytes]]:
     """A picture of checked size, not decoded, and its bytes. Raises InputError: it is missing, torn or too large."""
@@ -53,7 +53,7 @@ def opened_picture(
 
 def read_picture(file: Path, flags: int) -> npt.NDArray[Any]:
     """A PNG or JPEG of a run folder, decoded by OpenCV. Raises InputError: it is missing, torn or too large."""
-    with opened_picture(file, "restore the file or run again", ("PNG", "JPEG"), _MOST_RUN_BYTES) as (_, data):
+    with open_picture(file, "restore the file or run again", ("PNG", "JPEG"), _MOST_RUN_BYTES) as (_, data):
         image: npt.NDArray[Any] | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
         if image is None:
             raise ValueError("it is torn")

@@ -1,10 +1,10 @@
 from . import transforms as transforms
-from .hulls import half_spaces as half_spaces
+from .hulls import hull_half_spaces as hull_half_spaces
 from .raster import Buffer as Buffer
-from .raster import barycentric as barycentric
-from .raster import rasterise as rasterise
+from .raster import barycentric_coordinates as barycentric_coordinates
+from .raster import rasterise_triangles as rasterise_triangles
 from .transforms import FloatArray as FloatArray
-from .transforms import about as about
-from .transforms import about_z as about_z
-from .transforms import pose_of as pose_of
-from .transforms import vec3 as vec3
+from .transforms import pose_matrix as pose_matrix
+from .transforms import rotation_about_axis as rotation_about_axis
+from .transforms import rotation_about_z as rotation_about_z
+from .transforms import to_vec3 as to_vec3

@@ -11,17 +11,17 @@ _DIRECTIONS: Final = 200
 """Meshes of many vertices are reduced to those that are farthest out along as many directions."""
 
 
-def half_spaces(vertices: FloatArray) -> FloatArray:
+def hull_half_spaces(vertices: FloatArray) -> FloatArray:
     """Planes (K, 4) of the hull of points (N, 3), inside: ``plane[:3] @ p <= plane[3]``; a box if all lie in one."""
-    points = _extremes(np.unique(np.round(vertices, 9), axis=0))
-    start = _tetrahedron(points)
+    points = _extreme_points(np.unique(np.round(vertices, 9), axis=0))
+    start = _find_tetrahedron(points)
     if start is None:
         low, high = points.min(axis=0), points.max(axis=0)
         return np.vstack([np.column_stack([np.eye(3), high]), np.column_stack([-np.eye(3), -low])])
     center = points[start].mean(axis=0)
     triangles = [tuple(np.delete(start, index).tolist()) for index in range(4)]
     faces = np.array(triangles)
-    planes = _planes(points, faces, center)
+    planes = _triangle_planes(points, faces, center)
     scale = float(np.ptp(points, axis=0).max())
     for index in range(len(points)):
         seen = planes[:, :3] @ points[index] > planes[:, 3] + 1e-7 * scale
@@ -32,11 +32,11 @@ def half_spaces(vertices: FloatArray) -> FloatArray:
         horizon = unique[counts == 1]
         fresh = np.column_stack([horizon, np.full(len(horizon), index)])
         faces = np.vstack([faces[~seen], fresh])
-        planes = np.vstack([planes[~seen], _planes(points, fresh, center)])
+        planes = np.vstack([planes[~seen], _triangle_planes(points, fresh, center)])
     return planes
 
 
-def _extremes(points: FloatArray) -> FloatArray:
+def _extreme_points(points: FloatArray) -> FloatArray:
     if len(points) <= _DIRECTIONS:
         return points
     index = np.arange(_DIRECTIONS) + 0.5
@@ -46,7 +46,7 @@ def _extremes(points: FloatArray) -> FloatArray:
     return points[np.unique((points @ directions).argmax(axis=0))]
 
 
-def _tetrahedron(points: FloatArray) -> npt.NDArray[np.int64] | None:
+def _find_tetrahedron(points: FloatArray) -> npt.NDArray[np.int64] | None:
     """Four of the points that span a volume, or None."""
     scale = float(np.ptp(points, axis=0).max())
     first = int(points[:, 0].argmin())
@@ -60,7 +60,7 @@ def _tetrahedron(points: FloatArray) -> npt.NDArray[np.int64] | None:
     return np.array([first, second, third, fourth])
 
 
-def _planes(points: FloatArray, faces: npt.NDArray[np.int64], center: FloatArray) -> FloatArray:
+def _triangle_planes(points: FloatArray, faces: npt.NDArray[np.int64], center: FloatArray) -> FloatArray:
     """The plane of each triangle, its normal away from ``center``."""
     a, b, c = points[faces[:, 0]], points[faces[:, 1]], points[faces[:, 2]]
     normals = np.cross(b - a, c - a)

@@ -23,7 +23,7 @@ class Buffer:
     nearness: Floats  # (H, W) its nearness there, -inf where there is none
 
 
-def rasterise(corners: Floats, nearness: Floats, width: int, height: int) -> Buffer:
+def rasterise_triangles(corners: Floats, nearness: Floats, width: int, height: int) -> Buffer:
     """Draw triangles, ``corners`` (T, 3, 2) in pixels, into a z-buffer; pixel (0, 0) is sampled at (0, 0).
 
     ``nearness`` (T, 3) is linear over the picture of a plane and grows towards the viewer: one over depth for a
@@ -37,20 +37,22 @@ def rasterise(corners: Floats, nearness: Floats, width: int, height: int) -> Buf
     drawn = np.flatnonzero((low <= high).all(axis=1) & (np.abs(area) >= 1e-12))
     extent = (high - low + 1)[drawn].max(axis=1) if len(drawn) else np.zeros(0)
     for smallest, largest in pairwise((0, *_WINDOWS)):
-        for part in _portions(drawn[(extent > smallest) & (extent <= largest)], largest):
-            _draw_small(buffer, part, corners, nearness, area, low, high, largest)
+        for part in _split_into_batches(drawn[(extent > smallest) & (extent <= largest)], largest):
+            _draw_small_triangles(buffer, part, corners, nearness, area, low, high, largest)
     for index in drawn[extent > _WINDOWS[-1]]:
-        _draw_large(buffer, index, corners[index], nearness[index], float(area[index]), low[index], high[index])
+        _draw_large_triangle(
+            buffer, index, corners[index], nearness[index], float(area[index]), low[index], high[index]
+        )
     return buffer
 
 
-def _portions(index: Ints, window: int) -> Iterator[Ints]:
+def _split_into_batches(index: Ints, window: int) -> Iterator[Ints]:
     """Parts whose samples fit in little memory."""
     step = max(1, _SAMPLES // window**2)
     return (index[begin : begin + step] for begin in range(0, len(index), step))
 
 
-def _draw_small(
+def _draw_small_triangles(
     buffer: Buffer, index: Ints, corners: Floats, nearness: Floats, area: Floats, low: Ints, high: Ints, window: int
 ) -> None:
     """Draw many triangles at once, each into a window of ``window`` x ``window`` pixels."""
@@ -58,7 +60,9 @@ def _draw_small(
     x: Ints = np.add.outer(low[index, 0], span)
     y: Ints = np.add.outer(low[index, 1], span)
     inside = (x <= high[index, 0, None])[:, None, :] & (y <= high[index, 1, None])[:, :, None]
-    u, v, w = _weights(corners[index][:, :, :, None, None], x[:, None, :], y[:, :, None], area[index, None, None])
+    u, v, w = _pixel_barycentrics(
+        corners[index][:, :, :, None, None], x[:, None, :], y[:, :, None], area[index, None, None]
+    )
     near = nearness[index][:, :, None, None]
     depth = u * near[:, 0] + v * near[:, 1] + w * near[:, 2]
     one, row, column = np.nonzero(inside & (u >= 0) & (v >= 0) & (w >= 0))
@@ -67,22 +71,22 @@ def _draw_small(
     value = depth[one, row, column]
     order = np.lexsort((triangle, -value, pixel))
     first = order[np.r_[True, np.diff(pixel[order]) > 0]] if len(order) else order
-    _merge(buffer, pixel[first], triangle[first], value[first])
+    _update_z_buffer(buffer, pixel[first], triangle[first], value[first])
 
 
-def _draw_large(
+def _draw_large_triangle(
     buffer: Buffer, index: int, corners: Floats, nearness: Floats, area: float, low: Ints, high: Ints
 ) -> None:
     x = np.arange(int(low[0]), int(high[0]) + 1)
     y = np.arange(int(low[1]), int(high[1]) + 1)[:, None]
-    u, v, w = _weights(corners[None], x, y, area)
+    u, v, w = _pixel_barycentrics(corners[None], x, y, area)
     depth = u * nearness[0] + v * nearness[1] + w * nearness[2]
     rows, columns = np.nonzero((u >= 0) & (v >= 0) & (w >= 0))
     pixel = (rows + low[1]) * buffer.triangle.shape[1] + columns + low[0]
-    _merge(buffer, pixel, np.full(len(pixel), index), depth[rows, columns])
+    _update_z_buffer(buffer, pixel, np.full(len(pixel), index), depth[rows, columns])
 
 
-def _weights(
+def _pixel_barycentrics(
     corners: Floats, x: Floats | Ints, y: Floats | Ints, area: Floats | float
 ) -> tuple[Floats, Floats, Floats]:
     """Barycentric weights of pixels (x, y) in triangles (N, 3, 2, ...)."""
@@ -92,14 +96,14 @@ def _weights(
     return u, v, 1.0 - u - v
 
 
-def _merge(buffer: Buffer, pixel: Ints, triangle: Ints, nearness: Floats) -> None:
+def _update_z_buffer(buffer: Buffer, pixel: Ints, triangle: Ints, nearness: Floats) -> None:
     """Take what is nearer than what was seen, and of equals the triangle that comes first; each pixel once."""
     best, owner = buffer.nearness.ravel(), buffer.triangle.ravel()
     nearer = (nearness > best[pixel]) | ((nearness == best[pixel]) & (triangle < owner[pixel]))
     best[pixel[nearer]], owner[pixel[nearer]] = nearness[nearer], triangle[nearer]
 
 
-def barycentric(points: Floats, triangles: Floats) -> Floats:
+def barycentric_coordinates(points: Floats, triangles: Floats) -> Floats:
     """(N, 3) weights of the corners of ``triangles`` (N, 3, 3) at ``points`` (N, 3) in their planes."""
     first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     offset = points - triangles[:, 0]

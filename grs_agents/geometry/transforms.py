@@ -14,12 +14,12 @@ FloatArray = npt.NDArray[np.float64]
 IDENTITY: Quat = (0.0, 0.0, 0.0, 1.0)
 
 
-def vec3(values: Sequence[float] | FloatArray) -> Vec3:
+def to_vec3(values: Sequence[float] | FloatArray) -> Vec3:
     """The first three numbers of ``values`` as plain floats."""
     return (float(values[0]), float(values[1]), float(values[2]))
 
 
-def quat(values: Sequence[float] | FloatArray) -> Quat:
+def to_unit_quaternion(values: Sequence[float] | FloatArray) -> Quat:
     """The four numbers of ``values`` as a unit quaternion (x, y, z, w)."""
     if len(values) != 4:
         return IDENTITY
@@ -30,14 +30,14 @@ def quat(values: Sequence[float] | FloatArray) -> Quat:
     return (x / norm, y / norm, z / norm, w / norm)
 
 
-def plain_pose(value: Any) -> Pose | None:
+def parse_pose(value: Any) -> Pose | None:
     """The pose that a pair of three and four finite numbers is, the usual way to write one; None for anything else."""
     try:
         (x, y, z), (a, b, c, d) = value
         numbers = (x, y, z, a, b, c, d)
         if not all(isinstance(number, float | int) for number in numbers) or not math.isfinite(sum(numbers)):
             return None
-        return vec3((x, y, z)), quat((a, b, c, d))
+        return to_vec3((x, y, z)), to_unit_quaternion((a, b, c, d))
     except (TypeError, ValueError, OverflowError):
         return None
 
@@ -46,7 +46,7 @@ def eulerXYZ_to_quatXYZW(rotation: Sequence[float]) -> Quat:
     """Roll, pitch, yaw in radians (fixed axes x, then y, then z) to (x, y, z, w)."""
     roll, pitch, yaw = (float(angle) / 2 for angle in rotation)
     cr, sr, cp, sp, cy, sy = (np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw))
-    return quat(
+    return to_unit_quaternion(
         (
             sr * cp * cy - cr * sp * sy,
             cr * sp * cy + sr * cp * sy,
@@ -58,21 +58,21 @@ def eulerXYZ_to_quatXYZW(rotation: Sequence[float]) -> Quat:
 
 def quatXYZW_to_eulerXYZ(quaternion_xyzw: Sequence[float]) -> Vec3:
     """(x, y, z, w) to roll, pitch, yaw in radians (fixed axes)."""
-    x, y, z, w = quat(quaternion_xyzw)
+    x, y, z, w = to_unit_quaternion(quaternion_xyzw)
     roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
     yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     return (float(roll), float(pitch), float(yaw))
 
 
-def yaw_of(quaternion: Sequence[float]) -> float:
+def yaw_of_quaternion(quaternion: Sequence[float]) -> float:
     """The rotation about the vertical, radians in (-pi, pi]."""
     return quatXYZW_to_eulerXYZ(quaternion)[2]
 
 
-def rotation_matrix(quaternion: Sequence[float]) -> FloatArray:
+def quaternion_to_matrix(quaternion: Sequence[float]) -> FloatArray:
     """The 3 x 3 matrix of (x, y, z, w)."""
-    x, y, z, w = quat(quaternion)
+    x, y, z, w = to_unit_quaternion(quaternion)
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -86,7 +86,7 @@ def multiply_quaternions(first: Sequence[float], second: Sequence[float]) -> Qua
     """The rotation ``second`` followed by ``first``."""
     ax, ay, az, aw = first
     bx, by, bz, bw = second
-    return quat(
+    return to_unit_quaternion(
         (
             aw * bx + ax * bw + ay * bz - az * by,
             aw * by - ax * bz + ay * bw + az * bx,
@@ -96,40 +96,40 @@ def multiply_quaternions(first: Sequence[float], second: Sequence[float]) -> Qua
     )
 
 
-def multiply(pose0: Pose, pose1: Pose) -> Pose:
+def compose_poses(pose0: Pose, pose1: Pose) -> Pose:
     """``pose1``, given in the frame of ``pose0``, in the frame that ``pose0`` is given in."""
-    position = np.asarray(pose0[0], dtype=np.float64) + rotation_matrix(pose0[1]) @ np.asarray(pose1[0])
-    return (vec3(position), multiply_quaternions(quat(pose0[1]), quat(pose1[1])))
+    position = np.asarray(pose0[0], dtype=np.float64) + quaternion_to_matrix(pose0[1]) @ np.asarray(pose1[0])
+    return (to_vec3(position), multiply_quaternions(to_unit_quaternion(pose0[1]), to_unit_quaternion(pose1[1])))
 
 
-def invert(pose: Pose) -> Pose:
-    """The inverse transform: ``multiply(pose, invert(pose))`` is the identity."""
-    x, y, z, w = quat(pose[1])
+def invert_pose(pose: Pose) -> Pose:
+    """The inverse transform: ``compose_poses(pose, invert(pose))`` is the identity."""
+    x, y, z, w = to_unit_quaternion(pose[1])
     back: Quat = (-x, -y, -z, w)
-    return (vec3(-(rotation_matrix(back) @ np.asarray(pose[0], dtype=np.float64))), back)
+    return (to_vec3(-(quaternion_to_matrix(back) @ np.asarray(pose[0], dtype=np.float64))), back)
 
 
-def apply(pose: Pose, position: FloatArray | Sequence[float]) -> FloatArray:
+def transform_points(pose: Pose, position: FloatArray | Sequence[float]) -> FloatArray:
     """Transform one point (3,) or many points (3, N) by ``pose``."""
     points = np.asarray(position, dtype=np.float64)
     offset = np.asarray(pose[0], dtype=np.float64)
-    return rotation_matrix(pose[1]) @ points + (offset if points.ndim == 1 else offset[:, None])
+    return quaternion_to_matrix(pose[1]) @ points + (offset if points.ndim == 1 else offset[:, None])
 
 
-def pose_of(turn: FloatArray, shift: FloatArray) -> FloatArray:
+def pose_matrix(turn: FloatArray, shift: FloatArray) -> FloatArray:
     """(4, 4) of a rotation (3, 3) and a shift (3,), m."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = turn, shift
     return pose
 
 
-def about_z(yaw: float) -> FloatArray:
+def rotation_about_z(yaw: float) -> FloatArray:
     """(3, 3) by an angle, rad."""
     cosine, sine = math.cos(yaw), math.sin(yaw)
     return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])
 
 
-def about(axis: FloatArray, angle: float) -> FloatArray:
+def rotation_about_axis(axis: FloatArray, angle: float) -> FloatArray:
     """(3, 3) about an axis (3,) of any length, by an angle, rad."""
     length = float(np.linalg.norm(axis))
     if length < 1e-9:

@@ -24,7 +24,7 @@ class Quantity(Frozen):
     provenance: Provenance = "default"
     deviation: float = Field(default=0.3, ge=0, le=2, allow_inf_nan=False)  # standard deviation as a share of the value
 
-    def draw(self, rng: np.random.Generator) -> float:
+    def sample_value(self, rng: np.random.Generator) -> float:
         """A value for one randomised scene: log-normal around ``value``, within a factor of 4."""
         spread = float(np.log1p(self.deviation))
         if spread == 0:
@@ -72,15 +72,15 @@ class Asset(Frozen):
     everyday: bool = True  # it may be what a photo shows; the toys and fixtures of published programs are not
     # defaults of its placeholders (``{"DIM": (x, y, z), "COLOR": (r, g, b, a)}``); empty for an ordinary asset
     template: dict[str, tuple[float | str, ...]] = Field(default_factory=dict)
-    physics: Physics | None = None  # None where only ``mass`` and ``friction`` are known, see `physical`
+    physics: Physics | None = None  # None where only ``mass`` and ``friction`` are known, see `physics_or_defaults`
     origin: Origin | None = None  # where an imported asset comes from; None for those that GRS ships and for proxies
 
     @model_serializer(mode="wrap")
-    def _brief(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _serialize_without_none(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """What is not known is left out of manifests."""
         return {name: value for name, value in written(self).items() if value is not None}
 
-    def physical(self) -> Physics:
+    def physics_or_defaults(self) -> Physics:
         """Its physics; where only mass and friction are known, they are taken for estimates."""
         if self.physics is not None:
             return self.physics

@@ -15,11 +15,11 @@ import numpy.typing as npt
 
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
-from grs_agents.geometry import barycentric, rasterise
+from grs_agents.geometry import barycentric_coordinates, rasterise_triangles
 from grs_agents.library.colors import COLORS
 from grs_agents.library.library import Library
-from grs_agents.library.mesh_files import Surface, primitive_surface, read_surface
-from grs_agents.library.shapes import Shape, rotation_matrix
+from grs_agents.library.mesh_files import Surface, read_surface, triangulate_primitive
+from grs_agents.library.shapes import Shape, matrix_from_quaternion
 
 Floats = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
@@ -55,20 +55,20 @@ class Painted:
     textures: tuple[Image, ...]  # (H, W, 3) uint8 RGB
 
 
-def random_directions(count: int, rng: np.random.Generator) -> tuple[Vec3, ...]:
+def random_view_directions(count: int, rng: np.random.Generator) -> tuple[Vec3, ...]:
     """Unit vectors from a thing on a table towards cameras that look 5 to 65 degrees down at it, from all sides."""
     around = rng.uniform(-np.pi, np.pi, count)
     up = np.deg2rad(rng.uniform(*_HORIZON, count))
-    return tuple(_unit(float(a), float(b)) for a, b in zip(around, up, strict=True))
+    return tuple(_direction_from_angles(float(a), float(b)) for a, b in zip(around, up, strict=True))
 
 
-def ring_directions(count: int, elevation: float = 25.0) -> tuple[Vec3, ...]:
+def ring_view_directions(count: int, elevation: float = 25.0) -> tuple[Vec3, ...]:
     """Unit vectors towards ``count`` cameras evenly around, ``elevation`` degrees above the table; the first is +x."""
     tilt = float(np.deg2rad(elevation))
-    return tuple(_unit(2 * float(np.pi) * number / count, tilt) for number in range(count))
+    return tuple(_direction_from_angles(2 * float(np.pi) * number / count, tilt) for number in range(count))
 
 
-def asset_views(
+def render_asset_views(
     library: Library, name: str, directions: Sequence[Vec3], *, size: int = 224, field_of_view: float = 30.0
 ) -> tuple[AssetView, ...]:
     """One square picture of an asset for each direction; the whole asset is in each.
@@ -87,16 +87,16 @@ def asset_views(
     """
     if not 8 <= size <= 4096 or not 1 <= field_of_view <= 120:
         raise InputError(f"views of {size} px and {field_of_view:g} degrees", "ask for 8 to 4096 px, 1 to 120 degrees")
-    model = library.model(name)
-    painted = painted_shapes(library, model.visuals or model.colliders, library.asset(name).color)
+    model = library.load_object_model(name)
+    painted = build_textured_triangles(library, model.visuals or model.colliders, library.asset(name).color)
     low, high = painted.corners.min(axis=(0, 1)), painted.corners.max(axis=(0, 1))
     radius = max(float(np.linalg.norm(high - low)) / 2, 1e-6)
     distance = 1.02 * radius / float(np.sin(np.deg2rad(field_of_view) / 2))
     focal = size / 2 / float(np.tan(np.deg2rad(field_of_view) / 2))
-    return tuple(_view(painted, (low + high) / 2, towards, distance, focal, size) for towards in directions)
+    return tuple(_render_view(painted, (low + high) / 2, towards, distance, focal, size) for towards in directions)
 
 
-def painted_shapes(library: Library, shapes: Sequence[Shape], color: str = "gray") -> Painted:
+def build_textured_triangles(library: Library, shapes: Sequence[Shape], color: str = "gray") -> Painted:
     """The triangles of shapes in the object frame; ``color`` is the colour's name of those that have none."""
     plain = COLORS.get(color, COLORS["gray"])
     surfaces: list[Surface] = []
@@ -104,12 +104,12 @@ def painted_shapes(library: Library, shapes: Sequence[Shape], color: str = "gray
     numbers: list[int] = []
     textures: list[Image] = []
     for shape in shapes:
-        mesh = read_surface(library.mesh_path(shape.mesh)) if shape.mesh else primitive_surface(shape)
+        mesh = read_surface(library.mesh_or_texture_path(shape.mesh)) if shape.mesh else triangulate_primitive(shape)
         scale = np.asarray(shape.size) if shape.kind == "mesh" else np.ones(3)
-        corners = mesh.corners * scale @ rotation_matrix(shape.quaternion).T + shape.position
+        corners = mesh.corners * scale @ matrix_from_quaternion(shape.quaternion).T + shape.position
         surfaces.append(Surface(corners, mesh.uvs))
         numbers.append(len(textures) if shape.texture else -1)
-        textures += [read_texture(library.mesh_path(shape.texture))] if shape.texture else []
+        textures += [read_texture(library.mesh_or_texture_path(shape.texture))] if shape.texture else []
         own = shape.color[:3] if shape.color else (1.0, 1.0, 1.0) if shape.texture else plain
         colors.append(np.asarray(own, dtype=np.float64))
     counts = [len(surface.corners) for surface in surfaces]
@@ -124,11 +124,11 @@ def painted_shapes(library: Library, shapes: Sequence[Shape], color: str = "gray
 
 def read_texture(path: Path) -> Image:
     """A texture as (H, W, 3) uint8 RGB, its longer side at most 1024 px; an `InputError` where it is none."""
-    return _texture(path, path.stat().st_mtime_ns)
+    return _read_texture_cached(path, path.stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=64)
-def _texture(path: Path, _modified: int) -> Image:
+def _read_texture_cached(path: Path, _modified: int) -> Image:
     from PIL import Image as Pictures
 
     try:
@@ -142,17 +142,22 @@ def _texture(path: Path, _modified: int) -> Image:
         raise InputError(f"texture {path} is no picture: {error}", "convert it to PNG") from error
 
 
-def _unit(around: float, up: float) -> Vec3:
+def _direction_from_angles(around: float, up: float) -> Vec3:
     return (float(np.cos(up) * np.cos(around)), float(np.cos(up) * np.sin(around)), float(np.sin(up)))
 
 
-def _view(painted: Painted, center: Floats, towards: Vec3, distance: float, focal: float, size: int) -> AssetView:
+def _render_view(
+    painted: Painted, center: Floats, towards: Vec3, distance: float, focal: float, size: int
+) -> AssetView:
     length = float(np.linalg.norm(towards))
     if not np.isfinite(length) or length < 1e-9:
         raise InputError(f"view direction {towards}", "give a vector that is not zero")
     direction, edge = np.asarray(towards, dtype=np.float64) / length, size * FINER
-    local, middle = (painted.corners - center) @ _camera_axes(direction).T + (0.0, 0.0, distance), (edge - 1) / 2
-    fine, deep = render_samples(painted, local, Lens(focal * FINER, focal * FINER, middle, middle, edge, edge))
+    local, middle = (
+        (painted.corners - center) @ _camera_rotation_matrix(direction).T + (0.0, 0.0, distance),
+        (edge - 1) / 2,
+    )
+    fine, deep = render_color_and_depth(painted, local, Lens(focal * FINER, focal * FINER, middle, middle, edge, edge))
     x, y, z = direction.tolist()
     total = fine.reshape(size, FINER, size, FINER, 4).mean(axis=(1, 3))
     total[:, :, :3] /= np.maximum(total[:, :, 3:], 1e-9)  # the samples are premultiplied
@@ -161,7 +166,7 @@ def _view(painted: Painted, center: Floats, towards: Vec3, distance: float, foca
     return AssetView(np.rint(np.clip(total, 0, 1) * 255).astype(np.uint8), depth, (x, y, z), distance, focal)
 
 
-def _camera_axes(direction: Floats) -> Floats:
+def _camera_rotation_matrix(direction: Floats) -> Floats:
     """The rotation (3, 3) whose rows are a camera's right, down and forward as it looks against ``direction``."""
     forward = -direction
     up = (0.0, 0.0, 1.0) if abs(float(direction[2])) < 0.999 else (1.0, 0.0, 0.0)
@@ -182,7 +187,7 @@ class Lens:
     height: int
 
 
-def render_samples(painted: Painted, local: Floats, lens: Lens) -> tuple[Floats, Floats]:
+def render_color_and_depth(painted: Painted, local: Floats, lens: Lens) -> tuple[Floats, Floats]:
     """(H, W, 4) colour and coverage in 0..1, and (H, W) depth (m, 0 where nothing is), lit from the camera.
 
     Args:
@@ -191,7 +196,9 @@ def render_samples(painted: Painted, local: Floats, lens: Lens) -> tuple[Floats,
         lens: the camera.
     """
     focal, middle = np.array([lens.fx, lens.fy]), np.array([lens.cx, lens.cy])
-    buffer = rasterise(local[:, :, :2] / local[:, :, 2:] * focal + middle, 1 / local[:, :, 2], lens.width, lens.height)
+    buffer = rasterise_triangles(
+        local[:, :, :2] / local[:, :, 2:] * focal + middle, 1 / local[:, :, 2], lens.width, lens.height
+    )
     seen = buffer.triangle >= 0
     index, depth = buffer.triangle[seen], 1 / buffer.nearness[seen]
     rows, columns = np.nonzero(seen)
@@ -202,26 +209,26 @@ def render_samples(painted: Painted, local: Floats, lens: Lens) -> tuple[Floats,
     facing = np.abs(np.einsum("ij,ij->i", normals, rays)) / np.sqrt(np.einsum("ij,ij->i", rays, rays))
     shade = _AROUND + (1 - _AROUND) * facing
     fine, deep = np.zeros((lens.height, lens.width, 4)), np.zeros((lens.height, lens.width))
-    fine[seen, :3] = _albedo(painted, index, rays * depth[:, None], local) * shade[:, None]
+    fine[seen, :3] = _sample_albedo(painted, index, rays * depth[:, None], local) * shade[:, None]
     fine[seen, 3], deep[seen] = 1.0, depth
     return fine, deep
 
 
-def _albedo(painted: Painted, index: npt.NDArray[np.int64], points: Floats, local: Floats) -> Floats:
+def _sample_albedo(painted: Painted, index: npt.NDArray[np.int64], points: Floats, local: Floats) -> Floats:
     """(N, 3) colour of points on triangles, 0..1."""
     colors = painted.colors[index].copy()
     for number, texture in enumerate(painted.textures):
         mine = np.flatnonzero(painted.texture[index] == number)
         triangle = index[mine]
-        weights = np.nan_to_num(barycentric(points[mine], local[triangle]))
+        weights = np.nan_to_num(barycentric_coordinates(points[mine], local[triangle]))
         u, v = np.einsum("ij,ijk->ik", weights, painted.uvs[triangle]).T
         height, width = texture.shape[:2]
-        columns = np.minimum((_wrapped(u) * width).astype(np.int64), width - 1)
-        rows = np.minimum(((1 - _wrapped(v)) * height).astype(np.int64), height - 1)
+        columns = np.minimum((_wrap_texture_coordinates(u) * width).astype(np.int64), width - 1)
+        rows = np.minimum(((1 - _wrap_texture_coordinates(v)) * height).astype(np.int64), height - 1)
         colors[mine] *= texture[rows, columns] / 255
     return colors
 
 
-def _wrapped(values: Floats) -> Floats:
+def _wrap_texture_coordinates(values: Floats) -> Floats:
     """Texture coordinates repeat beyond 0..1; 1 itself is the far edge."""
     return np.where((values >= 0) & (values <= 1), values, values % 1)

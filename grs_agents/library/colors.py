@@ -24,17 +24,17 @@ _HUES = ((15, "red"), (42, "orange"), (68, "yellow"), (165, "green"), (200, "cya
 """Where the hues of a name end, degrees; from 315 on it is red again."""
 
 
-def color_name(rgb: Vec3) -> str:
+def color_name_from_rgb(rgb: Vec3) -> str:
     """The name in `COLORS` that a person would give a colour (red, green, blue in 0..1)."""
     hue, saturation, value = colorsys.rgb_to_hsv(*rgb)
     if value < 0.18:
         return "black"
     if saturation < 0.18:
         return "white" if value > 0.78 else "gray"
-    return _hue_name(hue * 360, saturation, value)
+    return _chromatic_color_name(hue * 360, saturation, value)
 
 
-def _hue_name(degrees: float, saturation: float, value: float) -> str:
+def _chromatic_color_name(degrees: float, saturation: float, value: float) -> str:
     """The name of a colour that is neither black, white nor gray: dark oranges are brown, pale reds pink."""
     name = next((name for limit, name in _HUES if degrees < limit), "red")
     if name in ("red", "orange") and value < 0.62 and degrees >= 8 and saturation < 0.85:

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from grs_agents.errors import InputError
 from grs_agents.library.asset import Asset
-from grs_agents.library.asset_rendering import AssetView, asset_views, ring_directions
+from grs_agents.library.asset_rendering import AssetView, render_asset_views, ring_view_directions
 from grs_agents.library.library import Library
 
 Image = npt.NDArray[np.uint8]
@@ -19,7 +19,7 @@ _COLUMNS: Final = 3
 MAX_ASSETS: Final = 240
 
 
-def contact_sheet(library: Library, assets: Sequence[Asset], views: int = 3) -> tuple[Image, dict[str, str]]:
+def draw_contact_sheet(library: Library, assets: Sequence[Asset], views: int = 3) -> tuple[Image, dict[str, str]]:
     """A picture (H, W, 3) with a cell of ``views`` pictures around each asset, and what could not be drawn.
 
     Raises:
@@ -38,35 +38,37 @@ def contact_sheet(library: Library, assets: Sequence[Asset], views: int = 3) -> 
     for number, asset in enumerate(assets):
         left, top = number % columns * width, number // columns * (_SIDE + _TEXT)
         try:
-            pictures = asset_views(library, asset.name, ring_directions(views), size=_SIDE)
+            pictures = render_asset_views(library, asset.name, ring_view_directions(views), size=_SIDE)
         except InputError as error:
             broken[asset.name] = str(error)
             pen.text((left + 8, top + _SIDE // 2), "cannot be drawn", (200, 0, 0), font)
         else:
             for place, view in enumerate(pictures):
-                sheet.paste(Pictures.fromarray(over_white(view)), (left + place * _SIDE, top))
-        captions = ((asset.name, _INK), (facts_line(asset), _FAINT), (asset.description, _FAINT))
+                sheet.paste(Pictures.fromarray(composite_over_white(view)), (left + place * _SIDE, top))
+        captions = ((asset.name, _INK), (format_asset_facts(asset), _FAINT), (asset.description, _FAINT))
         for line, (text, ink) in enumerate(captions):
-            pen.text((left + 8, top + _SIDE + 2 + 16 * line), _fitted(text, width - 16, font), ink, font)
+            pen.text(
+                (left + 8, top + _SIDE + 2 + 16 * line), _truncate_text_to_width(text, width - 16, font), ink, font
+            )
     return np.asarray(sheet, np.uint8), broken
 
 
-def facts_line(asset: Asset) -> str:
+def format_asset_facts(asset: Asset) -> str:
     """Size, mass with its provenance, and licence of an asset in one line."""
     x, y, z = (f"{100 * extent:.1f}" for extent in asset.size)
-    mass = asset.physical().mass
+    mass = asset.physics_or_defaults().mass
     license_ = f", {asset.origin.license}" if asset.origin is not None else ""
     hollow = ", hollow" if asset.hollow else ""
     return f"{x} x {y} x {z} cm, {1000 * mass.value:.0f} g ({mass.provenance}){license_}{hollow}"
 
 
-def over_white(view: AssetView) -> Image:
+def composite_over_white(view: AssetView) -> Image:
     """(H, W, 3) uint8 of a view over white."""
     cover = view.rgba[:, :, 3:].astype(np.float64) / 255
     return np.rint(view.rgba[:, :, :3] * cover + 255 * (1 - cover)).astype(np.uint8)
 
 
-def _fitted(text: str, width: int, font: Any) -> str:
+def _truncate_text_to_width(text: str, width: int, font: Any) -> str:
     while len(text) > 4 and font.getlength(text) > width:
         text = f"{text[:-4]}..."
     return text

@@ -4,12 +4,12 @@ from pathlib import Path, PurePosixPath
 
 from grs_agents import content
 from grs_agents.errors import InputError, UnknownNameError
-from grs_agents.foreign import member, read_text
+from grs_agents.foreign import read_text, resolve_member_file
 from grs_agents.library.asset import Asset, read_manifest
-from grs_agents.library.colors import color_name
+from grs_agents.library.colors import color_name_from_rgb
 from grs_agents.library.formats import read_mjcf, read_urdf
 from grs_agents.library.shapes import ObjectModel
-from grs_agents.library.templates import Value, Values, fill_template
+from grs_agents.library.urdf_templates import Value, Values, fill_template
 
 
 class Library:
@@ -26,7 +26,7 @@ class Library:
     """
 
     def __init__(self, *roots: Path) -> None:
-        self.roots: tuple[Path, ...] = roots or tuple(reversed(content.paths("assets", "library")))
+        self.roots: tuple[Path, ...] = roots or tuple(reversed(content.all_content_paths("assets", "library")))
         self._assets: dict[str, Asset] = {}
         self._root_of: dict[str, Path] = {}
         self._models: dict[str, ObjectModel] = {}
@@ -38,7 +38,7 @@ class Library:
                 self._assets[asset.name] = asset
                 self._root_of[asset.name] = root
 
-    def names(self) -> list[str]:
+    def asset_names(self) -> list[str]:
         """Every asset's name and every description file's, sorted."""
         own = {
             path.relative_to(root).as_posix()
@@ -52,7 +52,7 @@ class Library:
         """Every asset that a manifest lists, by name."""
         return tuple(self._assets[name] for name in sorted(self._assets))
 
-    def templates(self) -> tuple[str, ...]:
+    def template_names(self) -> tuple[str, ...]:
         """The names of the assets that have placeholders."""
         return tuple(asset.name for asset in self.assets() if asset.template)
 
@@ -66,24 +66,24 @@ class Library:
         if name in self._assets:
             return self._assets[name]
         if name not in self._own:
-            self._own[name] = user_model_asset(name, self.model(name))
+            self._own[name] = build_user_model_asset(name, self.load_object_model(name))
         return self._own[name]
 
     def __contains__(self, name: object) -> bool:
-        return isinstance(name, str) and (name in self._assets or self._own_root(name) is not None)
+        return isinstance(name, str) and (name in self._assets or self._find_user_model_root(name) is not None)
 
-    def path(self, name: str) -> Path:
+    def asset_path(self, name: str) -> Path:
         """The URDF or MJCF file of an asset. Errors as `asset`."""
-        return member(self._root(name), name)
+        return resolve_member_file(self._require_root(name), name)
 
-    def model(self, name: str) -> ObjectModel:
+    def load_object_model(self, name: str) -> ObjectModel:
         """What the asset's file says; a template is filled with its defaults. Errors as `asset`."""
         if name not in self._models:
             if name in self._assets and self._assets[name].template:
-                self._models[name] = self.filled(name, {})
+                self._models[name] = self.load_filled_template(name, {})
             else:
-                root = self._root(name)
-                path = member(root, name)
+                root = self._require_root(name)
+                path = resolve_member_file(root, name)
                 self._models[name] = (read_mjcf if path.suffix.lower() == ".xml" else read_urdf)(path, root)
         return self._models[name]
 
@@ -94,17 +94,17 @@ class Library:
     def fill_template(self, name: str, replace: Values) -> str:
         """The URDF text of a template with ``replace`` filled in, see `grs_agents.library.fill_template`."""
         if name not in self._texts:
-            self._texts[name] = read_text(self.path(name), "restore the template")
+            self._texts[name] = read_text(self.asset_path(name), "restore the template")
         return fill_template(self._texts[name], replace, self.asset(name).template)
 
-    def filled(self, name: str, replace: Values) -> ObjectModel:
+    def load_filled_template(self, name: str, replace: Values) -> ObjectModel:
         """What a template says once ``replace`` and its defaults are filled in; errors as `fill_template`."""
         key = (name, self.fill_template(name, replace))
         if key not in self._filled:
-            self._filled[key] = read_urdf(key[1], self._root(name), Path(name).parent.as_posix())
+            self._filled[key] = read_urdf(key[1], self._require_root(name), Path(name).parent.as_posix())
         return self._filled[key]
 
-    def mesh_path(self, name: str) -> Path:
+    def mesh_or_texture_path(self, name: str) -> Path:
         """The file of a library-relative mesh or texture name; an `InputError` where no root has it."""
         for root in reversed(self.roots):
             path = (root / name).resolve()
@@ -112,26 +112,28 @@ class Library:
                 return path
         raise InputError(f"library file {name!r} does not exist", f"put it below {self.roots[-1]}")
 
-    def overlay(self, root: Path) -> "Library":
+    def with_overlay(self, root: Path) -> "Library":
         """A new library with ``root`` laid over this one; an `InputError` where its manifest is faulty."""
         over = Library(*self.roots, root)
-        over._models = {name: model for name, model in self._models.items() if over._origin(name) == self._origin(name)}
+        over._models = {
+            name: model for name, model in self._models.items() if over._find_root(name) == self._find_root(name)
+        }
         return over
 
     def everyday_assets(self) -> tuple[Asset, ...]:
         """The assets that can stand on a real table: no templates, no marks, no parts of a published task."""
         return tuple(asset for asset in self.assets() if asset.everyday and not asset.template and asset.mass > 0)
 
-    def _origin(self, name: str) -> Path | None:
-        return self._root_of.get(name) or self._own_root(name)
+    def _find_root(self, name: str) -> Path | None:
+        return self._root_of.get(name) or self._find_user_model_root(name)
 
-    def _own_root(self, name: str) -> Path | None:
-        return next((root for root in reversed(self.roots) if user_model_path(root, name) is not None), None)
+    def _find_user_model_root(self, name: str) -> Path | None:
+        return next((root for root in reversed(self.roots) if find_user_model_path(root, name) is not None), None)
 
-    def _root(self, name: str) -> Path:
-        root = self._origin(name)
+    def _require_root(self, name: str) -> Path:
+        root = self._find_root(name)
         if root is None:
-            raise UnknownNameError("asset", name, self.names())
+            raise UnknownNameError("asset", name, self.asset_names())
         return root
 
 
@@ -139,7 +141,7 @@ MODEL_SUFFIXES = (".urdf", ".xml")
 """Of files that are assets without a manifest: URDF or MJCF of one rigid object."""
 
 
-def user_model_path(root: Path, name: str) -> Path | None:
+def find_user_model_path(root: Path, name: str) -> Path | None:
     """The file called ``name`` below ``root``, None where there is none or the name leaves the folder."""
     pure = PurePosixPath(name)
     if pure.suffix.lower() not in MODEL_SUFFIXES or "\0" in name or pure.as_posix() != name:
@@ -150,10 +152,10 @@ def user_model_path(root: Path, name: str) -> Path | None:
     return path if path.is_relative_to(root.resolve()) and path.is_file() else None
 
 
-def user_model_asset(name: str, model: ObjectModel) -> Asset:
+def build_user_model_asset(name: str, model: ObjectModel) -> Asset:
     """The entry that a manifest would have for a file that says ``model``."""
     colors = [shape.color for shape in model.visuals if shape.color is not None]
-    color = color_name(colors[0][:3]) if colors else "gray"
+    color = color_name_from_rgb(colors[0][:3]) if colors else "gray"
     stem = PurePosixPath(name).stem
     x, y, z = (round(extent, 5) for extent in model.size)
     return Asset(

@@ -27,11 +27,11 @@ def read_vertices(path: Path) -> Floats:
         raise InputError(f"cannot read mesh {path}: {error.strerror}", "put the file there") from error
     if path.suffix.lower() != ".obj" or status.st_size > _MAX_BYTES:
         raise InputError(f"mesh {path.name} is not an .obj file below {_MAX_BYTES} bytes", "convert it to OBJ")
-    return _read(path, status.st_mtime_ns)
+    return _read_vertices_cached(path, status.st_mtime_ns)
 
 
 @lru_cache(maxsize=512)
-def _read(path: Path, _modified: int) -> Floats:
+def _read_vertices_cached(path: Path, _modified: int) -> Floats:
     try:
         with path.open(encoding="utf-8") as lines:
             rows = [[float(word) for word in line.split()[1:4]] for line in lines if line.startswith("v ")]
@@ -55,23 +55,23 @@ class Surface:
 def read_surface(path: Path) -> Surface:
     """The triangles of an OBJ file, polygons as fans; an `InputError` where it is none or has no faces."""
     vertices = read_vertices(path)
-    return _read_surface(path, path.stat().st_mtime_ns, len(vertices))
+    return _read_surface_cached(path, path.stat().st_mtime_ns, len(vertices))
 
 
-def convex_volume(path: Path) -> float:
+def convex_mesh_volume(path: Path) -> float:
     """The volume in an OBJ file's convex mesh, in its own units cubed, whichever way its faces are turned."""
-    return _volume(path, path.stat().st_mtime_ns)
+    return _convex_volume_cached(path, path.stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=4096)
-def _volume(path: Path, _modified: int) -> float:
+def _convex_volume_cached(path: Path, _modified: int) -> float:
     corners = read_surface(path).corners
     corners = corners - (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
     return float(np.abs(np.linalg.det(corners)).sum()) / 6
 
 
 @lru_cache(maxsize=128)
-def _read_surface(path: Path, _modified: int, count: int) -> Surface:
+def _read_surface_cached(path: Path, _modified: int, count: int) -> Surface:
     vertices, uvs = read_vertices(path), list[tuple[float, float]]()
     faces: list[list[tuple[int, int]]] = []
     try:
@@ -81,7 +81,7 @@ def _read_surface(path: Path, _modified: int, count: int) -> Surface:
                     u, v = line.split()[1:3]
                     uvs.append((float(u), float(v)))
                 elif line.startswith("f "):
-                    polygon = [_corner(word, count, len(uvs)) for word in line.split()[1:]]
+                    polygon = [_parse_face_corner(word, count, len(uvs)) for word in line.split()[1:]]
                     faces += [[polygon[0], *polygon[number : number + 2]] for number in range(1, len(polygon) - 1)]
         if not faces:
             raise ValueError("it has no faces")
@@ -94,14 +94,14 @@ def _read_surface(path: Path, _modified: int, count: int) -> Surface:
     return surface
 
 
-def _corner(word: str, vertices: int, uvs: int) -> tuple[int, int]:
+def _parse_face_corner(word: str, vertices: int, uvs: int) -> tuple[int, int]:
     """Vertex and texture coordinate that ``a``, ``a/b`` or ``a/b/c`` names; negative numbers count from the end."""
     first, _, rest = word.partition("/")
     second = rest.partition("/")[0]
-    return _index(first, vertices), _index(second, uvs) if second else _NO_UV
+    return _resolve_obj_index(first, vertices), _resolve_obj_index(second, uvs) if second else _NO_UV
 
 
-def _index(word: str, count: int) -> int:
+def _resolve_obj_index(word: str, count: int) -> int:
     number = int(word)
     index = number - 1 if number > 0 else count + number
     if not 0 <= index < count:
@@ -114,22 +114,22 @@ _BOX = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1
 """Corners of each side, counter-clockwise from outside; corner number 4x + 2y + z of the unit cube."""
 
 
-def primitive_surface(shape: Shape) -> Surface:
+def triangulate_primitive(shape: Shape) -> Surface:
     """The triangles of a primitive in its own frame (m), without texture coordinates."""
     if shape.kind == "box":
         cube = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-        corners = _quads(cube * np.asarray(shape.size), np.array(_BOX))
+        corners = _triangulate_quads(cube * np.asarray(shape.size), np.array(_BOX))
     elif shape.kind == "cylinder":
         radius, length = shape.size
-        corners = _revolved([(0.0, -length / 2), (radius, -length / 2), (radius, length / 2), (0.0, length / 2)])
+        corners = _revolve_profile([(0.0, -length / 2), (radius, -length / 2), (radius, length / 2), (0.0, length / 2)])
     else:
         angles = np.linspace(-np.pi / 2, np.pi / 2, _RINGS + 1)
         radius = shape.size[0]
-        corners = _revolved([(radius * float(np.cos(angle)), radius * float(np.sin(angle))) for angle in angles])
+        corners = _revolve_profile([(radius * float(np.cos(angle)), radius * float(np.sin(angle))) for angle in angles])
     return Surface(corners, np.zeros((len(corners), 3, 2)))
 
 
-def _revolved(profile: Sequence[tuple[float, float]]) -> Floats:
+def _revolve_profile(profile: Sequence[tuple[float, float]]) -> Floats:
     """The solid (T, 3, 3) that a profile of (radius, z), from the lowest point to the highest, makes around z."""
     angles = np.arange(_SECTIONS) * 2 * np.pi / _SECTIONS
     rings = [
@@ -139,10 +139,10 @@ def _revolved(profile: Sequence[tuple[float, float]]) -> Floats:
     lower = np.arange(_SECTIONS)
     ring = np.stack([lower, np.roll(lower, -1), np.roll(lower, -1) + _SECTIONS, lower + _SECTIONS], axis=1)
     quads = [ring + row * _SECTIONS for row in range(len(profile) - 1)]
-    return _quads(np.concatenate(rings), np.concatenate(quads))
+    return _triangulate_quads(np.concatenate(rings), np.concatenate(quads))
 
 
-def _quads(vertices: Floats, quads: Ints) -> Floats:
+def _triangulate_quads(vertices: Floats, quads: Ints) -> Floats:
     """(T, 3, 3) of two triangles for each quad (Q, 4); those without an area are left out."""
     corners = vertices[quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
@@ -167,7 +167,7 @@ def box_inertia(size: Vec3, mass: float) -> Vec3:
     return (mass * (y * y + z * z) / 12, mass * (x * x + z * z) / 12, mass * (x * x + y * y) / 12)
 
 
-def obj_text(vertices: Floats, faces: Ints, uvs: Floats | None = None, uv_faces: Ints | None = None) -> str:
+def format_obj_text(vertices: Floats, faces: Ints, uvs: Floats | None = None, uv_faces: Ints | None = None) -> str:
     """A mesh as Wavefront OBJ: ``vertices`` (V, 3), ``faces`` (F, 3); ``uv_faces`` (F, 3) count ``uvs`` (U, 2)."""
     lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in (vertices + 0.0).tolist()]
     if uvs is None or uv_faces is None:
@@ -179,7 +179,7 @@ def obj_text(vertices: Floats, faces: Ints, uvs: Floats | None = None, uv_faces:
     return "\n".join([*lines, ""])
 
 
-def png_bytes(image: npt.NDArray[np.uint8]) -> bytes:
+def encode_png(image: npt.NDArray[np.uint8]) -> bytes:
     """A picture (H, W, 3 or 4), RGB or RGBA, as the content of a PNG file."""
     from PIL import Image
 

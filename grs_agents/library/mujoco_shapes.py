@@ -6,9 +6,9 @@ from typing import Any
 from grs_agents.library.shapes import Shape
 
 
-def add_shape(spec: Any, body: Any, shape: Shape, name: str, mesh: Path | None = None) -> Any:
+def add_shape_geom(spec: Any, body: Any, shape: Shape, name: str, mesh: Path | None = None) -> Any:
     """Add a shape to a body of a ``mujoco.MjSpec``; ``mesh`` is its file. Returns the geom, otherwise with defaults."""
-    from grs_agents.engine import mujoco  # takes long to import
+    from grs_agents.mujoco_import import mujoco  # takes long to import
 
     x, y, z, w = shape.quaternion
     kind = getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}")

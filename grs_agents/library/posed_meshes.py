@@ -10,7 +10,7 @@ import numpy.typing as npt
 from grs_agents.errors import InputError
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import read_surface
-from grs_agents.library.shapes import Placement, Shape, rotation_matrix
+from grs_agents.library.shapes import Placement, Shape, matrix_from_quaternion
 
 Floats = npt.NDArray[np.float64]
 _PLAIN = (0.6, 0.6, 0.6, 1.0)
@@ -29,21 +29,21 @@ class Triangles:
     textures: tuple[npt.NDArray[np.uint8], ...]  # (H, W, 3) RGB images
 
 
-def posed_triangles(posed: Sequence[tuple[str, Placement]], library: Library) -> Triangles:
+def build_posed_triangles(posed: Sequence[tuple[str, Placement]], library: Library) -> Triangles:
     """All the visible triangles of assets, each with its pose in the robot frame; the first one's ``owner`` is 1."""
     parts: list[tuple[Floats, Floats, Floats, Floats, int, int]] = []
     textures: list[npt.NDArray[np.uint8]] = []
     for owner, (asset, (centre, quaternion)) in enumerate(posed, start=1):
-        turn = rotation_matrix(quaternion)
-        for shape in library.model(asset).visuals:
-            corners, uvs = _corners(shape, library)
-            corners = (corners @ rotation_matrix(shape.quaternion).T + shape.position) @ turn.T + centre
+        turn = matrix_from_quaternion(quaternion)
+        for shape in library.load_object_model(asset).visuals:
+            corners, uvs = _triangulate_shape(shape, library)
+            corners = (corners @ matrix_from_quaternion(shape.quaternion).T + shape.position) @ turn.T + centre
             index = -1
             if shape.texture is not None:
                 index = len(textures)
-                textures.append(_texture(library, shape.texture))
+                textures.append(_read_texture_image(library, shape.texture))
             color = np.array(shape.color or _PLAIN)[:3]
-            parts.append((corners, smooth_normals(corners), uvs, color, index, owner))
+            parts.append((corners, compute_smooth_normals(corners), uvs, color, index, owner))
     counts = [len(part[0]) for part in parts]
     return Triangles(
         corners=np.concatenate([part[0] for part in parts]),
@@ -56,17 +56,17 @@ def posed_triangles(posed: Sequence[tuple[str, Placement]], library: Library) ->
     )
 
 
-def visible_corners(asset: str, library: Library) -> Floats:
+def visual_triangle_corners(asset: str, library: Library) -> Floats:
     """(T, 3, 3) corners (m, its own frame) of the triangles that are seen of an asset."""
     return np.concatenate(
         [
-            _corners(shape, library)[0] @ rotation_matrix(shape.quaternion).T + shape.position
-            for shape in library.model(asset).visuals
+            _triangulate_shape(shape, library)[0] @ matrix_from_quaternion(shape.quaternion).T + shape.position
+            for shape in library.load_object_model(asset).visuals
         ]
     )
 
 
-def smooth_normals(corners: Floats, limit: float = 0.7) -> Floats:
+def compute_smooth_normals(corners: Floats, limit: float = 0.7) -> Floats:
     """(T, 3, 3) normals at corners: the mean over the faces there that turn by less than acos(``limit``)."""
     faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     units = faces / np.maximum(np.linalg.norm(faces, axis=1, keepdims=True), 1e-15)
@@ -84,18 +84,18 @@ def smooth_normals(corners: Floats, limit: float = 0.7) -> Floats:
     return normals.reshape(-1, 3, 3)
 
 
-def _texture(library: Library, name: str) -> npt.NDArray[np.uint8]:
+def _read_texture_image(library: Library, name: str) -> npt.NDArray[np.uint8]:
     """An RGB image of the library."""
-    image = cv2.imread(str(library.mesh_path(name)))
+    image = cv2.imread(str(library.mesh_or_texture_path(name)))
     if image is None:
         raise InputError(f"texture {name} is not an image OpenCV can read", "write the library again")
     return np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8)
 
 
-def _corners(shape: Shape, library: Library) -> tuple[Floats, Floats]:
+def _triangulate_shape(shape: Shape, library: Library) -> tuple[Floats, Floats]:
     """(T, 3, 3) corners in the shape's frame and (T, 3, 2) texture coordinates."""
     if shape.kind == "mesh":
-        surface = read_surface(library.mesh_path(shape.mesh or ""))
+        surface = read_surface(library.mesh_or_texture_path(shape.mesh or ""))
         return surface.corners * np.asarray(shape.size), surface.uvs
     import trimesh  # half a second, which a run that ends before its first mesh need not take
 

@@ -46,7 +46,7 @@ class ObjectModel(Frozen):
         return (high[0] - low[0], high[1] - low[1], high[2] - low[2])
 
 
-def rotation_matrix(quaternion: Quat) -> Points:
+def matrix_from_quaternion(quaternion: Quat) -> Points:
     """The 3x3 rotation of an xyzw quaternion (normalised here)."""
     x, y, z, w = np.asarray(quaternion, dtype=np.float64) / np.linalg.norm(quaternion)
     return np.array(
@@ -58,11 +58,11 @@ def rotation_matrix(quaternion: Quat) -> Points:
     )
 
 
-def composed(outer: Placement, inner: Placement) -> Placement:
+def compose_placements(outer: Placement, inner: Placement) -> Placement:
     """Where something is that is placed by ``inner`` in a frame that is placed by ``outer``."""
     (px, py, pz), (x1, y1, z1, w1) = outer
     x2, y2, z2, w2 = inner[1]
-    dx, dy, dz = (float(value) for value in rotation_matrix(outer[1]) @ np.asarray(inner[0]))
+    dx, dy, dz = (float(value) for value in matrix_from_quaternion(outer[1]) @ np.asarray(inner[0]))
     rotation = (
         w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
         w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
@@ -72,11 +72,11 @@ def composed(outer: Placement, inner: Placement) -> Placement:
     return (px + dx, py + dy, pz + dz), rotation
 
 
-def moved_shape(shape: Shape, placement: Placement) -> Shape:
+def transform_shape(shape: Shape, placement: Placement) -> Shape:
     """The shape of a frame that is placed by ``placement``, in the frame around."""
     if placement == IDENTITY_PLACEMENT:
         return shape
-    position, quaternion = composed(placement, (shape.position, shape.quaternion))
+    position, quaternion = compose_placements(placement, (shape.position, shape.quaternion))
     return shape.model_copy(update={"position": position, "quaternion": quaternion})
 
 
@@ -95,7 +95,7 @@ def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quat:
 
 def rpy_from_quaternion(quaternion: Quat) -> Vec3:
     """URDF's roll, pitch, yaw (rad) of an xyzw quaternion; the inverse of `quaternion_from_rpy`."""
-    matrix = rotation_matrix(quaternion)
+    matrix = matrix_from_quaternion(quaternion)
     pitch = float(np.arcsin(np.clip(-matrix[2, 0], -1.0, 1.0)))
     if abs(matrix[2, 0]) > 1 - 1e-9:  # gimbal lock: only yaw -+ roll is defined, so roll is taken as 0
         return (0.0, pitch, float(np.arctan2(-matrix[0, 1], matrix[1, 1])))
@@ -105,7 +105,7 @@ def rpy_from_quaternion(quaternion: Quat) -> Vec3:
 
 def shape_bounds(shape: Shape, vertices: Points | None = None) -> tuple[Points, Points]:
     """Lowest and highest corner (m, object frame) of a shape; a mesh needs its unscaled ``vertices`` (N, 3)."""
-    rotation, position = rotation_matrix(shape.quaternion), np.asarray(shape.position, dtype=np.float64)
+    rotation, position = matrix_from_quaternion(shape.quaternion), np.asarray(shape.position, dtype=np.float64)
     if shape.kind == "mesh":
         if vertices is None:
             raise ValueError(f"the vertices of mesh {shape.mesh} are needed for its bounds")
@@ -130,7 +130,7 @@ def shape_volume(shape: Shape) -> float:
     return math.pi * radius**2 * shape.size[1] if shape.kind == "cylinder" else 4 / 3 * math.pi * radius**3
 
 
-def joint_bounds(bounds: Iterable[tuple[Points, Points]]) -> tuple[Vec3, Vec3]:
+def merge_bounds(bounds: Iterable[tuple[Points, Points]]) -> tuple[Vec3, Vec3]:
     """The bounds around several bounds."""
     lows, highs = zip(*bounds, strict=True)
     low, high = np.min(lows, axis=0), np.max(highs, axis=0)

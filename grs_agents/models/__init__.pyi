@@ -1,10 +1,10 @@
 from .answer import Answer as Answer
 from .answer import ReplyProblem as ReplyProblem
-from .bounds import LONGEST as LONGEST
 from .factory import OFFLINE as OFFLINE
 from .factory import PROVIDERS as PROVIDERS
-from .factory import chat_model as chat_model
-from .factory import installed as installed
-from .factory import is_loopback as is_loopback
+from .factory import is_loopback_url as is_loopback_url
+from .factory import is_provider_installed as is_provider_installed
+from .factory import make_chat_model as make_chat_model
+from .reply_limits import LONGEST as LONGEST
 from .retry import Retries as Retries
-from .retry import invoke as invoke
+from .retry import invoke_with_retries as invoke_with_retries

@@ -8,7 +8,7 @@ from typing import Any, Literal, cast
 from langchain_core.messages import AIMessage
 
 from grs_agents.errors import GrsError
-from grs_agents.models.keys import said
+from grs_agents.models.key_redaction import redact_keys
 
 _SPELLINGS = ("finish_reason", "stop_reason", "done_reason", "status")
 """Why a reply ended: OpenAI and Google, Anthropic, Ollama, OpenAI's Responses API."""
@@ -45,24 +45,24 @@ class ReplyProblem(GrsError):
         self.answer = answer
 
 
-def read_answer(message: AIMessage) -> Answer:
+def answer_from_message(message: AIMessage) -> Answer:
     """What ``message`` holds, without keys."""
     text, usage = str(message.text), message.usage_metadata
     metadata: Mapping[str, Any] = message.response_metadata
     reason = next((metadata[name] for name in _SPELLINGS if metadata.get(name)), "")
     return Answer(
-        text=said(text),
-        finish_reason=said(str(reason)),
-        refusal=said(str(message.additional_kwargs.get("refusal") or "")),
+        text=redact_keys(text),
+        finish_reason=redact_keys(str(reason)),
+        refusal=redact_keys(str(message.additional_kwargs.get("refusal") or "")),
         encodable=not any("\ud800" <= letter <= "\udfff" for letter in text),
-        input_tokens=_tokens(usage["input_tokens"]) if usage else 0,
-        output_tokens=_tokens(usage["output_tokens"]) if usage else 0,
-        cached_tokens=_tokens(usage.get("input_token_details", {}).get("cache_read", 0)) if usage else 0,
-        cost=_cost(metadata),
+        input_tokens=_valid_token_count(usage["input_tokens"]) if usage else 0,
+        output_tokens=_valid_token_count(usage["output_tokens"]) if usage else 0,
+        cached_tokens=_valid_token_count(usage.get("input_token_details", {}).get("cache_read", 0)) if usage else 0,
+        cost=_cost_from_metadata(metadata),
     )
 
 
-def checked(answer: Answer) -> Answer:
+def require_complete_answer(answer: Answer) -> Answer:
     """``answer`` if it is whole, else a ``ReplyProblem`` is raised."""
     reason = answer.finish_reason.lower()
     if answer.refusal or reason in _REFUSED:
@@ -82,11 +82,11 @@ def checked(answer: Answer) -> Answer:
     return answer
 
 
-def _tokens(count: int | None) -> int:
+def _valid_token_count(count: int | None) -> int:
     return count if count is not None and 0 <= count < _MOST_TOKENS else 0
 
 
-def _cost(metadata: Mapping[str, Any]) -> float | None:
+def _cost_from_metadata(metadata: Mapping[str, Any]) -> float | None:
     usage = metadata.get("token_usage")
     cost = cast(Mapping[str, Any], usage).get("cost") if isinstance(usage, Mapping) else None
     try:

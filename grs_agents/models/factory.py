@@ -13,8 +13,8 @@ from langchain_core.language_models.chat_models import BaseChatModel
 
 from grs_agents.config import ModelConfig
 from grs_agents.errors import ConfigError, UnknownNameError
-from grs_agents.models.bounds import bound_bodies
-from grs_agents.models.keys import holds_key, said
+from grs_agents.models.key_redaction import redact_keys, register_key_variable
+from grs_agents.models.reply_limits import limit_response_size
 
 OFFLINE = "offline"
 PLACEHOLDER_KEY = "not-needed"
@@ -58,7 +58,7 @@ PROVIDERS: Mapping[str, Provider] = {
 }
 
 
-def chat_model(config: ModelConfig, seed: int) -> BaseChatModel:
+def make_chat_model(config: ModelConfig, seed: int) -> BaseChatModel:
     """The chat model that ``config`` names; ``seed`` is for the ``offline`` model's choices.
 
     Raises:
@@ -75,18 +75,23 @@ def chat_model(config: ModelConfig, seed: int) -> BaseChatModel:
     if not colon or not model.strip():
         raise ConfigError(f"model {config.model!r} names no model of {name}", f"write {name}:NAME")
     provider = PROVIDERS[name]
-    make = _client_class(name, config.model)
-    arguments = {**provider.defaults, "model": model.strip(), **_key(provider, config), **_bounds(name, config)}
+    make = _import_client_class(name, config.model)
+    arguments = {
+        **provider.defaults,
+        "model": model.strip(),
+        **_api_key_argument(provider, config),
+        **_request_settings(name, config),
+    }
     try:
         made = cast(BaseChatModel, make(**arguments))
-        bound_bodies(attrgetter(provider.http_client)(made))
+        limit_response_size(attrgetter(provider.http_client)(made))
     except (ValueError, TypeError, AttributeError) as error:
-        first = said(str(error)).splitlines()[0] if str(error) else type(error).__name__
+        first = redact_keys(str(error)).splitlines()[0] if str(error) else type(error).__name__
         raise ConfigError(f"model {config.model!r} cannot be made: {first}", "see `grs doctor`") from error
     return made
 
 
-def installed(provider: str) -> bool:
+def is_provider_installed(provider: str) -> bool:
     """Whether the package that ``provider`` needs can be imported."""
     try:
         import_module(PROVIDERS[provider].module)
@@ -95,7 +100,7 @@ def installed(provider: str) -> bool:
     return True
 
 
-def is_loopback(url: str | None) -> bool:
+def is_loopback_url(url: str | None) -> bool:
     """Whether ``url`` points at this machine."""
     host = (urlsplit(url).hostname or "") if url else ""
     try:
@@ -104,7 +109,7 @@ def is_loopback(url: str | None) -> bool:
         return False
 
 
-def _client_class(name: str, model: str) -> Any:
+def _import_client_class(name: str, model: str) -> Any:
     provider = PROVIDERS[name]
     try:
         return getattr(import_module(provider.module), provider.model_class)
@@ -113,13 +118,13 @@ def _client_class(name: str, model: str) -> Any:
         raise ConfigError(what, f'run: pip install "grs-agents[{name}]"') from error
 
 
-def _key(provider: Provider, config: ModelConfig) -> dict[str, str]:
+def _api_key_argument(provider: Provider, config: ModelConfig) -> dict[str, str]:
     variable = config.key_variable or provider.key_variable
     if not variable or not provider.key_argument:
         return {}
-    holds_key(variable)
+    register_key_variable(variable)
     key = os.environ.get(variable, "")
-    if not key and is_loopback(config.base_url):
+    if not key and is_loopback_url(config.base_url):
         key = PLACEHOLDER_KEY
     if not key:
         raise ConfigError(
@@ -129,7 +134,7 @@ def _key(provider: Provider, config: ModelConfig) -> dict[str, str]:
     return {provider.key_argument: key}
 
 
-def _bounds(name: str, config: ModelConfig) -> dict[str, Any]:
+def _request_settings(name: str, config: ModelConfig) -> dict[str, Any]:
     bounds: dict[str, Any] = {"timeout": config.timeout}
     if name == "ollama":
         bounds = {"client_kwargs": {"timeout": config.timeout}}

@@ -12,9 +12,9 @@ from langchain_core.language_models.chat_models import BaseChatModel
 from langchain_core.messages import BaseMessage
 
 from grs_agents.errors import GrsError
-from grs_agents.models.answer import Answer, ReplyProblem, checked, read_answer
-from grs_agents.models.bounds import within
-from grs_agents.models.keys import said
+from grs_agents.models.answer import Answer, ReplyProblem, answer_from_message, require_complete_answer
+from grs_agents.models.key_redaction import redact_keys
+from grs_agents.models.reply_limits import call_with_timeout
 
 RETRYABLE_STATUS = frozenset({408, 409, 425, 429, 500, 502, 503, 504, 529})
 _PERMANENT = {
@@ -42,13 +42,15 @@ class Retries:
     longest: float = 30.0  # the most seconds ever waited, whatever a Retry-After says
     sleep: Callable[[float], None] = time.sleep  # waits so many seconds
 
-    def wait(self, attempt: int, error: BaseException) -> None:
+    def wait_before_retry(self, attempt: int, error: BaseException) -> None:
         """Wait before try ``attempt + 1`` (the first is 0), as long as the provider asks, within bounds."""
-        asked = retry_after(error)
+        asked = retry_after_seconds(error)
         self.sleep(min(self.longest, self.first * 2**attempt if asked is None else asked))
 
 
-def invoke(model: BaseChatModel, messages: Sequence[BaseMessage], retries: Retries | None = None) -> Answer:
+def invoke_with_retries(
+    model: BaseChatModel, messages: Sequence[BaseMessage], retries: Retries | None = None
+) -> Answer:
     """One usable reply, without the keys that this process knows; the model's own retries are switched off.
 
     Raises:
@@ -58,20 +60,20 @@ def invoke(model: BaseChatModel, messages: Sequence[BaseMessage], retries: Retri
     bounds = retries or Retries()
     for attempt in range(bounds.tries):
         try:
-            message = within(bounds.deadline, lambda: model.invoke(list(messages)))
-            return checked(read_answer(message))
+            message = call_with_timeout(bounds.deadline, lambda: model.invoke(list(messages)))
+            return require_complete_answer(answer_from_message(message))
         except GrsError:
             raise
         except Exception as error:  # each provider raises its own; all but the retryable end in one line
-            if not _retryable(error):
-                raise _final(error) from error
+            if not _is_retryable_error(error):
+                raise _make_permanent_error(error) from error
             if attempt + 1 == bounds.tries:
-                raise _gave_up(error, bounds.tries) from error
-            bounds.wait(attempt, error)
+                raise _make_exhausted_error(error, bounds.tries) from error
+            bounds.wait_before_retry(attempt, error)
     raise GrsError("no try was allowed", "set Retries.tries to 1 or more")
 
 
-def retry_after(error: BaseException) -> float | None:
+def retry_after_seconds(error: BaseException) -> float | None:
     """The seconds that a ``Retry-After`` header of the error's response asks for, or None."""
     headers: Any = getattr(getattr(error, "response", None), "headers", None)
     value = str(headers.get("retry-after") or "").strip() if headers is not None else ""
@@ -87,7 +89,7 @@ def retry_after(error: BaseException) -> float | None:
     return max(0.0, (moment - datetime.now(UTC)).total_seconds())
 
 
-def _status(error: BaseException) -> int | None:
+def _http_status_code(error: BaseException) -> int | None:
     for name in ("status_code", "code", "http_status"):
         value = getattr(error, name, None)
         if isinstance(value, int):
@@ -95,8 +97,8 @@ def _status(error: BaseException) -> int | None:
     return None
 
 
-def _retryable(error: BaseException) -> bool:
-    status = _status(error)
+def _is_retryable_error(error: BaseException) -> bool:
+    status = _http_status_code(error)
     if status is not None:
         quota = "insufficient_quota" in f"{error} {getattr(error, 'code', '')} {getattr(error, 'body', '')}"
         return status in RETRYABLE_STATUS and not quota
@@ -105,25 +107,27 @@ def _retryable(error: BaseException) -> bool:
     return transport or isinstance(error, _MALFORMED)
 
 
-def _final(error: Exception) -> GrsError:
-    status = _status(error)
+def _make_permanent_error(error: Exception) -> GrsError:
+    status = _http_status_code(error)
     remedy = _PERMANENT.get(status or 0, "see the provider's documentation")
     what = f"the model's provider answers {status}" if status else f"the model cannot be asked ({type(error).__name__})"
-    return GrsError(f"{what}: {_short(error)}", remedy)
+    return GrsError(f"{what}: {_redacted_error_text(error)}", remedy)
 
 
-def _gave_up(error: Exception, tries: int) -> GrsError:
-    status = _status(error)
+def _make_exhausted_error(error: Exception, tries: int) -> GrsError:
+    status = _http_status_code(error)
     if status is None and isinstance(error, _MALFORMED):
-        what = f"the provider's answer is malformed in {tries} tries ({type(error).__name__}: {_short(error)})"
+        said = f"{type(error).__name__}: {_redacted_error_text(error)}"
+        what = f"the provider's answer is malformed in {tries} tries ({said})"
         return ReplyProblem("malformed", what, "check models.<role>.base_url")
     what = f"answers {status}" if status else f"gives no answer ({type(error).__name__})"
     return GrsError(
-        f"the model's provider {what} in {tries} tries: {_short(error)}", "try again later, or use another model"
+        f"the model's provider {what} in {tries} tries: {_redacted_error_text(error)}",
+        "try again later, or use another model",
     )
 
 
-def _short(error: Exception) -> str:
+def _redacted_error_text(error: Exception) -> str:
     """What ``error`` says, without keys: these are removed before the text is cut, which might leave half of one."""
-    text = " ".join(said(str(error)).split())
+    text = " ".join(redact_keys(str(error)).split())
     return text[:300] or type(error).__name__

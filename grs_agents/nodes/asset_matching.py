@@ -9,7 +9,7 @@ from grs_agents.perception.matching import Ask, MatchResult, Segment
 from grs_agents.state import RunState
 
 
-def measurements(record: CandidateRecord) -> dict[str, object]:
+def candidate_measurements(record: CandidateRecord) -> dict[str, object]:
     """What a model is told of a candidate besides its picture."""
     return {
         "id": record.id,
@@ -38,12 +38,12 @@ def match_candidates(
         for record in asked
     ]
     silent: list[str] = []
-    result: MatchResult = services.tool(
+    result: MatchResult = services.run_tool(
         config.tools.match,
         segments=segments,
-        frame=services.photo(state),
+        frame=services.load_photo(state),
         table=TableFrame.model_validate(state["table"]),
-        ask=model_matcher(services.agents, asked, described, state["image"], silent),
+        ask=make_model_matcher(services.agents, asked, described, state["image"], silent),
         seed=config.seed,
         model=config.match.model,
         ocr=config.match.ocr,
@@ -52,7 +52,7 @@ def match_candidates(
     return MatchResult(result.matches, (*result.notes, *silent))
 
 
-def model_matcher(
+def make_model_matcher(
     agents: Agents,
     records: Sequence[CandidateRecord],
     described: Mapping[int, Description],
@@ -67,7 +67,7 @@ def model_matcher(
         words = described[segment.id].model_dump(exclude={"is_object"}) if worded else {}
         shown = [{**asset.model_dump(), "size": [round(value, 3) for value in asset.size]} for asset in assets]
         pictures = [record.crop, image] if pictured and image else []
-        reply = roles.match(agents, {**measurements(record), **words}, shown, pictures)
+        reply = roles.match_asset(agents, {**candidate_measurements(record), **words}, shown, pictures)
         if isinstance(reply, NoReply):
             silent.append(f"candidate {segment.id}: {reply}; no asset was matched")
             return MatchEvidence(match="no_asset", reason=str(reply))

@@ -13,7 +13,7 @@ from grs_agents.agents import NoReply, TaskDefinition, examples, roles
 from grs_agents.audit import AuditReport
 from grs_agents.files import write_json, write_text
 from grs_agents.library import Library
-from grs_agents.nodes.services import Services, Update, node
+from grs_agents.nodes.services import Services, Update, logged_node
 from grs_agents.perception import SceneDescription, types
 from grs_agents.sandbox import TestReport
 from grs_agents.sim import api_reference
@@ -33,10 +33,10 @@ def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any
             "description": item.description,
             "category": item.category,
             "color": item.color,
-            "position": _rounded(item.position),
-            "orientation": _rounded(item.orientation, 4),
-            "size": _rounded(item.size),
-            "box": {"low": _rounded(item.box.low), "high": _rounded(item.box.high)},
+            "position": _round_values(item.position),
+            "orientation": _round_values(item.orientation, 4),
+            "size": _round_values(item.size),
+            "box": {"low": _round_values(item.box.low), "high": _round_values(item.box.high)},
             "reachable": item.reachable,
             "hollow": library.asset(item.asset).hollow,
         }
@@ -45,14 +45,14 @@ def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any
     return {"objects": objects, "workspace": WORKSPACE}
 
 
-def fixtures_for_prompt(library: Library) -> list[dict[str, Any]]:
+def fixture_assets_for_prompt(library: Library) -> list[dict[str, Any]]:
     """The assets that may be added to what the photo shows: containers and zones."""
     return [
         {
             "name": asset.name,
             "category": asset.category,
             "description": asset.description,
-            "size": _rounded(asset.size),
+            "size": _round_values(asset.size),
             "hollow": asset.hollow,
         }
         for asset in library.assets()
@@ -60,7 +60,7 @@ def fixtures_for_prompt(library: Library) -> list[dict[str, Any]]:
     ]
 
 
-def _rounded(values: tuple[float, ...], digits: int = 3) -> list[float]:
+def _round_values(values: tuple[float, ...], digits: int = 3) -> list[float]:
     return [round(float(value), digits) for value in values]
 
 
@@ -68,7 +68,7 @@ ProgramName = Literal["simulation", "tests"]
 FILES: dict[ProgramName, str] = {"simulation": "simulation.py", "tests": "test_simulation.py"}
 
 
-def new_version(state: RunState, services: Services, program: ProgramName, source: str, author: str) -> Update:
+def save_program_version(state: RunState, services: Services, program: ProgramName, source: str, author: str) -> Update:
     """Keep ``source`` as the next version of ``program``: file, history, diff, event and state update."""
     old = state.get(program, "")
     number = state.get(f"{program}_version", 0) + 1
@@ -86,8 +86,8 @@ def new_version(state: RunState, services: Services, program: ProgramName, sourc
         ProgramVersion(
             program=program,
             number=number,
-            sha256=_hash(source),
-            parent=_hash(old) if old else None,
+            sha256=_sha256_of_source(source),
+            parent=_sha256_of_source(old) if old else None,
             path=path,
             diff=diff,
             author_role=author,
@@ -97,15 +97,15 @@ def new_version(state: RunState, services: Services, program: ProgramName, sourc
     return {program: source, f"{program}_version": number}
 
 
-def _hash(source: str) -> str:
+def _sha256_of_source(source: str) -> str:
     return hashlib.sha256(source.encode()).hexdigest()
 
 
-def evidence(state: RunState) -> str:
+def format_test_and_audit(state: RunState) -> str:
     """The report of the latest tests and of the audit that followed them, as text."""
-    parts = [TestReport.model_validate(state["report"]).text()] if state.get("report") else []
+    parts = [TestReport.model_validate(state["report"]).format_as_text()] if state.get("report") else []
     if state.get("audit"):
-        parts.append(AuditReport.model_validate(state["audit"]).text())
+        parts.append(AuditReport.model_validate(state["audit"]).format_as_text())
     return "\n\n".join(parts) or "(nothing was run yet)"
 
 
@@ -113,12 +113,12 @@ EXAMPLES = 3
 """How many example programs the simulation prompt shows."""
 
 
-@node
+@logged_node("generate_task")
 def generate_task(state: RunState, services: Services) -> Update:
     """Define a task for the scene (paper, Task Definition Generation)."""
     library = services.library
-    scene = scene_for_prompt(_scene(state), library)
-    task = roles.author_task(services.agents, scene, fixtures_for_prompt(library), _images(state))
+    scene = scene_for_prompt(_scene_from_state(state), library)
+    task = roles.author_task(services.agents, scene, fixture_assets_for_prompt(library), _images_from_state(state))
     if isinstance(task, NoReply):
         return {"problem": str(task)}
     write_json(services.folder / "task.json", task.as_json())
@@ -126,74 +126,79 @@ def generate_task(state: RunState, services: Services) -> Update:
     return {"task": task.as_json()}
 
 
-@node
+@logged_node("generate_sim")
 def generate_sim(state: RunState, services: Services) -> Update:
     """Write the simulation program (paper, Simulation Program Generation)."""
-    task = _task(state)
-    scene = scene_for_prompt(_scene(state), services.library)
+    task = _task_from_state(state)
+    scene = scene_for_prompt(_scene_from_state(state), services.library)
     programs = examples.read_examples(content.content_root() / "prompts" / "examples")
-    nearest = examples.nearest(programs, task, EXAMPLES, services.config.seed)
+    nearest = examples.select_nearest_examples(programs, task, EXAMPLES, services.config.seed)
     shown = "\n\n\n".join(example.source for example in nearest)
-    source = roles.author_simulation(services.agents, task, scene, api_reference(), shown, _images(state))
+    source = roles.author_simulation(services.agents, task, scene, api_reference(), shown, _images_from_state(state))
     if isinstance(source, NoReply):
         return {"problem": str(source)}
-    return new_version(state, services, "simulation", source, "simulation")
+    return save_program_version(state, services, "simulation", source, "simulation")
 
 
-@node
+@logged_node("generate_tests")
 def generate_tests(state: RunState, services: Services) -> Update:
     """Write the tests from the task and the program."""
-    source = roles.author_tests(services.agents, _task(state), state["simulation"], api_reference())
+    source = roles.author_tests(services.agents, _task_from_state(state), state["simulation"], api_reference())
     if isinstance(source, NoReply):
         return {"problem": str(source)}
-    return new_version(state, services, "tests", source, "tests")
+    return save_program_version(state, services, "tests", source, "tests")
 
 
-@node
+@logged_node("fix_code")
 def fix_code(state: RunState, services: Services) -> Update:
     """Write the next version of the program; a reply without a program uses the fix up and changes nothing."""
-    scene = scene_for_prompt(_scene(state), services.library)
+    scene = scene_for_prompt(_scene_from_state(state), services.library)
     explanation = state.get("decision", {}).get("explanation", "fix the program")
     source = roles.fix_code(
         services.agents,
-        _task(state),
+        _task_from_state(state),
         scene,
         state["simulation"],
-        evidence(state),
+        format_test_and_audit(state),
         explanation,
         api_reference(),
-        _images(state),
+        _images_from_state(state),
     )
-    return _fixed(state, services, "simulation", source)
+    return _store_fix_reply(state, services, "simulation", source)
 
 
-@node
+@logged_node("fix_tests")
 def fix_tests(state: RunState, services: Services) -> Update:
     """Write the next version of the tests."""
     explanation = state.get("decision", {}).get("explanation", "fix the tests")
     source = roles.fix_tests(
-        services.agents, _task(state), state["simulation"], state["tests"], evidence(state), explanation
+        services.agents,
+        _task_from_state(state),
+        state["simulation"],
+        state["tests"],
+        format_test_and_audit(state),
+        explanation,
     )
-    return _fixed(state, services, "tests", source)
+    return _store_fix_reply(state, services, "tests", source)
 
 
-def _fixed(state: RunState, services: Services, program: ProgramName, source: str | NoReply) -> Update:
+def _store_fix_reply(state: RunState, services: Services, program: ProgramName, source: str | NoReply) -> Update:
     role = "fix_code" if program == "simulation" else "fix_tests"
     if isinstance(source, NoReply):
         services.log.append(Note(level="warning", text=str(source)))
         return {"fixes": 1, "history": [f"{role}: {source}"]}
     outcome = "unchanged" if source == state.get(program) else f"version {state.get(f'{program}_version', 0) + 1}"
-    update = new_version(state, services, program, source, role)
+    update = save_program_version(state, services, program, source, role)
     return {**update, "fixes": 1, "history": [f"{role}: {outcome}"], "audit": {}}
 
 
-def _scene(state: RunState) -> SceneDescription:
+def _scene_from_state(state: RunState) -> SceneDescription:
     return SceneDescription.model_validate(state["scene"])
 
 
-def _task(state: RunState) -> TaskDefinition:
+def _task_from_state(state: RunState) -> TaskDefinition:
     return TaskDefinition.model_validate(state["task"])
 
 
-def _images(state: RunState) -> list[str]:
+def _images_from_state(state: RunState) -> list[str]:
     return [state["image"]] if state.get("image") else []

@@ -11,11 +11,11 @@ import numpy as np
 
 from grs_agents.agents import Description, NoReply, roles
 from grs_agents.errors import InputError
-from grs_agents.library import write_background
-from grs_agents.nodes.asset_matching import match_candidates, measurements
-from grs_agents.nodes.scene_objects import MatchedCandidate, check_sizes, drop_reason, place_object
+from grs_agents.library import write_background_asset
+from grs_agents.nodes.asset_matching import candidate_measurements, match_candidates
+from grs_agents.nodes.scene_objects import MatchedCandidate, drop_reason, place_object, replace_misfit_assets
 from grs_agents.nodes.scene_settling import settle_scene
-from grs_agents.nodes.services import Photo, Services, Update, node
+from grs_agents.nodes.services import Photo, Services, Update, logged_node
 from grs_agents.perception import (
     Candidate,
     CandidateRecord,
@@ -29,21 +29,21 @@ from grs_agents.perception import (
     SceneObject,
     TableFrame,
     add_residual_candidates,
-    doubts,
-    place_robot,
+    center_objects_in_workspace,
+    describe_table_doubts,
     read_scene,
-    reconstruct,
+    reconstruct_background,
     register_objects,
     save_candidates,
     save_frame,
 )
 from grs_agents.perception import find_table as table_in
-from grs_agents.sim.world import arm_at_home
+from grs_agents.sim.world import arm_spheres_at_home
 from grs_agents.state import RunState
 from grs_agents.trace import Note, SceneStage
 
 
-def write_background_asset(
+def build_background_asset(
     frame: RGBDFrame, table: TableFrame, candidates: Sequence[Candidate], services: Services
 ) -> tuple[str, list[str]]:
     """Reconstruct what is left of a photo, if the configuration says so, and write it beside the proxies of the run.
@@ -57,13 +57,17 @@ def write_background_asset(
     objects = np.zeros(frame.depth.shape, np.bool_)
     for candidate in candidates:
         objects |= candidate.mask
-    arm = arm_at_home(services.robot, services.library)
-    background = reconstruct(frame, table, objects, [candidate.box for candidate in candidates], arm, asked.voxel)
+    arm = arm_spheres_at_home(services.robot_name_or_path, services.library)
+    background = reconstruct_background(
+        frame, table, objects, [candidate.box for candidate in candidates], arm, asked.voxel
+    )
     if background is None:
         return "", ["the photo shows nothing but table and objects near the robot: there is no background"]
     folder = services.folder / "assets"
     folder.mkdir(exist_ok=True)
-    name = write_background(folder, background.mesh.vertices, background.mesh.faces, background.boxes, background.color)
+    name = write_background_asset(
+        folder, background.mesh.vertices, background.mesh.faces, background.boxes, background.color
+    )
     low, high = background.boxes[:, 0].min(axis=0), background.boxes[:, 1].max(axis=0)
     summary = {
         "asset": name,
@@ -77,30 +81,32 @@ def write_background_asset(
     return name, []
 
 
-@node
-def read(state: RunState, services: Services) -> Update:
+@logged_node("read")
+def read_photo(state: RunState, services: Services) -> Update:
     """Read the RGB-D photo and write it into the run folder; all later nodes work on what was written."""
-    frame = read_scene(Path(state["scene_path"]), _estimator(services), services.config.depth.field_of_view)
+    frame = read_scene(Path(state["scene_path"]), _make_depth_estimator(services), services.config.depth.field_of_view)
     files = save_frame(frame, services.folder)
     camera = frame.camera.model_dump(mode="json")
     services.log.append(SceneStage(stage="frame", summary={"camera": camera}, files=files))
     return {"notes": list(frame.notes), "image": files["rgb"], "camera": camera}
 
 
-@node
+@logged_node("find_table")
 def find_table(state: RunState, services: Services) -> Update:
     """Find the table's plane and lay a frame on it; the robot is placed once the objects are known."""
     config = services.config
-    table = table_in(services.photo(state), np.random.default_rng(config.seed), config.scene.table)
-    return {"table": table.model_dump(mode="json"), "notes": [*state["notes"], *doubts(table)]}
+    table = table_in(services.load_photo(state), np.random.default_rng(config.seed), config.scene.table)
+    return {"table": table.model_dump(mode="json"), "notes": [*state["notes"], *describe_table_doubts(table)]}
 
 
-@node
-def segment(state: RunState, services: Services) -> Update:
+@logged_node("segment")
+def segment_photo(state: RunState, services: Services) -> Update:
     """Segment what stands on the table into candidates, and place the robot in front of them."""
-    frame, config = services.photo(state), services.config
-    request = {"frame": frame, "table": _table(state), "model": config.segment.model}
-    table, candidates = place_robot(_table(state), services.tool(config.tools.segment, **request).candidates)
+    frame, config = services.load_photo(state), services.config
+    request = {"frame": frame, "table": _table_from_state(state), "model": config.segment.model}
+    table, candidates = center_objects_in_workspace(
+        _table_from_state(state), services.run_tool(config.tools.segment, **request).candidates
+    )
     records = save_candidates(frame, candidates, services.folder)
     boxes = [{"id": record.id, "name": f"candidate {record.id}", "box": record.box.model_dump()} for record in records]
     camera = {**state["camera"], "T_robot_cam": table.T_robot_cam}
@@ -116,7 +122,7 @@ def segment(state: RunState, services: Services) -> Update:
             },
         )
     )
-    background, notes = write_background_asset(frame, table, candidates, services)
+    background, notes = build_background_asset(frame, table, candidates, services)
     return {
         "notes": [*state["notes"], *notes],
         "background": background,
@@ -126,42 +132,42 @@ def segment(state: RunState, services: Services) -> Update:
     }
 
 
-@node
-def describe(state: RunState, services: Services) -> Update:
+@logged_node("describe")
+def describe_candidates(state: RunState, services: Services) -> Update:
     """Ask the describer about each pending candidate (paper, Scene Comprehension, step 2)."""
     warnings: list[str] = []
-    pending = _pending(state)
+    pending = _pending_candidates(state)
     descriptions = {
-        str(record.id): _described(record, state["image"], services, warnings).model_dump(mode="json")
+        str(record.id): _describe_candidate(record, state["image"], services, warnings).model_dump(mode="json")
         for record in pending
     }
     services.log.append(SceneStage(stage="described", summary=descriptions))
     return {"descriptions": {**state.get("descriptions", {}), **descriptions}, "notes": [*state["notes"], *warnings]}
 
 
-@node
-def match(state: RunState, services: Services) -> Update:
+@logged_node("match")
+def match_candidates_to_assets(state: RunState, services: Services) -> Update:
     """Match each pending candidate that is an object with an asset (paper, Scene Comprehension, step 3)."""
-    result = match_candidates(_pending(state), _descriptions(state), state, services)
+    result = match_candidates(_pending_candidates(state), _descriptions_from_state(state), state, services)
     matches = {str(number): answer.model_dump(mode="json") for number, answer in result.matches.items()}
     return {"matches": {**state.get("matches", {}), **matches}, "notes": [*state["notes"], *result.notes]}
 
 
-@node
-def register(state: RunState, services: Services) -> Update:
+@logged_node("register")
+def register_assets_in_photo(state: RunState, services: Services) -> Update:
     """Place each pending candidate's asset where the photo shows it; what no asset stands for becomes a proxy.
 
     In the first pass, what the placed assets do not explain of the segments becomes the candidates of a second pass.
     """
     records = [CandidateRecord.model_validate(item) for item in state["candidates"]]
     objects = [SceneObject.model_validate(item) for item in state.get("objects", ())]
-    placed, dropped = _placed(_pending(state), objects, state, services)
+    placed, dropped = _place_candidates(_pending_candidates(state), objects, state, services)
     objects += placed
     dropped = [*(DroppedCandidate.model_validate(item) for item in state.get("dropped", ())), *dropped]
     residual: tuple[CandidateRecord, ...] = ()
     if len(state["pending"]) == len(records):  # the first pass
         residual, divided = add_residual_candidates(
-            objects, records, *_photo(state, services), services.library, services.folder
+            objects, records, *_photo_and_table(state, services), services.library, services.folder
         )
         dropped += divided
         objects = [item for item in objects if item.id not in {gone.id for gone in divided}]
@@ -173,17 +179,20 @@ def register(state: RunState, services: Services) -> Update:
     }
 
 
-def registered(state: RunState) -> Literal["describe", "settle"]:
+def next_step_after_register(state: RunState) -> Literal["describe", "settle"]:
     """Whether there are residual candidates to describe, or all objects are placed."""
     return "describe" if state["pending"] else "settle"
 
 
-@node
-def settle(state: RunState, services: Services) -> Update:
+@logged_node("settle")
+def settle_objects(state: RunState, services: Services) -> Update:
     """Resolve collisions, let the objects come to rest in MuJoCo, and write ``scene.json``."""
     records = [CandidateRecord.model_validate(item) for item in state["candidates"]]
     settled = settle_scene(
-        [SceneObject.model_validate(item) for item in state["objects"]], records, _photo(state, services), services
+        [SceneObject.model_validate(item) for item in state["objects"]],
+        records,
+        _photo_and_table(state, services),
+        services,
     )
     warnings = [*state["notes"], *settled.warnings]
     warnings += [
@@ -195,13 +204,18 @@ def settle(state: RunState, services: Services) -> Update:
         services.log.append(Note(level="warning", text=warning))
     if not settled.objects:
         raise InputError(
-            "; ".join([f"{state['scene_path']}: none of {len(records)} segments is an object", *doubts(_table(state))]),
+            "; ".join(
+                [
+                    f"{state['scene_path']}: none of {len(records)} segments is an object",
+                    *describe_table_doubts(_table_from_state(state)),
+                ]
+            ),
             "put objects of at least 2 cm on the table, or name another model for describe and match",
         )
     scene = SceneDescription(
         source=state["scene_path"],
         image=state["image"],
-        frame=_table(state),
+        frame=_table_from_state(state),
         objects=settled.objects,
         dropped=(*(DroppedCandidate.model_validate(item) for item in state["dropped"]), *settled.dropped),
         warnings=tuple(warnings),
@@ -214,14 +228,14 @@ def settle(state: RunState, services: Services) -> Update:
     return {"scene": scene.model_dump(mode="json")}
 
 
-def _placed(
+def _place_candidates(
     records: Sequence[CandidateRecord], others: Sequence[SceneObject], state: RunState, services: Services
 ) -> tuple[tuple[SceneObject, ...], list[DroppedCandidate]]:
     """The candidates as objects with an asset or proxy where the photo shows them, and those that are no object."""
     if not records:
         return (), []
-    photo = _photo(state, services)
-    descriptions = _descriptions(state)
+    photo = _photo_and_table(state, services)
+    descriptions = _descriptions_from_state(state)
     matches = {int(number): MatchEvidence.model_validate(match) for number, match in state["matches"].items()}
     dropped: list[DroppedCandidate] = []
     objects: list[SceneObject] = []
@@ -234,50 +248,50 @@ def _placed(
     by_number = {record.id: record for record in records}
     names = [other.name for other in others]
     registered = register_objects(objects, records, *photo, services.library, services.folder)
-    placed, mismatched = check_sizes(registered, by_number, names, photo, services)
+    placed, mismatched = replace_misfit_assets(registered, by_number, names, photo, services)
     return placed, [*dropped, *mismatched]
 
 
-def _table(state: RunState) -> TableFrame:
+def _table_from_state(state: RunState) -> TableFrame:
     return TableFrame.model_validate(state["table"])
 
 
-def _photo(state: RunState, services: Services) -> Photo:
-    return services.photo(state), _table(state)
+def _photo_and_table(state: RunState, services: Services) -> Photo:
+    return services.load_photo(state), _table_from_state(state)
 
 
-def _pending(state: RunState) -> list[CandidateRecord]:
+def _pending_candidates(state: RunState) -> list[CandidateRecord]:
     """The candidates of this pass."""
     return [
         CandidateRecord.model_validate(record) for record in state["candidates"] if record["id"] in state["pending"]
     ]
 
 
-def _descriptions(state: RunState) -> dict[int, Description]:
+def _descriptions_from_state(state: RunState) -> dict[int, Description]:
     return {
         int(number): Description.model_validate(description) for number, description in state["descriptions"].items()
     }
 
 
-@node
+@logged_node("hide_image")
 def hide_image(state: RunState, services: Services) -> Update:
     """Keep the scene image from the authors (ablation ``LLM``)."""
     return {"image": ""}
 
 
-def _estimator(services: Services) -> Estimator:
+def _make_depth_estimator(services: Services) -> Estimator:
     """Asks the configured depth tool, if the scene turns out to have no depth."""
 
     def estimate(rgb: Image, focal: float | None, photo: str) -> DepthEstimate:
         config = services.config
-        return services.tool(config.tools.depth, rgb=rgb, focal=focal, photo=photo, model=config.depth.model)
+        return services.run_tool(config.tools.depth, rgb=rgb, focal=focal, photo=photo, model=config.depth.model)
 
     return estimate
 
 
-def _described(record: CandidateRecord, image: str, services: Services, warnings: list[str]) -> Description:
+def _describe_candidate(record: CandidateRecord, image: str, services: Services, warnings: list[str]) -> Description:
     """What the describer says of a candidate; without a usable reply, what was measured and nothing else."""
-    reply = roles.describe(services.agents, measurements(record), [record.crop, image])
+    reply = roles.describe_crop(services.agents, candidate_measurements(record), [record.crop, image])
     if not isinstance(reply, NoReply):
         return reply
     warnings.append(f"candidate {record.id}: {reply}")

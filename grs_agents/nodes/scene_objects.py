@@ -21,14 +21,14 @@ from grs_agents.perception import (
     Solid,
     Surroundings,
     UprightBox,
-    is_certain,
+    deviation_from_measured_box,
+    fit_asset_to_box,
+    is_match_certain,
+    is_reachable_position,
     load_mask,
-    place_asset,
-    reachable,
-    size_deviation,
-    upright_of,
+    upright_box_from_aabb,
 )
-from grs_agents.perception.proxies import choose_kind, measured_shape, proxy_texture, write_proxy
+from grs_agents.perception.proxies import choose_proxy_kind, extract_proxy_texture, measure_shape, write_proxy
 
 
 @dataclass(frozen=True)
@@ -59,10 +59,10 @@ def place_object(candidate: MatchedCandidate, services: Services, taken: Sequenc
     record, description, reply = candidate.record, candidate.description, candidate.reply
     if reply is not None and reply.match == "asset" and reply.asset is not None:
         asset = services.library.asset(reply.asset)
-        position, orientation, size = place_asset(record.upright, asset.size)
-        name = _unique_name(asset.kind, taken)
+        position, orientation, size = fit_asset_to_box(record.upright, asset.size)
+        name = _unique_object_name(asset.kind, taken)
     else:
-        name = _unique_name(f"{description.color} {description.category}", taken)
+        name = _unique_object_name(f"{description.color} {description.category}", taken)
         asset = write_measured_proxy(
             name, record, record.upright, record.shape, description.description, services, photo
         )
@@ -80,7 +80,7 @@ def place_object(candidate: MatchedCandidate, services: Services, taken: Sequenc
         position=position,
         orientation=orientation,
         size=size,
-        reachable=reachable(position),
+        reachable=is_reachable_position(position),
         evidence=reply.reason if reply else "",
         match=reply,
         mask=record.mask,
@@ -107,13 +107,13 @@ def write_measured_proxy(
     folder = services.folder / "assets"
     folder.mkdir(exist_ok=True)
     mask = load_mask(services.folder / record.mask) if mask is None else mask
-    measured = measured_shape(*photo, mask, box, around)
-    kind = choose_kind(measured, box.size, shape == "cylinder", record.hollow)
-    look = proxy_texture(*photo, mask, box)
+    measured = measure_shape(*photo, mask, box, around)
+    kind = choose_proxy_kind(measured, box.size, shape == "cylinder", record.hollow)
+    look = extract_proxy_texture(*photo, mask, box)
     return write_proxy(folder, name, kind, box.size, record.color, description, measured, look)
 
 
-def _unique_name(words: str, taken: Sequence[str]) -> str:
+def _unique_object_name(words: str, taken: Sequence[str]) -> str:
     """``words`` as a slug with a number that no other object of the scene has."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", words)
     slug = re.sub(r"[^a-z0-9]+", "_", spaced.lower()).strip("_")[:40] or "object"
@@ -128,7 +128,7 @@ def yaw_quaternion(yaw: float) -> Quat:
     return (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
 
 
-def check_sizes(
+def replace_misfit_assets(
     objects: Sequence[SceneObject],
     records: Mapping[int, CandidateRecord],
     taken: Sequence[str],
@@ -139,7 +139,7 @@ def check_sizes(
     kept: list[SceneObject] = []
     dropped: list[DroppedCandidate] = []
     for item in objects:
-        why = size_mismatch(item, services)
+        why = describe_size_mismatch(item, services)
         names = [*taken, *(other.name for other in (*objects, *kept))]
         replaced = replace_by_proxy(item, why, records[item.id], names, photo, services) if why else item
         if isinstance(replaced, DroppedCandidate):
@@ -149,14 +149,14 @@ def check_sizes(
     return tuple(kept), dropped
 
 
-def size_mismatch(item: SceneObject, services: Services) -> str:
+def describe_size_mismatch(item: SceneObject, services: Services) -> str:
     """Why the asset of an object does not stand for what was measured of it; empty if it does, or is a proxy."""
-    if not item.matched or is_certain(item):
+    if not item.matched or is_match_certain(item):
         return ""
-    deviation = size_deviation(
-        item.asset, (item.position, item.orientation), services.library, item.upright or upright_of(item.box)
+    deviation = deviation_from_measured_box(
+        item.asset, (item.position, item.orientation), services.library, item.upright or upright_box_from_aabb(item.box)
     )
-    return "" if deviation.agrees else f"is not of the measured size there: {deviation}"
+    return "" if deviation.is_within_tolerance else f"is not of the measured size there: {deviation}"
 
 
 def replace_by_proxy(

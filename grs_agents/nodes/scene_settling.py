@@ -6,7 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from grs_agents.errors import GrsError
-from grs_agents.nodes.scene_objects import replace_by_proxy, size_mismatch, write_measured_proxy, yaw_quaternion
+from grs_agents.nodes.scene_objects import (
+    describe_size_mismatch,
+    replace_by_proxy,
+    write_measured_proxy,
+    yaw_quaternion,
+)
 from grs_agents.nodes.services import Photo, Services
 from grs_agents.perception import (
     CandidateRecord,
@@ -17,23 +22,23 @@ from grs_agents.perception import (
     SceneObject,
     TableFrame,
     TwinReport,
-    aligned,
-    body_of,
+    body_from_asset,
+    enclosing_aabb,
+    find_spatial_relations,
+    is_reachable_position,
     load_mask,
-    pose_fields,
-    reachable,
-    relations,
+    registered_object_fields,
 )
-from grs_agents.perception.proxies import is_crowded
+from grs_agents.perception.proxies import is_box_crowded
 from grs_agents.perception.settling import (
     KnownObject,
     PlacedObject,
     Reconciled,
     Segment,
+    match_fallen_to_support,
     reconcile_segments,
     repair_collisions,
-    report_of,
-    supporting_segments,
+    settle_and_report,
 )
 from grs_agents.sim.instance import SimulationError
 
@@ -61,7 +66,7 @@ class _Scene:
     records: Mapping[int, CandidateRecord]
     services: Services
 
-    def mask(self, item: SceneObject) -> Mask:
+    def load_object_mask(self, item: SceneObject) -> Mask:
         """The pixels (H, W) of an object."""
         return load_mask(self.services.folder / item.mask)
 
@@ -75,16 +80,16 @@ def settle_scene(
     scene = _Scene(*photo, {record.id: record for record in records}, services)
     separated, dropped, warnings = tuple(objects), list[DroppedCandidate](), tuple[str, ...]()
     try:
-        separated, dropped = _without_collisions(objects, scene)
+        separated, dropped = _resolve_collisions(objects, scene)
     except SimulationError as error:
         warnings = (f"objects that stand in each other stay there: {error.message}",)
-    settled, carried = _settled(separated, {}, scene)
+    settled, carried = _reconcile_and_settle(separated, {}, scene)
     if carried:
-        settled, _ = _settled(separated, carried, scene)
+        settled, _ = _reconcile_and_settle(separated, carried, scene)
     return replace(settled, warnings=(*warnings, *settled.warnings), dropped=(*dropped, *settled.dropped))
 
 
-def _without_collisions(
+def _resolve_collisions(
     objects: Sequence[SceneObject], scene: _Scene
 ) -> tuple[tuple[SceneObject, ...], list[DroppedCandidate]]:
     """The objects, those that were registered into others beside them, if that still agrees with what was measured.
@@ -93,15 +98,15 @@ def _without_collisions(
     """
     matched = [index for index, item in enumerate(objects) if item.matched]
     known_objects = [
-        KnownObject(_placed_object(item), scene.records[item.id].upright, scene.mask(item))
+        KnownObject(_to_placed_object(item), scene.records[item.id].upright, scene.load_object_mask(item))
         for item in (objects[index] for index in matched)
     ]
     placed: dict[int, SceneObject] = dict(enumerate(objects))
     dropped: list[DroppedCandidate] = []
     collisions = repair_collisions(known_objects, scene.frame, scene.table, scene.services.library)
     for index, registered in collisions.moved.items():
-        item = objects[matched[index]].model_copy(update=pose_fields(registered))
-        if not size_mismatch(item, scene.services):
+        item = objects[matched[index]].model_copy(update=registered_object_fields(registered))
+        if not describe_size_mismatch(item, scene.services):
             placed[matched[index]] = item
     for index in sorted(collisions.wrong):
         item, names = placed.pop(matched[index]), [other.name for other in (*objects, *placed.values())]
@@ -114,7 +119,7 @@ def _without_collisions(
     return tuple(placed[index] for index in sorted(placed)), dropped
 
 
-def _settled(
+def _reconcile_and_settle(
     objects: Sequence[SceneObject], united: Mapping[int, int], scene: _Scene
 ) -> tuple[SettledScene, dict[int, int]]:
     """The objects at rest, without those that are pieces of others; and which of them are carried by which, by index.
@@ -123,30 +128,32 @@ def _settled(
     """
     segments: list[Segment] = []
     for item in objects:
-        record, placed_item = scene.records[item.id], _placed_object(item) if item.matched else None
-        segments.append(Segment(scene.mask(item), record.upright, record.shape, placed_item, record.hollow))
+        record, placed_item = scene.records[item.id], _to_placed_object(item) if item.matched else None
+        segments.append(Segment(scene.load_object_mask(item), record.upright, record.shape, placed_item, record.hollow))
     agreed = reconcile_segments(segments, scene.frame, scene.table, scene.services.library, united)
     kept = [index for index in range(len(objects)) if index not in agreed.pieces]
-    placed = [_with_fitted_proxy(objects[index], index, agreed, scene, bool(united)) for index in kept]
+    placed = [_refit_proxy(objects[index], index, agreed, scene, bool(united)) for index in kept]
     dropped = tuple(
         DroppedCandidate(id=objects[piece].id, reason=f"a piece of {objects[whole].name}")
         for piece, whole in agreed.pieces.items()
     )
     mask = np.any([segment.mask for segment in segments], axis=0)
-    settled, fallen = _at_rest(placed, mask, scene)
-    return replace(settled, dropped=dropped), supporting_segments({kept[index] for index in fallen}, agreed)
+    settled, fallen = _simulate_to_rest(placed, mask, scene)
+    return replace(settled, dropped=dropped), match_fallen_to_support({kept[index] for index in fallen}, agreed)
 
 
-def _at_rest(objects: Sequence[SceneObject], mask: Mask, scene: _Scene) -> tuple[SettledScene, set[int]]:
+def _simulate_to_rest(objects: Sequence[SceneObject], mask: Mask, scene: _Scene) -> tuple[SettledScene, set[int]]:
     """The objects where they come to rest in MuJoCo, and the indices of those that fell.
 
     ``mask`` (H, W) are the pixels of all segments, at which the twin is compared with the photo.
     """
     library = scene.services.library  # with the proxies that were written again
-    bodies = [body_of(item.name, item.asset, (item.position, item.orientation), library) for item in objects]
-    settled = SettledScene(tuple(objects), relations(bodies))
+    bodies = [body_from_asset(item.name, item.asset, (item.position, item.orientation), library) for item in objects]
+    settled = SettledScene(tuple(objects), find_spatial_relations(bodies))
     try:
-        rest, twin = report_of([_placed_object(item) for item in objects], library, scene.frame, scene.table, mask)
+        rest, twin = settle_and_report(
+            [_to_placed_object(item) for item in objects], library, scene.frame, scene.table, mask
+        )
     except GrsError as error:
         return replace(settled, warnings=(f"the scene has no twin: {error.message}",)), set()
     resting = tuple(
@@ -157,7 +164,7 @@ def _at_rest(objects: Sequence[SceneObject], mask: Mask, scene: _Scene) -> tuple
     return replace(settled, objects=resting, twin=twin), fallen
 
 
-def _with_fitted_proxy(item: SceneObject, index: int, agreed: Reconciled, scene: _Scene, again: bool) -> SceneObject:
+def _refit_proxy(item: SceneObject, index: int, agreed: Reconciled, scene: _Scene, again: bool) -> SceneObject:
     """An object; its proxy, if it has one that does not fill the space that is left for it, written again.
 
     With ``again`` in any case: what was written before may have been for less space.
@@ -165,9 +172,9 @@ def _with_fitted_proxy(item: SceneObject, index: int, agreed: Reconciled, scene:
     claim, record = agreed.claims.get(index), scene.records[item.id]
     if claim is None:
         return item
-    around, mask = agreed.around(index), agreed.masks[index]
+    around, mask = agreed.surroundings_of_segment(index), agreed.masks[index]
     fits = claim.box == record.upright and index not in agreed.pieces.values()
-    if fits and not again and not is_crowded(claim.box, around):
+    if fits and not again and not is_box_crowded(claim.box, around):
         return item
     photo, measured = (scene.frame, scene.table), claim.measured_box(record.upright)
     asset = write_measured_proxy(
@@ -178,12 +185,12 @@ def _with_fitted_proxy(item: SceneObject, index: int, agreed: Reconciled, scene:
             "position": claim.box.center,
             "orientation": yaw_quaternion(claim.box.yaw),
             "size": asset.size,
-            "box": aligned(measured, claim.shape),
+            "box": enclosing_aabb(measured, claim.shape),
             "upright": measured,
-            "reachable": reachable(claim.box.center),
+            "reachable": is_reachable_position(claim.box.center),
         }
     )
 
 
-def _placed_object(item: SceneObject) -> PlacedObject:
+def _to_placed_object(item: SceneObject) -> PlacedObject:
     return PlacedObject(item.asset, (item.position, item.orientation), guessed=not item.matched)

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property, wraps
+from functools import cached_property, partial, wraps
 from pathlib import Path
 from stat import S_ISDIR
 from typing import Any, Protocol
@@ -23,7 +23,7 @@ from grs_agents.sandbox import Sandbox
 from grs_agents.sim.arms import ROBOTS, get_arm
 from grs_agents.state import RunState
 from grs_agents.toolkit import ToolContext, load_tool
-from grs_agents.trace import EventLog, NodeEnded, NodeStarted, brief
+from grs_agents.trace import EventLog, NodeEnded, NodeStarted, summarise_value
 
 Update = dict[str, Any]
 Photo = tuple[RGBDFrame, TableFrame]
@@ -63,35 +63,35 @@ class Services:
         """The shipped assets with the run's own proxies laid over; read anew only when a proxy has changed."""
         proxies = self.assets or self.folder / "assets"
         if not proxies.is_dir():
-            return self._shipped
-        stamps = frozenset(_stamps(proxies))
+            return self._shipped_library
+        stamps = frozenset(_file_stamps(proxies))
         if stamps not in self._overlaid:
             self._overlaid.clear()
-            self._overlaid[stamps] = self._shipped.overlay(proxies)
+            self._overlaid[stamps] = self._shipped_library.with_overlay(proxies)
         return self._overlaid[stamps]
 
-    def photo(self, state: RunState) -> RGBDFrame:
+    def load_photo(self, state: RunState) -> RGBDFrame:
         """The photo that the node ``read`` wrote into the run folder; it is decoded once."""
         if not self._photos:
             self._photos.append(load_frame(self.folder, Camera.model_validate(state["camera"]), state["scene_path"]))
         return self._photos[0]
 
     @cached_property
-    def _shipped(self) -> Library:
+    def _shipped_library(self) -> Library:
         return Library()
 
     @property
-    def robot(self) -> str:
+    def robot_name_or_path(self) -> str:
         """The arm's name, or the absolute path of its file: tools run in folders of their own."""
         robot = self.config.robot
         return robot if robot in ROBOTS else str(Path(robot).resolve())
 
     def __post_init__(self) -> None:
         """Refuse a robot that cannot be used before anything is spent on the run."""
-        if self.robot not in ROBOTS:
-            get_arm(self.robot)
+        if self.robot_name_or_path not in ROBOTS:
+            get_arm(self.robot_name_or_path)
 
-    def tool(self, name: str, **request: Any) -> Any:
+    def run_tool(self, name: str, **request: Any) -> Any:
         """Run the tool called ``name`` with a request made of ``request``."""
         tool = load_tool(name)
         try:
@@ -104,7 +104,7 @@ class Services:
         return tool.run(asked, context)
 
 
-def _stamps(folder: Path) -> Iterator[Stamp]:
+def _file_stamps(folder: Path) -> Iterator[Stamp]:
     """Of every file below ``folder``."""
     for path in folder.rglob("*"):
         with suppress(FileNotFoundError):  # the temporary file of one that is written just now
@@ -113,13 +113,15 @@ def _stamps(folder: Path) -> Iterator[Stamp]:
                 yield str(path), status.st_ino, status.st_mtime_ns, status.st_size
 
 
-def node(body: Body) -> Node:
-    """Wrap a node's body: its start, end, seconds and errors become events."""
+def logged_node(name: str) -> Callable[[Body], Node]:
+    """Wrap the body of the node ``name``: its start, end, seconds and errors become events."""
+    return partial(_log_node, name)
 
+
+def _log_node(name: str, body: Body) -> Node:
     @wraps(body)
     def run(state: RunState, *, runtime: Runtime[Services]) -> Update:
         services = runtime.context
-        name = body.__name__
         services.visits[name] += 1
         services.log.attempt = state.get("fixes", 0)
         services.log.append(NodeStarted(node=name, visit=services.visits[name]))
@@ -138,7 +140,7 @@ def node(body: Body) -> Node:
                     node=name,
                     seconds=seconds,
                     changed=tuple(update),
-                    values={key: brief(value) for key, value in update.items()},
+                    values={key: summarise_value(value) for key, value in update.items()},
                     error=error,
                 )
             )

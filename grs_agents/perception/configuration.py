@@ -232,7 +232,7 @@ class Segmentation:
     filter: SegmentFilter = SegmentFilter()
     proposals: MaskProposals = MaskProposals()
 
-    def without(self, *rules: str) -> Self:
+    def without_rules(self, *rules: str) -> Self:
         """The same with some rules off.
 
         Raises:

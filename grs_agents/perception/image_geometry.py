@@ -17,7 +17,7 @@ THINNEST = 0.012  # a footprint is at least this wide (m): thinner ones are seen
 ALIKE = 1.08  # rectangles of which the areas differ by less than this factor fit alike
 
 
-def components(mask: cv2.typing.MatLike, smallest: int) -> Labels:
+def label_connected_components(mask: cv2.typing.MatLike, smallest: int) -> Labels:
     """Number the 4-connected components of at least ``smallest`` pixels from 1; the rest is 0."""
     _, found = cv2.connectedComponents(mask, connectivity=4)
     labels = np.asarray(found, np.int32)
@@ -26,7 +26,7 @@ def components(mask: cv2.typing.MatLike, smallest: int) -> Labels:
     return np.where(large, np.cumsum(large), 0).astype(np.int32).take(labels)
 
 
-def pixels_of(labels: Labels) -> list[Index]:
+def pixels_by_label(labels: Labels) -> list[Index]:
     """The pixels of each label from 1, as flat indices in the picture's order."""
     pixels = np.flatnonzero(labels > 0)
     owners = labels.ravel().take(pixels)
@@ -35,27 +35,27 @@ def pixels_of(labels: Labels) -> list[Index]:
     return np.split(pixels[order], np.cumsum(counts[1:]))[:-1]
 
 
-def values_at(picture: npt.NDArray[Value], mask: Mask) -> npt.NDArray[Value]:
+def values_in_mask(picture: npt.NDArray[Value], mask: Mask) -> npt.NDArray[Value]:
     """(N, D) what an (H, W, D) picture holds at the pixels of a mask (H, W); many times as fast as indexing by it."""
     return picture.reshape(-1, picture.shape[-1]).take(np.flatnonzero(mask), axis=0)
 
 
-def window_of(mask: Mask) -> tuple[slice, slice]:
+def mask_bounding_slices(mask: Mask) -> tuple[slice, slice]:
     """The least rows and columns that hold all of a mask (H, W)."""
     left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
     return slice(top, top + height), slice(left, left + width)
 
 
-def outline_of(mask: Mask) -> npt.NDArray[np.int32]:
+def mask_outline_pixels(mask: Mask) -> npt.NDArray[np.int32]:
     """(M, 2) column and row of each pixel of the outer borders of a mask (H, W)."""
-    window = window_of(mask)
+    window = mask_bounding_slices(mask)
     inner = mask[window].astype(np.uint8)
     offset = (window[1].start, window[0].start)
     outlines, _ = cv2.findContours(inner, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=offset)
     return np.concatenate(outlines).reshape(-1, 2).astype(np.int32)
 
 
-def percentiles(values: Array, shares: Sequence[float]) -> Array:
+def compute_percentiles(values: Array, shares: Sequence[float]) -> Array:
     """(K,) or (K, D) as `np.percentile` along the first axis, several times as fast on some thousand values.
 
     ``values`` are (N,) or (N, D), all finite, at least one; ``shares`` (K,) per cent.
@@ -68,7 +68,7 @@ def percentiles(values: Array, shares: Sequence[float]) -> Array:
     return np.where(share < 0.5, low + (high - low) * share, high - (high - low) * (1 - share)).T
 
 
-def within(points: Array, low: Array, high: Array) -> Mask:
+def points_in_box_mask(points: Array, low: Array, high: Array) -> Mask:
     """Which of the (N, D) ``points`` lie in the axis-aligned box from ``low`` to ``high``, both (D,)."""
     inside = np.ones(len(points), np.bool_)
     for axis in range(points.shape[1]):  # many times as fast as comparing rows
@@ -76,7 +76,7 @@ def within(points: Array, low: Array, high: Array) -> Mask:
     return inside
 
 
-def hull_of(points: Array) -> Array:
+def convex_footprint_hull(points: Array) -> Array:
     """(M, 2) corners of the convex footprint of (N, 2 or 3) points; one corner where all points are the same."""
     footprint = np.asarray(points[:, :2], np.float32)
     if len(footprint) == 0 or (footprint == footprint[0]).all():
@@ -84,7 +84,7 @@ def hull_of(points: Array) -> Array:
     return cv2.convexHull(footprint).reshape(-1, 2).astype(np.float64)
 
 
-def inside_hull(points: Array, hull: Array, margin: float) -> Mask:
+def points_in_hull_mask(points: Array, hull: Array, margin: float) -> Mask:
     """Which of the (N, 2) ``points`` lie in the convex ``hull`` (M, 2) grown by ``margin`` metres."""
     if len(hull) < 3:
         return np.zeros(len(points), np.bool_)
@@ -96,12 +96,12 @@ def inside_hull(points: Array, hull: Array, margin: float) -> Mask:
     return np.asarray((normals @ points.T <= (offsets + margin)[:, None]).all(axis=0), np.bool_)
 
 
-def turns(yaws: Array) -> Array:
+def axes_from_yaws(yaws: Array) -> Array:
     """(N, 2, 2) the x and the y axis of a footprint at each of (N,) yaws (rad)."""
     return np.stack([np.cos(yaws), np.sin(yaws), -np.sin(yaws), np.cos(yaws)], axis=1).reshape(-1, 2, 2)
 
 
-def rectangle_of(cloud: Array) -> tuple[tuple[float, float], tuple[float, float], float]:
+def fit_smallest_rectangle(cloud: Array) -> tuple[tuple[float, float], tuple[float, float], float]:
     """Centre, sides (m) and yaw (rad, within 45 degrees) of the smallest rectangle that holds 99 % of each side.
 
     Of two sides that meet in a corner without a top, rectangles at several yaws are equally small: of those about as
@@ -109,9 +109,9 @@ def rectangle_of(cloud: Array) -> tuple[tuple[float, float], tuple[float, float]
     """
     flat = cloud[:: len(cloud) // 1000 + 1, :2]
     yaws = np.deg2rad(np.arange(-45.0, 45.0, 1.5))
-    axes = turns(yaws)
+    axes = axes_from_yaws(yaws)
     along = flat @ axes.reshape(-1, 2).T
-    low, high = percentiles(along, (0.5, 99.5))
+    low, high = compute_percentiles(along, (0.5, 99.5))
     off = np.minimum(along - low, high - along)
     off = np.minimum(off[:, 0::2], off[:, 1::2])
     low, high = low.reshape(-1, 2), high.reshape(-1, 2)

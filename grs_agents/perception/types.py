@@ -14,7 +14,7 @@ from pydantic import AfterValidator, Field, ValidationError, field_validator, mo
 from grs_agents.base import Frozen, Pose, Quat, Vec3
 from grs_agents.errors import InputError
 from grs_agents.files import write_json
-from grs_agents.foreign import is_inside, read_json
+from grs_agents.foreign import is_relative_subpath, read_json
 
 FARTHEST_CAMERA = 10.0  # a camera that sees the robot's table is at most this far from the robot, in metres
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -39,7 +39,7 @@ class Camera(Frozen):
     T_robot_cam: Matrix | None = None
 
     @model_validator(mode="after")
-    def _plausible(self) -> Self:
+    def _check_plausible_intrinsics(self) -> Self:
         longest = max(self.width, self.height)
         for name in ("fx", "fy"):
             if not 0.1 * longest <= getattr(self, name) <= 20 * longest:
@@ -53,7 +53,7 @@ class Camera(Frozen):
 
     @field_validator("T_robot_cam")
     @classmethod
-    def _rigid(cls, matrix: Matrix | None) -> Matrix | None:
+    def _check_rigid_transform(cls, matrix: Matrix | None) -> Matrix | None:
         if matrix is None:
             return None
         try:
@@ -84,7 +84,7 @@ class RGBDFrame:
     source: Path  # what it was read from: a folder, a file, or ``bop:`` and an image of a data set
     notes: tuple[str, ...] = ()  # what a reader of the scene should know about how it was read
 
-    def points(self) -> Array:
+    def camera_frame_point_map(self) -> Array:
         """(H, W, 3) points in the camera frame, metres; (0, 0, 0) where there is no depth."""
         camera = self.camera
         height, width = self.depth.shape
@@ -151,13 +151,13 @@ class TableFrame(Frozen):
     planes: tuple[LevelPlane, ...] = ()
 
 
-def _inside(name: str) -> str:
-    if not is_inside(name):
+def _check_inside_run_folder(name: str) -> str:
+    if not is_relative_subpath(name):
         raise ValueError(f"{name[:200]!r} is no path inside the run folder")
     return name
 
 
-InsideName = Annotated[str, AfterValidator(_inside)]  # a file relative to the run folder, and in it
+InsideName = Annotated[str, AfterValidator(_check_inside_run_folder)]  # a file relative to the run folder, and in it
 
 
 @dataclass(frozen=True)
@@ -290,7 +290,7 @@ class SceneDescription(Frozen):
         write_json(file, self.model_dump(mode="json"))
 
 
-def read_description(file: Path) -> SceneDescription:
+def read_scene_description(file: Path) -> SceneDescription:
     """Read ``scene.json``; raises InputError if it cannot be read or does not fit the schema."""
     try:
         return SceneDescription.model_validate(read_json(file, "make it with `grs scene`"))
@@ -304,7 +304,7 @@ NEAREST, FARTHEST = 0.22, 0.85
 """Distance from the base axis, metres: closer the arm would fold into itself, farther a UR5e does not reach."""
 
 
-def reachable(position: Vec3) -> bool:
+def is_reachable_position(position: Vec3) -> bool:
     """Whether something at ``position`` (metres, robot frame) can be picked from above."""
     x, y, _ = position
     return X[0] <= x <= X[1] and Y[0] <= y <= Y[1] and NEAREST <= (x * x + y * y) ** 0.5 <= FARTHEST

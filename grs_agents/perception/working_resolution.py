@@ -5,13 +5,13 @@ import numpy as np
 
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import Index, Labels
-from grs_agents.perception.table import tolerance
+from grs_agents.perception.table_finding import depth_tolerance
 from grs_agents.perception.types import Array, RGBDFrame
 
 CONFIG = DEFAULT.resolution
 
 
-def reduced(frame: RGBDFrame) -> tuple[RGBDFrame, int]:
+def downscale_frame(frame: RGBDFrame) -> tuple[RGBDFrame, int]:
     """The frame at its working size, and how many pixels of a row or column one cell of it stands for.
 
     A cell's depth is measured: the median of at most 3 x 3 pixels, never a mixture of two surfaces.
@@ -43,7 +43,7 @@ def reduced(frame: RGBDFrame) -> tuple[RGBDFrame, int]:
     return RGBDFrame(rgb.astype(np.uint8), depth, small, frame.source), factor
 
 
-def restored(labels: Labels, small: RGBDFrame, frame: RGBDFrame, factor: int) -> Labels:
+def upscale_labels(labels: Labels, small: RGBDFrame, frame: RGBDFrame, factor: int) -> Labels:
     """(H, W) labels of the full frame from the (h, w) ``labels`` of the reduced one.
 
     Where the cells around a pixel belong to different segments it takes the one of the cell that is most like it in
@@ -56,14 +56,16 @@ def restored(labels: Labels, small: RGBDFrame, frame: RGBDFrame, factor: int) ->
     around, values = np.ones((3, 3), np.uint8), labels.astype(np.float32)
     spread: Array = np.asarray(cv2.dilate(values, around) - cv2.erode(values, around), np.float64)
     down, across = np.nonzero(spread[rows[:, None], columns[None]])
-    full[down, across] = _most_like(labels, small, frame, factor, (down, across))
+    full[down, across] = _pick_most_similar_labels(labels, small, frame, factor, (down, across))
     return full
 
 
-def _most_like(labels: Labels, small: RGBDFrame, frame: RGBDFrame, factor: int, pixels: tuple[Index, Index]) -> Labels:
+def _pick_most_similar_labels(
+    labels: Labels, small: RGBDFrame, frame: RGBDFrame, factor: int, pixels: tuple[Index, Index]
+) -> Labels:
     down, across = pixels
     depth, color = frame.depth[down, across], frame.rgb[down, across].astype(np.float32)
-    bound = tolerance(depth.astype(np.float64))
+    bound = depth_tolerance(depth.astype(np.float64))
     best = np.full(len(down), np.inf)
     taken = np.zeros(len(down), np.int32)
     for row_step in (-1, 0, 1):

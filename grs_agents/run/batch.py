@@ -42,19 +42,19 @@ def run_jobs(
     """
     results: dict[str, Done] = {}
     with ThreadPoolExecutor(max_workers=workers) as pool:
-        for future in as_completed([pool.submit(_run, job, timeout) for job in jobs]):
+        for future in as_completed([pool.submit(_run_job, job, timeout) for job in jobs]):
             result = future.result()
             results[result.job.name] = result
             done(result)
     return [results[job.name] for job in jobs]
 
 
-def _run(job: Job, timeout: float) -> Done:
-    earlier = _record(job.out)
+def _run_job(job: Job, timeout: float) -> Done:
+    earlier = _read_record_if_any(job.out)
     if earlier is not None and earlier.status in ("accepted", "rejected"):
         return Done(job, earlier.exit_status, earlier, "")
     resume = ("--resume",) if earlier is not None else job.options
-    overlays = [part for root in reversed(content.roots()[:-1]) for part in ("--content", str(root))]
+    overlays = [part for root in reversed(content.content_search_roots()[:-1]) for part in ("--content", str(root))]
     arguments = ["run", str(job.scene), "--out", str(job.out), "--json", *resume]
     command = [sys.executable, "-m", "grs_agents", *overlays, *arguments]
     try:
@@ -63,12 +63,12 @@ def _run(job: Job, timeout: float) -> Done:
             command, capture_output=True, text=True, timeout=timeout, check=False, env=dict(os.environ)
         )
     except subprocess.TimeoutExpired:
-        return Done(job, None, _record(job.out), f"killed after {timeout:.0f} s")
+        return Done(job, None, _read_record_if_any(job.out), f"killed after {timeout:.0f} s")
     lines = finished.stderr.strip().splitlines() or [""]
-    return Done(job, finished.returncode, _record(job.out), lines[-1] if finished.returncode > 1 else "")
+    return Done(job, finished.returncode, _read_record_if_any(job.out), lines[-1] if finished.returncode > 1 else "")
 
 
-def _record(folder: Path) -> RunRecord | None:
+def _read_record_if_any(folder: Path) -> RunRecord | None:
     try:
         return read_record(folder)
     except InputError:

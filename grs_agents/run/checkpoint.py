@@ -9,7 +9,7 @@ from typing import Any, get_type_hints
 from pydantic import TypeAdapter, ValidationError
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import member
+from grs_agents.foreign import resolve_member_file
 from grs_agents.perception import Camera, CandidateRecord, SceneDescription, SceneObject, TableFrame
 from grs_agents.state import RunState
 
@@ -25,11 +25,11 @@ _NESTED: dict[str, TypeAdapter[Any]] = {
 }
 
 
-def check_checkpoints(folder: Path) -> None:
+def check_checkpoint_file(folder: Path) -> None:
     """Refuse checkpoints that are no whole database with LangGraph's tables and nothing that runs by itself."""
     if not (folder / FILE).exists():  # interrupted before the first step
         return
-    file = member(folder, FILE)
+    file = resolve_member_file(folder, FILE)
     try:
         with closing(sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True)) as database:
             database.execute("PRAGMA trusted_schema = OFF")
@@ -45,7 +45,7 @@ def check_checkpoints(folder: Path) -> None:
         raise InputError(f"{file} holds no checkpoints of a run: {problem}", _REMEDY)
 
 
-def check_state(values: Mapping[str, Any], folder: Path) -> None:
+def check_restored_state(values: Mapping[str, Any], folder: Path) -> None:
     """See that a state that was read from the checkpoints is one that the nodes can go on with."""
     hints = get_type_hints(RunState)
     for name, value in values.items():

@@ -13,12 +13,12 @@ from grs_agents import interrupts
 from grs_agents.agents import Agents, EarlierReplies
 from grs_agents.config import Config
 from grs_agents.errors import ConfigError, GrsError, InputError
-from grs_agents.files import unwritable
+from grs_agents.files import unwritable_error
 from grs_agents.nodes import Services
 from grs_agents.policies import load_policy
-from grs_agents.run.checkpoint import FILE, check_checkpoints, check_state
-from grs_agents.run.opening import Order, load_graph, open_run
-from grs_agents.run.record import EXIT_STATUS, RunRecord, counts, seconds_by_stage
+from grs_agents.run.checkpoint import FILE, check_checkpoint_file, check_restored_state
+from grs_agents.run.record import EXIT_STATUS, RunRecord, collect_run_counts, seconds_by_stage
+from grs_agents.run.run_opening import Order, load_graph, open_run
 from grs_agents.run.sandbox_setup import open_sandbox
 from grs_agents.sandbox import Sandbox
 from grs_agents.trace import Event, EventLog, Note, RunEnded, RunStarted, read_events
@@ -46,92 +46,94 @@ class Outcome:
     state: State = field(default_factory=dict[str, Any])  # what the graph reached; empty where an ended run was resumed
 
 
-def execute(order: Order, views: Views) -> Outcome:
+def execute_run(order: Order, views: Views) -> Outcome:
     """Run the configured graph on a scene. Raises InputError: scene, configuration or folder is refused."""
     with open_run(order) as (folder, record, config):
         if order.resume and record.status in EXIT_STATUS:
             return Outcome(folder, record)
-        return _executed(order, views, folder, record.write(folder), config)
+        return _execute_with_log(order, views, folder, record.write(folder), config)
 
 
-def _executed(order: Order, views: Views, folder: Path, record: RunRecord, config: Config) -> Outcome:
+def _execute_with_log(order: Order, views: Views, folder: Path, record: RunRecord, config: Config) -> Outcome:
     problem: GrsError | None = None
     state: State = {}
     try:
         with EventLog(folder / "events.jsonl") as log, views(folder, log):
-            log.subscribe(_start_nothing_more)
-            record, problem = _follow(order, config, folder, log, record, state)
+            log.subscribe(_block_nodes_on_interrupt)
+            record, problem = _run_graph_and_record(order, config, folder, log, record, state)
     except (Exception, KeyboardInterrupt) as error:  # the log or a view could not be opened or closed
         if record.status == "running":
-            record, problem = _failed(record, error, folder)
+            record, problem = _mark_record_failed(record, error, folder)
             record.write(folder)
         elif problem is None:  # the verdict stands
-            problem = _as_grs_error(error, folder)
+            problem = _convert_to_grs_error(error, folder)
     return Outcome(folder, record, problem, state)
 
 
-def _follow(
+def _run_graph_and_record(
     order: Order, config: Config, folder: Path, log: EventLog, record: RunRecord, state: State
 ) -> tuple[RunRecord, GrsError | None]:
     """Run the graph and write the record of how it ended."""
     problem: GrsError | None = None
     try:
-        _invoke(order, config, folder, log, record, state)
-        record = _verdict(order, record, state)
+        _invoke_graph(order, config, folder, log, record, state)
+        record = _mark_record_with_verdict(order, record, state)
     except (Exception, KeyboardInterrupt) as error:
-        record, problem = _failed(record, error, folder)
-    return _finished(record, log, state).write(folder), problem
+        record, problem = _mark_record_failed(record, error, folder)
+    return _add_record_figures(record, log, state).write(folder), problem
 
 
-def _start_nothing_more(event: Event) -> None:
+def _block_nodes_on_interrupt(event: Event) -> None:
     """Let no node start once the run was asked to end, though the exception that said so was lost on its way."""
-    if event.kind == "node_started" and interrupts.requested():
+    if event.kind == "node_started" and interrupts.is_interrupt_requested():
         raise KeyboardInterrupt
 
 
-def _verdict(order: Order, record: RunRecord, state: State) -> RunRecord:
+def _mark_record_with_verdict(order: Order, record: RunRecord, state: State) -> RunRecord:
     """What the graph decided; comprehension alone has nothing to decide."""
     if order.command == "scene":
-        return _ended(record, "accepted", "the scene was comprehended", EXIT_STATUS["accepted"])
+        return _mark_record_ended(record, "accepted", "the scene was comprehended", EXIT_STATUS["accepted"])
     status = state.get("status")
     if status not in EXIT_STATUS:
         raise ConfigError(
             f"graph {record.graph!r} ended without a verdict (status {status!r})",
             f"end it with the node conclude, or set status to {' or '.join(EXIT_STATUS)}",
         )
-    return _ended(record, status, str(state.get("reason", "")), EXIT_STATUS[status])
+    return _mark_record_ended(record, status, str(state.get("reason", "")), EXIT_STATUS[status])
 
 
-def _ended(record: RunRecord, status: str, reason: str, exit_status: int) -> RunRecord:
+def _mark_record_ended(record: RunRecord, status: str, reason: str, exit_status: int) -> RunRecord:
     return record.model_copy(update={"status": status, "reason": reason, "exit_status": exit_status})
 
 
-def _failed(record: RunRecord, error: Exception | KeyboardInterrupt, folder: Path) -> tuple[RunRecord, GrsError | None]:
+def _mark_record_failed(
+    record: RunRecord, error: Exception | KeyboardInterrupt, folder: Path
+) -> tuple[RunRecord, GrsError | None]:
     """The record of a run that was interrupted or broke, and the error in the second case."""
     if isinstance(error, KeyboardInterrupt):
-        return _ended(record, "interrupted", "interrupted by the user", INTERRUPTED), None
-    problem = _as_grs_error(error, folder)
-    return _ended(record, "failed", str(problem), problem.exit_status), problem
+        return _mark_record_ended(record, "interrupted", "interrupted by the user", INTERRUPTED), None
+    problem = _convert_to_grs_error(error, folder)
+    return _mark_record_ended(record, "failed", str(problem), problem.exit_status), problem
 
 
-def _as_grs_error(error: BaseException, folder: Path) -> GrsError:
+def _convert_to_grs_error(error: BaseException, folder: Path) -> GrsError:
     """The user's errors as they are, a full or read-only disk as one of them, anything else as ours."""
     if isinstance(error, GrsError):
         return error
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EROFS, errno.EDQUOT, errno.EACCES):
-        return unwritable(folder, error)
+        return unwritable_error(folder, error)
     if isinstance(error, sqlite3.OperationalError) and "full" in str(error):
-        return unwritable(folder / FILE, OSError(errno.ENOSPC, "disk is full"))
+        return unwritable_error(folder / FILE, OSError(errno.ENOSPC, "disk is full"))
     problem = UnexpectedError(f"{type(error).__name__}: {error}", f"report it with {folder / 'events.jsonl'}")
     problem.__cause__ = error
     return problem
 
 
-def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: RunRecord, state: State) -> None:
+def _invoke_graph(order: Order, config: Config, folder: Path, log: EventLog, record: RunRecord, state: State) -> None:
     """Compile the graph and run it, or go on with it; ``state`` takes what it reached."""
-    with open_sandbox(config) as sandbox, _checkpointer(order, folder) as checkpointer:
-        sandbox.warm()  # its imports overlap with comprehension
-        services = _services(config, folder, log, sandbox)
+    with open_sandbox(config) as sandbox, _open_checkpointer(order, folder) as checkpointer:
+        sandbox.warm_up()  # its imports overlap with comprehension
+        services = _make_services(config, folder, log, sandbox)
         graph = load_graph(config.graph).build().compile(checkpointer=checkpointer)
         drawn = graph.get_graph()
         log.append(
@@ -152,7 +154,7 @@ def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: R
             state.update(graph.invoke(begin, settings, context=services))
             return
         settings["configurable"] = {"thread_id": record.id}
-        resumed = order.resume and bool(_state_of(graph, settings, folder))
+        resumed = order.resume and bool(_load_checkpoint_state(graph, settings, folder))
         if resumed:
             log.append(Note(level="info", text=f"resumed, attempt {record.attempts}"))
         try:
@@ -162,7 +164,7 @@ def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: R
                 state.update(graph.get_state(settings).values)
 
 
-def _state_of(graph: Any, settings: dict[str, Any], folder: Path) -> State:
+def _load_checkpoint_state(graph: Any, settings: dict[str, Any], folder: Path) -> State:
     """The state that an earlier attempt reached."""
     try:
         values: State = graph.get_state(settings).values
@@ -171,12 +173,12 @@ def _state_of(graph: Any, settings: dict[str, Any], folder: Path) -> State:
             f"{folder / FILE} holds no readable checkpoint: {type(error).__name__}: {error}",
             "start the scene again in another folder: --out",
         ) from error
-    check_state(values, folder)
+    check_restored_state(values, folder)
     return values
 
 
 @contextmanager
-def _checkpointer(order: Order, folder: Path) -> Generator["BaseCheckpointSaver[str] | bool"]:
+def _open_checkpointer(order: Order, folder: Path) -> Generator["BaseCheckpointSaver[str] | bool"]:
     """Where the graph's checkpoints go; False if the graph that it is part of keeps its own."""
     from langgraph.checkpoint.serde.jsonplus import JsonPlusSerializer
     from langgraph.checkpoint.sqlite import SqliteSaver
@@ -186,12 +188,12 @@ def _checkpointer(order: Order, folder: Path) -> Generator["BaseCheckpointSaver[
         return
     # Without a list of modules of ours, a tampered checkpoint cannot have anything called when it is read.
     strict = JsonPlusSerializer(allowed_msgpack_modules=None)
-    check_checkpoints(folder)
+    check_checkpoint_file(folder)
     with closing(sqlite3.connect(folder / FILE, check_same_thread=False)) as connection:
         yield SqliteSaver(connection, serde=strict)
 
 
-def _services(config: Config, folder: Path, log: EventLog, sandbox: Sandbox) -> Services:
+def _make_services(config: Config, folder: Path, log: EventLog, sandbox: Sandbox) -> Services:
     """What the nodes work with."""
     events = read_events(log.path)
     visits = Counter(event.node for event in events if event.kind == "node_started")
@@ -206,7 +208,7 @@ def _services(config: Config, folder: Path, log: EventLog, sandbox: Sandbox) -> 
     )
 
 
-def _finished(record: RunRecord, log: EventLog, state: State) -> RunRecord:
+def _add_record_figures(record: RunRecord, log: EventLog, state: State) -> RunRecord:
     """The record with its figures; a log or state that cannot be read leaves them out, and the end stands."""
     history: list[Event] = []
     update: dict[str, Any] = {}
@@ -214,7 +216,7 @@ def _finished(record: RunRecord, log: EventLog, state: State) -> RunRecord:
         history = read_events(log.path)
     with suppress(KeyError, TypeError, AttributeError):  # the state of a graph of the user's own
         update = {
-            "counts": counts(history, state),
+            "counts": collect_run_counts(history, state),
             "rewards": tuple(state.get("audit", {}).get("rewards", ())),
             "sandbox": str(state.get("report", {}).get("backend", "")),
         }

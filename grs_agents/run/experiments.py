@@ -18,7 +18,7 @@ from grs_agents.errors import InputError
 from grs_agents.files import write_json, write_text
 from grs_agents.foreign import read_json
 from grs_agents.run.batch import Done, Job, run_jobs
-from grs_agents.terminal import VisibleParser, say, say_json
+from grs_agents.terminal import VisibleParser, print_escaped, print_json
 
 CHECKOUT_ONLY = ("correspondence", "perception", "retrieval_scale")
 """Experiments that measure GRS itself on scenes made for it: neither they nor what they share are in a wheel."""
@@ -27,7 +27,7 @@ CHECKOUT_ONLY = ("correspondence", "perception", "retrieval_scale")
 def load_experiment(name: str) -> ModuleType:
     """The experiment of that name. In a checkout its root comes first among the places to import from."""
     root = content.content_root()
-    if name in CHECKOUT_ONLY and name not in content.names("evals"):
+    if name in CHECKOUT_ONLY and name not in content.content_names("evals"):
         remedy = "pip install -e '.[eval]' in a checkout of GRS, and run it there"
         raise InputError(f"experiment {name!r} needs a checkout: an installed GRS does not hold it", remedy)
     if root == content.package_root().parent and str(root) not in sys.path[:1]:
@@ -35,14 +35,14 @@ def load_experiment(name: str) -> ModuleType:
     return content.load_module("evals", name)
 
 
-def row(done: Done) -> dict[str, Any]:
+def figures_of_run(done: Done) -> dict[str, Any]:
     """The figures of one run."""
     record = done.record
     counts = record.counts if record else {}
     return {
         "name": done.job.name,
         "status": record.status if record else ("killed" if done.exit_status is None else "failed"),
-        "task": _task(done),
+        "task": _read_task_name(done),
         "candidates": counts.get("candidates", 0),
         "objects": counts.get("objects", 0),
         "matched": counts.get("objects_matched", 0),
@@ -55,7 +55,7 @@ def row(done: Done) -> dict[str, Any]:
     }
 
 
-def table(title: str, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> Table:
+def terminal_table(title: str, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> Table:
     """The rows for a terminal."""
     result = Table(*columns, title=title)
     for row in rows:
@@ -63,30 +63,30 @@ def table(title: str, columns: Sequence[str], rows: Sequence[dict[str, Any]]) ->
     return result
 
 
-def markdown(columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> str:
+def markdown_table(columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> str:
     """The rows as a Markdown table."""
     lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     lines += ["| " + " | ".join(str(row[column]).replace("|", "/") for column in columns) + " |" for row in rows]
     return "\n".join(lines) + "\n"
 
 
-def _task(done: Done) -> str:
+def _read_task_name(done: Done) -> str:
     file = done.job.out / "task.json"
     return str(read_json(file, "run again").get("task-name", "")) if file.is_file() else ""
 
 
-def experiment_parser(name: str, description: str | None) -> argparse.ArgumentParser:
+def make_experiment_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     """The options every experiment of many runs has."""
     parser = VisibleParser(prog=f"grs eval {name}", description=description)
     parser.add_argument("--out", type=Path, default=Path(f"runs/eval-{name}"), help="where runs and figures go")
-    parser.add_argument("--workers", type=positive, default=2, help="runs at a time")
+    parser.add_argument("--workers", type=positive_int, default=2, help="runs at a time")
     parser.add_argument("--timeout", type=float, default=300, help="seconds before a run is killed")
     parser.add_argument("--set", action="append", default=[], dest="settings", metavar="KEY=VALUE")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     return parser
 
 
-def positive(text: str) -> int:
+def positive_int(text: str) -> int:
     """A whole number from 1, for ``argparse``."""
     number = int(text)
     if number < 1:
@@ -94,7 +94,7 @@ def positive(text: str) -> int:
     return number
 
 
-def job_settings(options: argparse.Namespace) -> tuple[str, ...]:
+def settings_as_arguments(options: argparse.Namespace) -> tuple[str, ...]:
     """The ``--set`` options as ``grs run`` takes them."""
     return tuple(part for setting in options.settings for part in ("--set", setting))
 
@@ -107,30 +107,32 @@ def run_experiment(jobs: Sequence[Job], options: argparse.Namespace) -> int:
     Returns:
         0 if every run came to a verdict, 1 if not.
     """
-    claim(options.out, jobs, options.settings)
+    claim_experiment_folder(options.out, jobs, options.settings)
 
     def tell(done: Done) -> None:
-        say(f"{done.job.name}: {done.record.status if done.record else done.error}", error=True)
+        print_escaped(f"{done.job.name}: {done.record.status if done.record else done.error}", error=True)
 
     finished = run_jobs(jobs, options.workers, options.timeout, tell)
-    rows = [row(done) for done in finished]
-    summary = summarise(finished, rows)
+    rows = [figures_of_run(done) for done in finished]
+    summary = summarise_runs(finished, rows)
     write_json(options.out / "figures.json", {"summary": summary, "rows": rows})
-    write_text(options.out / "figures.md", markdown(list(rows[0]), rows))
+    write_text(options.out / "figures.md", markdown_table(list(rows[0]), rows))
     if options.json:
-        say_json({"summary": summary, "rows": rows})
+        print_json({"summary": summary, "rows": rows})
     else:
-        terminal.console().print(table(f"accepted {summary['accepted']} of {summary['runs']}", list(rows[0]), rows))
+        terminal.make_console().print(
+            terminal_table(f"accepted {summary['accepted']} of {summary['runs']}", list(rows[0]), rows)
+        )
     return 0 if summary["verdicts"] == len(rows) else 1
 
 
-def claim(out: Path, jobs: Sequence[Job], settings: Sequence[str]) -> None:
+def claim_experiment_folder(out: Path, jobs: Sequence[Job], settings: Sequence[str]) -> None:
     """Write into ``experiment.json`` what the figures depend on, so that runs of two experiments are never mixed."""
     file = out / "experiment.json"
     ours: dict[str, Any] = {
         "scenes": sorted({str(job.scene.resolve()) for job in jobs}),
         "config": load_config(None, settings).config.model_dump(mode="json"),
-        "content": [str(root) for root in content.roots()[:-1]],
+        "content": [str(root) for root in content.content_search_roots()[:-1]],
         "grs-agents": __version__,
     }
     try:
@@ -143,7 +145,7 @@ def claim(out: Path, jobs: Sequence[Job], settings: Sequence[str]) -> None:
     write_json(file, ours)
 
 
-def summarise(finished: Sequence[Done], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def summarise_runs(finished: Sequence[Done], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Verdicts, acceptance, the share of runs that needed a fix, task names and seconds over all runs."""
     accepted = sum(done.record is not None and done.record.status == "accepted" for done in finished)
     seconds = sorted(float(row["seconds"]) for row in rows)

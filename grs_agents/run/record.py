@@ -14,7 +14,7 @@ from grs_agents import __version__
 from grs_agents.base import Frozen
 from grs_agents.errors import InputError
 from grs_agents.files import write_json
-from grs_agents.foreign import check_folder, check_json, read_bytes
+from grs_agents.foreign import check_json_limits, check_run_folder, read_bytes
 from grs_agents.trace import Event
 
 Status = Literal["running", "accepted", "rejected", "failed", "interrupted"]
@@ -69,16 +69,16 @@ def read_record(folder: Path) -> RunRecord:
     file = folder / FILE
     if not os.path.lexists(file):
         raise InputError(f"{folder} holds no run: there is no {FILE} in it", REMEDY)
-    check_folder(folder)
+    check_run_folder(folder)
     data = read_bytes(file, REMEDY, MOST_BYTES)
-    check_json(data, file)
+    check_json_limits(data, file)
     try:
         return RunRecord.model_validate_json(data)
     except ValidationError as error:
         raise InputError(f"{file} is not a run record: {error.errors()[0]['msg']}", REMEDY) from error
 
 
-def versions() -> dict[str, str]:
+def installed_versions() -> dict[str, str]:
     """The versions that a result depends on."""
     installed = {"grs-agents": __version__, "python": platform.python_version(), "platform": platform.platform()}
     for package in PACKAGES.split():
@@ -99,7 +99,7 @@ def seconds_by_stage(events: Sequence[Event]) -> dict[str, float]:
     return {**rounded, "total": round(sum(seconds.values()), 3)}
 
 
-def counts(events: Sequence[Event], state: Mapping[str, Any]) -> dict[str, int]:
+def collect_run_counts(events: Sequence[Event], state: Mapping[str, Any]) -> dict[str, int]:
     """What was seen, kept, made and spent."""
     replies = [event for event in events if event.kind == "reply"]
     kinds = Counter(event.node for event in events if event.kind == "node_ended")

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from grs_agents.errors import GrsError, InputError
-from grs_agents.files import unwritable, write_bytes, write_document
-from grs_agents.foreign import read_bytes, words_in
-from grs_agents.terminal import visible
+from grs_agents.files import unwritable_error, write_bytes, write_file_or_stdout
+from grs_agents.foreign import read_bytes, read_npz_words
+from grs_agents.terminal import escape_control_chars
 
 REMOVED = "[removed]"
 _NAMES = re.compile(r"KEY|TOKEN|SECRET|PASSW|CREDENTIAL", re.IGNORECASE)
@@ -43,7 +43,7 @@ class Scrubber:
     secrets: tuple[str, ...]  # values that are replaced wherever they are
     paths: tuple[tuple[str, str], ...]  # prefixes of paths and what replaces each, longest first
 
-    def clean(self, text: str) -> str:
+    def remove_secrets(self, text: str) -> str:
         """``text`` without keys and home folders."""
         for secret in self.secrets:
             text = text.replace(secret, REMOVED)
@@ -52,7 +52,7 @@ class Scrubber:
             text = re.sub(rf"{re.escape(path)}(?![\w.-])", lambda _, word=word: word, text)
         return _HOMES.sub("~", text)
 
-    def leaks(self, data: bytes) -> str:
+    def describe_leak(self, data: bytes) -> str:
         """What is still in ``data`` that must not leave, in words that do not repeat it; empty if nothing is."""
         text = data.decode("utf-8", "replace")
         if any(secret in text for secret in self.secrets) or _KEYS.search(text):
@@ -62,7 +62,7 @@ class Scrubber:
         return ""
 
 
-def scrubber(
+def make_scrubber(
     folder: Path,
     key_variables: Sequence[str] = (),
     environment: Mapping[str, str] = os.environ,
@@ -81,17 +81,17 @@ def scrubber(
     secrets = {value for value in values if len(value) >= _SHORTEST and not Path(value).exists()}
     home = home or Path.home()
     words = {str(folder.resolve()): ".", str(home.resolve()): "~", str(home): "~"}
-    words |= {_in_json(path): word for path, word in words.items()}
+    words |= {_escape_for_json(path): word for path, word in words.items()}
     paths = sorted((path for path in words if len(path) > 1), key=len, reverse=True)
-    secrets |= set(map(_in_json, secrets))
+    secrets |= set(map(_escape_for_json, secrets))
     return Scrubber(tuple(sorted(secrets, key=len, reverse=True)), tuple((path, words[path]) for path in paths))
 
 
-def _in_json(text: str) -> str:
+def _escape_for_json(text: str) -> str:
     return json.dumps(text)[1:-1]
 
 
-def picture_alone(data: bytes) -> bytes:
+def strip_png_metadata(data: bytes) -> bytes:
     """A PNG file without all that is no picture: comments, places, cameras, dates; ``ValueError`` if it is none."""
     if not data.startswith(_PNG):
         raise ValueError("not a PNG file")
@@ -124,15 +124,15 @@ class Shared:
     left_out: tuple[str, ...]  # files that were not packed
 
 
-def share(folder: Path, out: Path, scrubber: Scrubber, make: Callable[[Path], Sequence[Path]]) -> Shared:
+def pack_run_as_zip(folder: Path, out: Path, scrubber: Scrubber, make: Callable[[Path], Sequence[Path]]) -> Shared:
     """Pack a run."""
     changed: list[str] = []
     left_out: list[str] = []
     with tempfile.TemporaryDirectory() as temporary:
-        copy = Path(temporary) / scrubber.clean(folder.resolve().name)
-        for name in _files_of(folder):
-            before = read_bytes(folder / name) if _is_readable(name) else None
-            data = None if before is None else _cleaned(name, before, scrubber)
+        copy = Path(temporary) / scrubber.remove_secrets(folder.resolve().name)
+        for name in _list_run_files(folder):
+            before = read_bytes(folder / name) if _is_scannable_file(name) else None
+            data = None if before is None else _clean_file_content(name, before, scrubber)
             if data is None:
                 left_out.append(str(name))
                 continue
@@ -140,40 +140,40 @@ def share(folder: Path, out: Path, scrubber: Scrubber, make: Callable[[Path], Se
                 changed.append(str(name))
             write_bytes(copy / name, data)
         make(copy)
-        packed = _zip(copy, scrubber)
+        packed = _zip_checked_folder(copy, scrubber)
     try:
-        write_document(out, packed.getvalue())
+        write_file_or_stdout(out, packed.getvalue())
     except OSError as error:
-        raise unwritable(out, error) from error
+        raise unwritable_error(out, error) from error
     with zipfile.ZipFile(packed) as archive:
         return Shared(out, len(archive.namelist()), len(packed.getvalue()), tuple(changed), tuple(left_out))
 
 
-def _files_of(folder: Path) -> list[Path]:
+def _list_run_files(folder: Path) -> list[Path]:
     """The files of a run, relative to its folder, without what is made anew, links and earlier zip files."""
     files = (file for file in sorted(folder.rglob("*")) if file.is_file() and not file.is_symlink())
     return [file.relative_to(folder) for file in files if file.name not in _MADE and file.suffix != ".zip"]
 
 
-def _is_readable(name: Path) -> bool:
+def _is_scannable_file(name: Path) -> bool:
     """Whether a file is of a kind that can be looked through, under a name that hides nothing."""
-    hidden = any(part.startswith(".") for part in name.parts) or visible(str(name)) != str(name)
+    hidden = any(part.startswith(".") for part in name.parts) or escape_control_chars(str(name)) != str(name)
     return not hidden and name.suffix in _KINDS
 
 
-def _cleaned(name: Path, data: bytes, scrubber: Scrubber) -> bytes | None:
+def _clean_file_content(name: Path, data: bytes, scrubber: Scrubber) -> bytes | None:
     """The content to share of a file; None if it is of a kind that cannot be looked through."""
     if name.suffix in _TEXTS:
-        return scrubber.clean(data.decode("utf-8", "replace")).encode()
+        return scrubber.remove_secrets(data.decode("utf-8", "replace")).encode()
     try:
         if name.suffix == ".png":
-            return picture_alone(data)
-        return None if scrubber.leaks(" ".join(words_in(data, str(name))).encode()) else data
+            return strip_png_metadata(data)
+        return None if scrubber.describe_leak(" ".join(read_npz_words(data, str(name))).encode()) else data
     except (ValueError, InputError):
         return None
 
 
-def _zip(copy: Path, scrubber: Scrubber) -> io.BytesIO:
+def _zip_checked_folder(copy: Path, scrubber: Scrubber) -> io.BytesIO:
     """The folder as a zip file whose every member was searched once more."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -181,7 +181,7 @@ def _zip(copy: Path, scrubber: Scrubber) -> io.BytesIO:
             if file.is_file():
                 name, data = f"{copy.name}/{file.relative_to(copy).as_posix()}", file.read_bytes()
                 for part in (data, name.encode()):
-                    if leak := scrubber.leaks(part):
+                    if leak := scrubber.describe_leak(part):
                         raise GrsError(f"not shared: {name} would hold {leak}", "report it, naming the file alone")
                 member = zipfile.ZipInfo(name, _STAMP)
                 member.compress_type = zipfile.ZIP_DEFLATED

@@ -4,6 +4,6 @@ The room knows nothing of simulations: its callers name the tools, what a worker
 the hooks that a test run calls.
 """
 
-from grs_agents.doors import door
+from grs_agents.lazy_exports import attach_lazy_exports
 
-__getattr__, __dir__, __all__ = door(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)

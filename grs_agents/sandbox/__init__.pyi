@@ -1,5 +1,5 @@
 from .harness.captured_error import CapturedError as CapturedError
-from .harness.channel import progress as progress
+from .harness.channel import report_progress as report_progress
 from .harness.suite_runner import load_program as load_program
 from .harness.suite_runner import run_tests_inside as run_tests_inside
 from .harness.suite_runner import seed_everything as seed_everything
@@ -7,7 +7,7 @@ from .host.batch_calls import BatchResult as BatchResult
 from .host.batch_calls import call_batch as call_batch
 from .host.sandbox import Sandbox as Sandbox
 from .host.suite_discovery import ExpectedTests as ExpectedTests
-from .host.suite_discovery import expected_tests as expected_tests
+from .host.suite_discovery import discover_tests as discover_tests
 from .host.suite_discovery import parse_program as parse_program
 from .host.suite_run import TestRun as TestRun
 from .host.suite_run import run_tests as run_tests

@@ -1,7 +1,7 @@
 """The simulation runtime: CLIPort's ``Task`` and ``Environment`` on MuJoCo, goals, an oracle, and tasks as data."""
 
 from grs_agents.sim.arms import NEAREST, REACH
-from grs_agents.sim.cliport import Environment, Task, api_reference, names_task, task_class, utils
+from grs_agents.sim.cliport import Environment, Task, api_reference, defines_task_class, find_task_class, utils
 from grs_agents.sim.cliport import pybullet as p
 from grs_agents.sim.expert import Oracle
 from grs_agents.sim.instance import (
@@ -22,19 +22,19 @@ from grs_agents.sim.instance import (
     VertexLimitError,
     Zone,
     aligned,
-    clear_episodes,
-    first_fault,
+    clear_last_episode,
+    describe_first_error,
     in_zone,
     inside,
     last_episode,
     near,
     on,
-    read_instance,
+    parse_instance_json,
     stacked,
     upright,
 )
-from grs_agents.sim.instance_runs import InstanceTask, Rollout, instantiate, rollout, solve
-from grs_agents.sim.world import begin_test, configure, reached, reached_limit
+from grs_agents.sim.instance_runs import InstanceTask, Rollout, instantiate, rollout, run_oracle
+from grs_agents.sim.world import describe_reached_limit, latest_limit_error, reset_before_test, set_environment_defaults
 
 __all__ = [
     "NEAREST",
@@ -62,25 +62,25 @@ __all__ = [
     "Zone",
     "aligned",
     "api_reference",
-    "begin_test",
-    "clear_episodes",
-    "configure",
-    "first_fault",
+    "clear_last_episode",
+    "defines_task_class",
+    "describe_first_error",
+    "describe_reached_limit",
+    "find_task_class",
     "in_zone",
     "inside",
     "instantiate",
     "last_episode",
-    "names_task",
+    "latest_limit_error",
     "near",
     "on",
     "p",
-    "reached",
-    "reached_limit",
-    "read_instance",
+    "parse_instance_json",
+    "reset_before_test",
     "rollout",
-    "solve",
+    "run_oracle",
+    "set_environment_defaults",
     "stacked",
-    "task_class",
     "upright",
     "utils",
 ]

@@ -10,7 +10,7 @@ from grs_agents.base import Frozen, Pose
 from grs_agents.errors import GrsError
 from grs_agents.library import Library
 from grs_agents.sim.cliport import Environment, Task, end_effectors
-from grs_agents.sim.instance import Episode, Goal, TaskInstance, stop_from_error
+from grs_agents.sim.instance import Episode, Goal, TaskInstance, make_stop_from_error
 from grs_agents.sim.motion import ReachTest
 from grs_agents.sim.world import Recording
 
@@ -45,7 +45,7 @@ class Rollout(Frozen):
         return self.episode.reward
 
     @property
-    def strict(self) -> float:
+    def strict_score(self) -> float:
         """The strict score at the end, 0..1."""
         return self.episode.strict
 
@@ -66,13 +66,13 @@ class InstanceTask(Task):
         """Add the instance's objects and goals."""
         super().reset(env)
         env.background = self.instance.background
-        self.ids = {item.id: env.insert(item) for item in self.instance.objects}
+        self.ids = {item.id: env.insert_object(item) for item in self.instance.objects}
         for tie in self.instance.ties:
-            env.tie(tie.model_copy(update={"parent": self.ids[tie.parent], "child": self.ids[tie.child]}))
-        self.goals = [self._with_ids(goal) for goal in self.instance.goals]
+            env.tie_objects(tie.model_copy(update={"parent": self.ids[tie.parent], "child": self.ids[tie.child]}))
+        self.goals = [self._goal_with_env_ids(goal) for goal in self.instance.goals]
         self.lang_goals = [goal.language for goal in self.goals]
 
-    def _with_ids(self, goal: Goal) -> Goal:
+    def _goal_with_env_ids(self, goal: Goal) -> Goal:
         """The goal with the ids that its objects have in the environment."""
         relation = goal.relation
         if relation is not None and relation.reference is not None:
@@ -97,12 +97,12 @@ def instantiate(task: Task, seed: int, library: Library | None = None) -> TaskIn
         max_steps=int(task.max_steps),
         timestep=env.timestep,
         hz=env.hz,
-        primitive="push" if end_effectors.pushes(task.ee, task.primitive) else "pick_place",
+        primitive="push" if end_effectors.uses_push_primitive(task.ee, task.primitive) else "pick_place",
         sixdof=bool(task.sixdof),
         pos_eps=task.pos_eps,
         rot_eps=task.rot_eps,
         objects=env.objects,
-        ties=env.ties,
+        ties=env.object_ties,
         goals=tuple(Goal.model_validate(goal.model_dump()) for goal in task.grs.stated),
         warnings=tuple(warning[:500] for warning in env.warnings),
     )
@@ -124,20 +124,20 @@ def rollout(instance: TaskInstance, library: Library | None = None, recording: P
     try:
         env.reset()
         initial = _object_poses(env, task)
-        reachable = _reachable_ids(env, task)
+        reachable = _reachable_object_ids(env, task)
         recorder = Recording(env.physics, task.ids) if recording is not None else None
         begin = float(env.physics.data.time)
-        solve(env, task)
+        run_oracle(env, task)
     except GrsError as error:
-        env.recorder.stop = stop_from_error(error)
+        env.recorder.stop = make_stop_from_error(error)
     final = _object_poses(env, task) if initial else {}
     if recorder is not None and recording is not None:
         recorder.save(recording)
     done = Rollout(
         seed=instance.seed,
-        episode=env.episode,
+        episode=env.current_episode,
         idle_reward=1.0,
-        moved=_moved(env, task, initial, final),
+        moved=_moved_asset_names(env, task, initial, final),
         initial=initial,
         final=final,
         reachable=reachable,
@@ -148,10 +148,10 @@ def rollout(instance: TaskInstance, library: Library | None = None, recording: P
         return done
     pace = (float(env.physics.data.time) - begin) / max(1, done.episode.steps)
     seconds = max(pace * instance.max_steps, LEAST_IDLE)
-    return done.model_copy(update={"idle_reward": _idle_reward(env, task, seconds), "idle_seconds": seconds})
+    return done.model_copy(update={"idle_reward": _reward_after_idling(env, task, seconds), "idle_seconds": seconds})
 
 
-def solve(env: Environment, task: Task) -> None:
+def run_oracle(env: Environment, task: Task) -> None:
     """Let the oracle act in a reset environment until it is done or stops; ``env.episode`` says how it went."""
     agent, done = task.oracle(env), False
     while not done:
@@ -161,16 +161,16 @@ def solve(env: Environment, task: Task) -> None:
         _, _, done, _ = env.step(action)
 
 
-def _idle_reward(env: Environment, task: Task, seconds: float) -> float:
+def _reward_after_idling(env: Environment, task: Task, seconds: float) -> float:
     try:
         env.reset()
         env.step_simulation(int(seconds / env.timestep))
     except GrsError:
         return 1.0  # as above
-    if env.physics.speed() > _UNREST:
+    if env.physics.max_free_body_speed() > _UNREST:
         return 1.0
     # The published reward stops at the first goal that is open, though later ones may hold already.
-    worth = sum(goal.max_reward * float(np.mean(task.grs.scores(goal))) for goal in task.grs.stated)
+    worth = sum(goal.max_reward * float(np.mean(task.grs.score_goal_objects(goal))) for goal in task.grs.stated)
     return float(min(1.0, max(worth, task.reward()[0])))
 
 
@@ -178,10 +178,10 @@ def _object_poses(env: Environment, task: InstanceTask) -> dict[int, Pose]:
     return {own: env.get_object_pose(number) for own, number in task.ids.items()}
 
 
-def _reachable_ids(env: Environment, task: InstanceTask) -> tuple[int, ...]:
+def _reachable_object_ids(env: Environment, task: InstanceTask) -> tuple[int, ...]:
     ids: list[int] = []
     for own, number in task.ids.items():
-        if env.is_free(number):
+        if env.is_object_movable(number):
             position, size = env.get_object_pose(number)[0], env.get_object_size(number)
             top = np.array([max(0.0, position[2] + size[2] / 2)])
             if ReachTest(0.0, env.arm)(np.array([position[:2]]), top)[0]:
@@ -189,13 +189,15 @@ def _reachable_ids(env: Environment, task: InstanceTask) -> tuple[int, ...]:
     return tuple(ids)
 
 
-def _moved(env: Environment, task: InstanceTask, initial: dict[int, Pose], final: dict[int, Pose]) -> tuple[str, ...]:
-    acted_on = {number for action in env.episode.actions for number in (action.object, *action.pushed)}
+def _moved_asset_names(
+    env: Environment, task: InstanceTask, initial: dict[int, Pose], final: dict[int, Pose]
+) -> tuple[str, ...]:
+    acted_on = {number for action in env.current_episode.actions for number in (action.object, *action.pushed)}
     names: list[str] = []
     for own in initial:
         shift = math.dist(initial[own][0], final[own][0])
         overlap = abs(sum(a * b for a, b in zip(initial[own][1], final[own][1], strict=True)))
         turned = 2 * math.acos(min(1.0, overlap)) > _TURNED
         if task.ids[own] in acted_on and (shift > _MOVED or turned):
-            names.append(env.object(task.ids[own]).asset)
+            names.append(env.object_by_id(task.ids[own]).asset)
     return tuple(names)

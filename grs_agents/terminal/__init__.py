@@ -11,26 +11,26 @@ import logging
 import sys
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from grs_agents.terminal.text import visible
+from grs_agents.terminal.control_characters import escape_control_chars
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 
-def say(*words: object, error: bool = False, end: str = "\n", flush: bool = False) -> None:
+def print_escaped(*words: object, error: bool = False, end: str = "\n", flush: bool = False) -> None:
     """Print ``words``, visible."""
     file = sys.stderr if error else sys.stdout
-    print(visible(" ".join(map(str, words))), end=end, file=file, flush=flush)
+    print(escape_control_chars(" ".join(map(str, words))), end=end, file=file, flush=flush)
 
 
-def say_json(value: Any) -> None:
+def print_json(value: Any) -> None:
     """Print ``value`` as indented JSON in ASCII, which holds no control characters."""
     print(json.dumps(value, indent=2).replace("\x7f", "\\u007f"))
 
 
-def console(error: bool = False) -> "Console":
+def make_console(error: bool = False) -> "Console":
     """A console for tables and progress, on standard output or on standard error."""
-    from grs_agents.terminal.tables import VisibleConsole
+    from grs_agents.terminal.rich_console import VisibleConsole
 
     return VisibleConsole(stderr=error, markup=False, emoji=False)
 
@@ -40,7 +40,7 @@ class VisibleFormatter(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         """One record as text."""
-        return visible(super().format(record))
+        return escape_control_chars(super().format(record))
 
 
 class VisibleParser(argparse.ArgumentParser):
@@ -48,7 +48,7 @@ class VisibleParser(argparse.ArgumentParser):
 
     def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
         """End the program with ``status`` after ``message``."""
-        super().exit(status, None if message is None else visible(message))
+        super().exit(status, None if message is None else escape_control_chars(message))
 
 
-__all__ = ["VisibleFormatter", "VisibleParser", "console", "say", "say_json", "visible"]
+__all__ = ["VisibleFormatter", "VisibleParser", "escape_control_chars", "make_console", "print_escaped", "print_json"]

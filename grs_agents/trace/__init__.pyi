@@ -15,10 +15,10 @@ from .events import RunStarted as RunStarted
 from .events import SceneStage as SceneStage
 from .events import TaskDefined as TaskDefined
 from .events import TestsRun as TestsRun
-from .events import brief as brief
-from .events import encodable as encodable
 from .events import event_schema as event_schema
-from .events import plain as plain
+from .events import replace_surrogates as replace_surrogates
+from .events import summarise_value as summarise_value
+from .events import to_plain_json as to_plain_json
 from .log import EventLog as EventLog
 from .log import Subscriber as Subscriber
 from .log import read_events as read_events

@@ -16,57 +16,63 @@ from pydantic_core import to_jsonable_python
 from grs_agents.base import Frozen
 
 
-def encodable(value: Any) -> Any:
+def replace_surrogates(value: Any) -> Any:
     """``value`` with lone surrogates replaced if it is a string: UTF-8 cannot hold them, models do write them."""
     return value.encode("utf-8", "replace").decode("utf-8") if isinstance(value, str) else value
 
 
-def _as_list(value: Any) -> Any:
+def _to_plain_python(value: Any) -> Any:
     """What numpy arrays and scalars are as plain Python; anything else as its ``repr``."""
     convert = getattr(value, "tolist", None)
     return convert() if callable(convert) else repr(value)
 
 
-def _encodable_tree(value: Any) -> Any:
+def _make_tree_encodable(value: Any) -> Any:
     if isinstance(value, dict):
-        return {encodable(key): _encodable_tree(item) for key, item in cast("dict[Any, Any]", value).items()}
+        return {
+            replace_surrogates(key): _make_tree_encodable(item) for key, item in cast("dict[Any, Any]", value).items()
+        }
     if isinstance(value, list | tuple):
-        return [_encodable_tree(item) for item in cast("list[Any]", value)]
+        return [_make_tree_encodable(item) for item in cast("list[Any]", value)]
     if isinstance(value, float) and not math.isfinite(value):
         return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
-    return encodable(value)
+    return replace_surrogates(value)
 
 
-def plain(value: Any) -> Any:
+def to_plain_json(value: Any) -> Any:
     """``value`` as plain JSON data: tuples become lists, paths and NaN strings, models and arrays their content."""
     # before, since pydantic refuses keys that are not UTF-8; after, for what models and arrays held
-    return _encodable_tree(to_jsonable_python(_encodable_tree(value), fallback=_as_list))
+    return _make_tree_encodable(to_jsonable_python(_make_tree_encodable(value), fallback=_to_plain_python))
 
 
-def brief(value: Any, depth: int = 2) -> Any:
+def summarise_value(value: Any, depth: int = 2) -> Any:
     """``value`` as plain JSON data of a few words; of long texts and lists, and of what lies deep, only the size."""
-    value = plain(value)
+    value = to_plain_json(value)
     if isinstance(value, str) and ("\n" in value or len(value) > _LONG):
         return f"{len(value.splitlines())} lines, {len(value)} characters"
     if isinstance(value, list):
         items = cast("list[Any]", value)
-        return [brief(item, 0) for item in items] if depth > 0 and _is_short(items) else f"{len(items)} items"
+        return (
+            [summarise_value(item, 0) for item in items]
+            if depth > 0 and _is_short_list(items)
+            else f"{len(items)} items"
+        )
     if isinstance(value, dict):
         fields = cast("dict[str, Any]", value)
         if depth == 0 or len(fields) > _MANY:
             return f"{len(fields)} fields"
-        return {key: brief(item, depth - 1) for key, item in fields.items()}
+        return {key: summarise_value(item, depth - 1) for key, item in fields.items()}
     return value
 
 
-def _is_short(items: list[Any]) -> bool:
+def _is_short_list(items: list[Any]) -> bool:
     return len(items) <= _FEW and not any(isinstance(item, list | dict) for item in items)
 
 
 _LONG, _FEW, _MANY = 160, 4, 16
-Text = Annotated[str, BeforeValidator(encodable)]
+Text = Annotated[str, BeforeValidator(replace_surrogates)]
 """A string that UTF-8 can hold."""
-JsonObject = Annotated[dict[str, Any], BeforeValidator(plain)]
+JsonObject = Annotated[dict[str, Any], BeforeValidator(to_plain_json)]
 """A JSON object; equal to itself after a trip through a file."""
 
 
@@ -157,7 +163,7 @@ class CheckedReport(CheckedFields):
 _Json = TypeVar("_Json", bound=dict[str, Any])
 
 
-def _checked(value: _Json, kind: type[CheckedFields]) -> _Json:
+def _validate_json_fields(value: _Json, kind: type[CheckedFields]) -> _Json:
     kind.model_validate(value)
     return value
 
@@ -169,8 +175,8 @@ VERSION = 3
 Count = Annotated[int, Field(ge=0, lt=2**53)]
 """What viewers can draw: a whole number that a float holds exactly."""
 Seconds = Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
-Summary = Annotated[JsonObject, AfterValidator(lambda value: _checked(value, CheckedSummary))]
-Report = Annotated[JsonObject, AfterValidator(lambda value: _checked(value, CheckedReport))]
+Summary = Annotated[JsonObject, AfterValidator(lambda value: _validate_json_fields(value, CheckedSummary))]
+Report = Annotated[JsonObject, AfterValidator(lambda value: _validate_json_fields(value, CheckedReport))]
 
 
 class Stamped(Frozen):

@@ -13,15 +13,15 @@ from typing import BinaryIO
 from pydantic import ValidationError
 
 from grs_agents.errors import InputError
-from grs_agents.files import unwritable
-from grs_agents.foreign import MOST_JSON_BYTES, check_json, read_bytes
-from grs_agents.terminal import visible
+from grs_agents.files import unwritable_error
+from grs_agents.foreign import MOST_JSON_BYTES, check_json_limits, read_bytes
+from grs_agents.terminal import escape_control_chars
 from grs_agents.trace.events import EVENT, VERSION, Event
 
 Subscriber = Callable[[Event], None]
 
 
-def _parse(path: Path, data: bytes) -> tuple[list[Event], int]:
+def _parse_events(path: Path, data: bytes) -> tuple[list[Event], int]:
     """The events in ``data`` and how many of its bytes hold whole events (a torn last line is left out)."""
     lines = data.split(b"\n")
     events: list[Event] = []
@@ -36,12 +36,12 @@ def _parse(path: Path, data: bytes) -> tuple[list[Event], int]:
         except ValidationError as error:
             if last:
                 return events, length
-            raise _refused(path, number, line, error) from error
+            raise _bad_line_error(path, number, line, error) from error
         length += len(line) + (0 if last else 1)
     return events, length
 
 
-def _refused(path: Path, number: int, line: bytes, error: ValidationError) -> InputError:
+def _bad_line_error(path: Path, number: int, line: bytes, error: ValidationError) -> InputError:
     """Why a line is no event: of a later vocabulary than ours, or damaged."""
     with suppress(ValueError, TypeError, AttributeError, RecursionError):
         version = int(json.loads(line).get("version"))
@@ -56,13 +56,13 @@ def _refused(path: Path, number: int, line: bytes, error: ValidationError) -> In
 
 def read_events(path: Path) -> list[Event]:
     """The events of ``path``, without a last line torn by a crash. Raises InputError: another line is no event."""
-    return _parse(path, _data(path))[0]
+    return _parse_events(path, _read_log_bytes(path))[0]
 
 
-def _data(path: Path) -> bytes:
+def _read_log_bytes(path: Path) -> bytes:
     """The bytes of a log; its lines may have been written by anybody."""
     data = read_bytes(path, "name the folder of a run", MOST_JSON_BYTES)
-    check_json(data, path)
+    check_json_limits(data, path)
     return data
 
 
@@ -100,14 +100,14 @@ class EventLog:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("ab")
-            self._continue(self._file)
+            self._resume_numbering(self._file)
         except OSError as error:
-            raise unwritable(path, error) from error
+            raise unwritable_error(path, error) from error
 
-    def _continue(self, file: BinaryIO) -> None:
+    def _resume_numbering(self, file: BinaryIO) -> None:
         """Take up numbering from what the file holds, cutting a torn end off and closing an unclosed line."""
-        data = _data(self.path)
-        events, length = _parse(self.path, data)
+        data = _read_log_bytes(self.path)
+        events, length = _parse_events(self.path, data)
         if length < len(data):
             file.truncate(length)
         if length and data[length - 1 : length] != b"\n":
@@ -133,21 +133,21 @@ class EventLog:
                 self._file.write(EVENT.dump_json(stamped) + b"\n")
                 self._file.flush()
             except OSError as error:
-                raise unwritable(self.path, error) from error
+                raise unwritable_error(self.path, error) from error
             self.sequence += 1
             for subscriber in self._subscribers:
-                with _Contained(partial(self._failed, subscriber, stamped)):
+                with _Contained(partial(self._warn_subscriber_failed, subscriber, stamped)):
                     subscriber(stamped)
             return stamped
 
-    def _failed(self, subscriber: Subscriber, event: Event, error: Exception) -> None:
+    def _warn_subscriber_failed(self, subscriber: Subscriber, event: Event, error: Exception) -> None:
         """Warn of a failing subscriber, the first time it fails."""
         if id(subscriber) not in self._reported:
             self._reported.add(id(subscriber))
             name = getattr(subscriber, "__qualname__", type(subscriber).__qualname__)
             warnings.warn(
                 f"{name} failed at event {event.sequence} ({event.kind}) and may show less than happened: "
-                + visible(f"{type(error).__name__}: {error}"),
+                + escape_control_chars(f"{type(error).__name__}: {error}"),
                 RuntimeWarning,
                 stacklevel=4,
             )

@@ -17,24 +17,24 @@ import numpy.typing as npt
 
 from grs_agents import trace
 from grs_agents.errors import GrsError
-from grs_agents.foreign import member, present, read_bytes, read_picture
+from grs_agents.foreign import find_member_file, read_bytes, read_picture, resolve_member_file
 from grs_agents.library import Library
-from grs_agents.terminal import visible
+from grs_agents.terminal import escape_control_chars
 from grs_agents.views.common import (
     Rectangle,
     Step,
-    finding_verdict,
-    instance_of,
-    label_of,
-    name_of,
-    rectangles,
-    sections,
-    size_of,
-    steps,
-    twin_objects,
-    twin_picture,
+    build_twin_objects,
+    format_finding_verdict,
+    format_object_size,
+    group_events_into_steps,
+    iter_step_sections,
+    mask_bounding_boxes,
+    object_display_name,
+    object_mask_label,
+    read_task_instance,
+    render_from_photo_camera,
 )
-from grs_agents.views.film import Shot, pictures
+from grs_agents.views.film import Shot, render_frames
 
 AuditEvent = TypeVar("AuditEvent", trace.Rollout, trace.Finding)
 Verdict = Literal["", "good", "bad"]
@@ -56,33 +56,33 @@ figure{margin:0}figcaption{font-size:.9rem;opacity:.8}img,svg{max-width:100%;hei
 """
 
 
-def text(value: object) -> str:
+def escape_html(value: object) -> str:
     """``value`` as text of a page: escaped, control characters spelt out."""
-    return html.escape(visible(str(value)), quote=True)
+    return html.escape(escape_control_chars(str(value)), quote=True)
 
 
-def page(title: str, body: Iterable[str]) -> str:
+def render_page(title: str, body: Iterable[str]) -> str:
     """A whole page. Its policy lets no browser run or fetch anything, even if something got through."""
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
-        f'<meta name="viewport" content="width=device-width"><title>{text(title)}</title>\n'
+        f'<meta name="viewport" content="width=device-width"><title>{escape_html(title)}</title>\n'
         f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(body) + "\n</body></html>\n"
     )
 
 
-def section(heading: str, *parts: str) -> str:
+def render_section(heading: str, *parts: str) -> str:
     """A heading and what stands below it; nothing without parts."""
     inner = "\n".join(part for part in parts if part)
-    return f"<section><h2>{text(heading)}</h2>\n{inner}</section>" if inner else ""
+    return f"<section><h2>{escape_html(heading)}</h2>\n{inner}</section>" if inner else ""
 
 
-def paragraph(value: object, kind: str = "") -> str:
+def render_paragraph(value: object, kind: str = "") -> str:
     """A paragraph of text."""
-    return f"<p{_kind(kind)}>{text(value)}</p>"
+    return f"<p{_class_attribute(kind)}>{escape_html(value)}</p>"
 
 
-def table(
+def render_table(
     heads: Sequence[str],
     rows: Iterable[Sequence[object]],
     numbers: Sequence[int] = (),
@@ -92,59 +92,61 @@ def table(
 
     def cells(tag: str, values: Sequence[object]) -> str:
         kinds = [' class="n"' if index in numbers else "" for index in range(len(values))]
-        return "".join(f"<{tag}{kind}>{text(value)}</{tag}>" for kind, value in zip(kinds, values, strict=True))
+        return "".join(f"<{tag}{kind}>{escape_html(value)}</{tag}>" for kind, value in zip(kinds, values, strict=True))
 
     colors: Iterable[Verdict] = verdicts or repeat("")
-    lines = "".join(f"<tr{_kind(color)}>{cells('td', row)}</tr>\n" for row, color in zip(rows, colors, strict=False))
+    lines = "".join(
+        f"<tr{_class_attribute(color)}>{cells('td', row)}</tr>\n" for row, color in zip(rows, colors, strict=False)
+    )
     return f'<div class="table"><table><tr>{cells("th", heads)}</tr>\n{lines}</table></div>'
 
 
-def _kind(name: str) -> str:
+def _class_attribute(name: str) -> str:
     return f' class="{name}"' if name else ""
 
 
-def folded(summary: str, inner: str, opened: bool = False, verdict: Verdict = "") -> str:
+def render_collapsible(summary: str, inner: str, opened: bool = False, verdict: Verdict = "") -> str:
     """Something to open by a click."""
-    head = f"<summary{_kind(verdict)}>{text(summary)}</summary>"
+    head = f"<summary{_class_attribute(verdict)}>{escape_html(summary)}</summary>"
     return f"<details{' open' if opened else ''}>{head}\n{inner}</details>"
 
 
-def code(value: str) -> str:
+def render_code_block(value: str) -> str:
     """A block of code."""
-    return f"<pre>{text(value)}</pre>"
+    return f"<pre>{escape_html(value)}</pre>"
 
 
-def diff(value: str) -> str:
+def render_diff(value: str) -> str:
     """A unified diff in colours."""
     kinds = {"+": "add", "-": "del", "@": "hunk"}
-    lines = (f'<span class="{kinds.get(line[:1], "")}">{text(line)}</span>' for line in value.split("\n"))
+    lines = (f'<span class="{kinds.get(line[:1], "")}">{escape_html(line)}</span>' for line in value.split("\n"))
     return "<pre>" + "\n".join(lines) + "</pre>"
 
 
-def picture(image: npt.NDArray[np.uint8], caption: str = "", marks: Sequence[tuple[str, Rectangle]] = ()) -> str:
+def render_picture(image: npt.NDArray[np.uint8], caption: str = "", marks: Sequence[tuple[str, Rectangle]] = ()) -> str:
     """An image (H, W, 3) as a JPEG inside the page, with named boxes (pixels) drawn over it."""
     height, width = image.shape[:2]
-    source = f"data:image/jpeg;base64,{base64.b64encode(_jpeg(image)).decode()}"
+    source = f"data:image/jpeg;base64,{base64.b64encode(_encode_jpeg(image)).decode()}"
     if marks:
-        boxes = "".join(_mark(name, box, width / 640) for name, box in marks)
+        boxes = "".join(_render_labelled_box(name, box, width / 640) for name, box in marks)
         below = f'<image href="{source}" width="{width}" height="{height}"/>'
         drawn = f'<svg viewBox="0 0 {width} {height}">{below}{boxes}</svg>'
     else:
-        drawn = f'<img src="{source}" width="{width}" height="{height}" alt="{text(caption)}">'
-    return f"<figure>{drawn}<figcaption>{text(caption)}</figcaption></figure>"
+        drawn = f'<img src="{source}" width="{width}" height="{height}" alt="{escape_html(caption)}">'
+    return f"<figure>{drawn}<figcaption>{escape_html(caption)}</figcaption></figure>"
 
 
-def _mark(name: str, box: Rectangle, scale: float) -> str:
+def _render_labelled_box(name: str, box: Rectangle, scale: float) -> str:
     left, top, width, height = box
     look = f'fill="none" stroke="#ffcd3c" stroke-width="{2 * scale:.1f}"'
     outline = f'stroke="#000" stroke-width="{3 * scale:.1f}" paint-order="stroke" fill="#ffcd3c"'
     return (
         f'<rect x="{left}" y="{top}" width="{width}" height="{height}" {look}/>'
-        f'<text x="{left}" y="{top - 3 * scale:.1f}" font-size="{15 * scale:.1f}" {outline}>{text(name)}</text>'
+        f'<text x="{left}" y="{top - 3 * scale:.1f}" font-size="{15 * scale:.1f}" {outline}>{escape_html(name)}</text>'
     )
 
 
-def _jpeg(image: npt.NDArray[np.uint8]) -> bytes:
+def _encode_jpeg(image: npt.NDArray[np.uint8]) -> bytes:
     import cv2
 
     return cv2.imencode(".jpg", np.ascontiguousarray(image[:, :, ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
@@ -163,13 +165,13 @@ class Sources:
     robot: str = "ur5e"  # name of the arm, or its file
     show: Callable[[str], None] | None = None  # is told what is drawn next
 
-    def drawing(self, what: str) -> None:
+    def announce_drawing(self, what: str) -> None:
         """Say what is drawn next."""
         if self.show is not None:
             self.show(f"drawing {what}")
 
 
-def photo(events: Sequence[trace.Event], sources: Sources) -> Iterator[str]:
+def render_photo_and_objects(events: Sequence[trace.Event], sources: Sources) -> Iterator[str]:
     """The photo with a numbered box around each object, the simulation beside it, and the objects as a table."""
     files: dict[str, str] = {}
     camera: dict[str, Any] = {}
@@ -181,36 +183,41 @@ def photo(events: Sequence[trace.Event], sources: Sources) -> Iterator[str]:
             camera.update(event.summary.get("camera") or {})
             objects = event.summary.get("objects") or objects
             background = event.summary.get("background") or background
-    sources.drawing("the camera's view of the simulation")
-    shown = [_photo(files, objects, sources.folder), _simulated(events, sources, objects, camera, background)]
+    sources.announce_drawing("the camera's view of the simulation")
+    shown = [
+        _render_annotated_photo(files, objects, sources.folder),
+        _render_simulated_view(events, sources, objects, camera, background),
+    ]
     if any(shown):
         yield f'<div class="row">{"".join(shown)}</div>'
     if objects:
-        rows = [_object_cells(index, item) for index, item in enumerate(objects)]
-        yield table(["", "name", "size (cm)", "asset", "description"], rows, (0,))
+        rows = [_object_row_cells(index, item) for index, item in enumerate(objects)]
+        yield render_table(["", "name", "size (cm)", "asset", "description"], rows, (0,))
 
 
-def _object_cells(index: int, item: dict[str, Any]) -> tuple[object, ...]:
+def _object_row_cells(index: int, item: dict[str, Any]) -> tuple[object, ...]:
     asset, description = item.get("asset") or "", item.get("description") or ""
-    return label_of(item, index), name_of(item), size_of(item), asset, description
+    return object_mask_label(item, index), object_display_name(item), format_object_size(item), asset, description
 
 
-def _photo(files: dict[str, str], objects: Sequence[dict[str, Any]], folder: Path) -> str:
+def _render_annotated_photo(files: dict[str, str], objects: Sequence[dict[str, Any]], folder: Path) -> str:
     import cv2
 
-    file = present(folder, files["rgb"]) if "rgb" in files else None
+    file = find_member_file(folder, files["rgb"]) if "rgb" in files else None
     if file is None:
         return ""
     image = read_picture(file, cv2.IMREAD_COLOR)
-    drawn = present(folder, files["masks"]) if "masks" in files else None
+    drawn = find_member_file(folder, files["masks"]) if "masks" in files else None
     labels = read_picture(drawn, cv2.IMREAD_UNCHANGED) if drawn is not None else None
-    numbers = {label_of(item, index) for index, item in enumerate(objects)}
-    boxes = rectangles(labels) if labels is not None and labels.shape == image.shape[:2] else {}
+    numbers = {object_mask_label(item, index) for index, item in enumerate(objects)}
+    boxes = mask_bounding_boxes(labels) if labels is not None and labels.shape == image.shape[:2] else {}
     marks: list[tuple[str, Rectangle]] = [(str(label), box) for label, box in boxes.items() if label in numbers]
-    return picture(np.asarray(image[:, :, ::-1], dtype=np.uint8), "The photo, with the objects found in it", marks)
+    return render_picture(
+        np.asarray(image[:, :, ::-1], dtype=np.uint8), "The photo, with the objects found in it", marks
+    )
 
 
-def _simulated(
+def _render_simulated_view(
     events: Sequence[trace.Event],
     sources: Sources,
     objects: Sequence[dict[str, Any]],
@@ -220,22 +227,22 @@ def _simulated(
     """The task as the camera of the photo would see it; of a run that came to none, the objects found."""
     if not camera.get("T_robot_cam"):
         return ""
-    played = [event for event in last_audit(events, trace.Rollout) if event.instance]
+    played = [event for event in last_audit_events(events, trace.Rollout) if event.instance]
     try:
         if played:
-            instance = instance_of(member(sources.folder, played[0].instance or ""))
+            instance = read_task_instance(resolve_member_file(sources.folder, played[0].instance or ""))
             objects_shown, background = list(instance.objects), instance.background
             caption = f"The same view of the task, seed {instance.seed}, before the robot moves"
         else:
-            objects_shown = twin_objects(objects, sources.library)
+            objects_shown = build_twin_objects(objects, sources.library)
             caption = "The same view of what was found: the asset that stands for each object"
-        image = twin_picture(objects_shown, sources.library, camera, background) if objects_shown else None
+        image = render_from_photo_camera(objects_shown, sources.library, camera, background) if objects_shown else None
     except GrsError as error:
-        return paragraph(f"The simulation cannot be drawn: {error}", "quiet")
-    return "" if image is None else picture(image, caption)
+        return render_paragraph(f"The simulation cannot be drawn: {error}", "quiet")
+    return "" if image is None else render_picture(image, caption)
 
 
-def last_audit(events: Sequence[trace.Event], kind: type[AuditEvent]) -> list[AuditEvent]:
+def last_audit_events(events: Sequence[trace.Event], kind: type[AuditEvent]) -> list[AuditEvent]:
     """The rollouts, or the findings, of the last audit."""
     starts = [
         index for index, event in enumerate(events) if isinstance(event, trace.NodeStarted) and event.node == "audit"
@@ -243,55 +250,55 @@ def last_audit(events: Sequence[trace.Event], kind: type[AuditEvent]) -> list[Au
     return [event for event in events[starts[-1] if starts else 0 :] if isinstance(event, kind)]
 
 
-def rollouts(events: Sequence[trace.Event], sources: Sources) -> Iterator[str]:
+def render_rollouts(events: Sequence[trace.Event], sources: Sources) -> Iterator[str]:
     """Each rollout of the last audit: before, after and its figures; of the first one a film strip."""
-    played = last_audit(events, trace.Rollout)
+    played = last_audit_events(events, trace.Rollout)
     for event in played:
         verdict = f"Seed {event.seed}: {event.outcome}, reward {event.reward:.2f} after {event.steps} steps; "
-        yield paragraph(
+        yield render_paragraph(
             f"{verdict}doing nothing earns {event.idle_reward:.2f}; moved {', '.join(event.moved) or 'nothing'}",
             "" if event.outcome == "success" else "bad",
         )
-        drawn = event.instance and event.recording and present(sources.folder, event.recording)
-        yield from _stills(event, sources, strip=event is played[0]) if drawn else ()
+        drawn = event.instance and event.recording and find_member_file(sources.folder, event.recording)
+        yield from _render_rollout_stills(event, sources, strip=event is played[0]) if drawn else ()
 
 
-def _stills(event: trace.Rollout, sources: Sources, strip: bool) -> Iterator[str]:
-    sources.drawing(f"the rollout of seed {event.seed}")
+def _render_rollout_stills(event: trace.Rollout, sources: Sources, strip: bool) -> Iterator[str]:
+    sources.announce_drawing(f"the rollout of seed {event.seed}")
     shot = Shot(sources.folder.resolve(), event, sources.library, sources.robot)
     try:
-        end = shot.motion.seconds
+        end = shot.recorded_motion.duration_seconds
         moments = [0.0, end, *(np.linspace(0, end, FRAMES).tolist() if strip else ())]
-        drawn = list(pictures(shot, moments))
+        drawn = list(render_frames(shot, moments))
     except GrsError as error:
-        yield paragraph(f"There is no picture of it: {error}", "quiet")
+        yield render_paragraph(f"There is no picture of it: {error}", "quiet")
         return
-    yield f'<div class="row">{picture(drawn[0], "before")}{picture(drawn[1], f"after {end:.1f} s")}</div>'
+    yield f'<div class="row">{render_picture(drawn[0], "before")}{render_picture(drawn[1], f"after {end:.1f} s")}</div>'
     small = [image[::2, ::2] for image in drawn[2:]]
     if small:
-        frames = (picture(image, f"{seconds:.1f} s") for image, seconds in zip(small, moments[2:], strict=True))
+        frames = (render_picture(image, f"{seconds:.1f} s") for image, seconds in zip(small, moments[2:], strict=True))
         yield f'<div class="strip">{"".join(frames)}</div>'
 
 
-def report(record: dict[str, Any], events: Sequence[trace.Event], sources: Sources) -> str:
+def render_html_report(record: dict[str, Any], events: Sequence[trace.Event], sources: Sources) -> str:
     """The page."""
-    rows = steps(list(events))
+    rows = group_events_into_steps(list(events))
     parts = [
-        _head(record, events),
-        section("The photo", *photo(events, sources)),
-        section("The task", *_task(events)),
-        section("The oracle plays it", *rollouts(events, sources)),
-        section("How it came about", _steps(rows)),
-        section("Decisions", *_decisions(events)),
-        section("Tests", *_tests(rows)),
-        section("Audit", _findings(events)),
-        section("Programs", *_programs(events, sources.folder)),
-        paragraph(f"Made by grs-agents {record.get('versions', {}).get('grs-agents', '')}.", "quiet"),
+        _render_header(record, events),
+        render_section("The photo", *render_photo_and_objects(events, sources)),
+        render_section("The task", *_render_task_fields(events)),
+        render_section("The oracle plays it", *render_rollouts(events, sources)),
+        render_section("How it came about", _render_step_table(rows)),
+        render_section("Decisions", *_render_decisions(events)),
+        render_section("Tests", *_render_test_runs(rows)),
+        render_section("Audit", _render_audit_findings(events)),
+        render_section("Programs", *_render_programs(events, sources.folder)),
+        render_paragraph(f"Made by grs-agents {record.get('versions', {}).get('grs-agents', '')}.", "quiet"),
     ]
-    return page(f"GRS run {record.get('id', '')}", [part for part in parts if part])
+    return render_page(f"GRS run {record.get('id', '')}", [part for part in parts if part])
 
 
-def _head(record: dict[str, Any], events: Sequence[trace.Event]) -> str:
+def _render_header(record: dict[str, Any], events: Sequence[trace.Event]) -> str:
     status = str(record.get("status", "?"))
     started = next((event for event in events if isinstance(event, trace.RunStarted)), None)
     kind = "good" if status == "accepted" else "bad"
@@ -299,81 +306,94 @@ def _head(record: dict[str, Any], events: Sequence[trace.Event]) -> str:
     counts: dict[str, Any] = record.get("counts") or {}
     seconds: dict[str, Any] = record.get("seconds") or {}
     counted = {**counts, "seconds": seconds.get("total", "?")}
-    figures = table(["what", "how much"], [(key.replace("_", " "), value) for key, value in counted.items()])
+    figures = render_table(["what", "how much"], [(key.replace("_", " "), value) for key, value in counted.items()])
     return (
-        f"<header><h1>{text(record.get('id', 'run'))}</h1>\n"
-        f'<p><span class="status {kind}">{text(status)}</span> {text(record.get("reason", ""))}</p>'
-        + paragraph(how, "quiet")
-        + folded("Figures", figures)
+        f"<header><h1>{escape_html(record.get('id', 'run'))}</h1>\n"
+        f'<p><span class="status {kind}">{escape_html(status)}</span> {escape_html(record.get("reason", ""))}</p>'
+        + render_paragraph(how, "quiet")
+        + render_collapsible("Figures", figures)
         + "</header>"
     )
 
 
-def _task(events: Sequence[trace.Event]) -> Iterator[str]:
+def _render_task_fields(events: Sequence[trace.Event]) -> Iterator[str]:
     tasks = [event.task for event in events if isinstance(event, trace.TaskDefined)]
     for key, value in (tasks[-1] if tasks else {}).items():
         shown = ", ".join(map(str, cast("list[Any]", value))) if isinstance(value, list) else value
-        yield f"<p><b>{text(key)}</b>: {text(shown)}</p>"
+        yield f"<p><b>{escape_html(key)}</b>: {escape_html(shown)}</p>"
 
 
-def _steps(rows: Sequence[Step]) -> str:
+def _render_step_table(rows: Sequence[Step]) -> str:
     heads = ["#", "fix", "step", "status", "seconds", "tokens", "what came of it"]
-    colors: list[Verdict] = [_verdict(not step.trouble) for step in rows]
-    return table(heads, map(_step_cells, rows), (0, 1, 4, 5), colors) if rows else ""
+    colors: list[Verdict] = [_verdict_css_class(not step.problem_summary) for step in rows]
+    return render_table(heads, map(_step_row_cells, rows), (0, 1, 4, 5), colors) if rows else ""
 
 
-def _step_cells(step: Step) -> tuple[object, ...]:
+def _step_row_cells(step: Step) -> tuple[object, ...]:
     name = f"{step.node} ×{step.visit}" if step.visit > 1 else step.node
-    tokens = f"{step.tokens:,}" if step.tokens else ""
-    return step.number, step.attempt, name, _status(step), f"{step.seconds:.1f}", tokens, step.detail[:1000]
+    tokens = f"{step.total_tokens:,}" if step.total_tokens else ""
+    return (
+        step.number,
+        step.attempt,
+        name,
+        _step_status_text(step),
+        f"{step.seconds:.1f}",
+        tokens,
+        step.joined_details[:1000],
+    )
 
 
-def _status(step: Step) -> str:
+def _step_status_text(step: Step) -> str:
     """How a step ended; of one that did its work and found faults, that."""
-    return "found faults" if step.status == "done" and step.trouble else step.status
+    return "found faults" if step.status == "done" and step.problem_summary else step.status
 
 
-def _verdict(well: bool) -> Verdict:
+def _verdict_css_class(well: bool) -> Verdict:
     return "" if well else "bad"
 
 
-def _decisions(events: Sequence[trace.Event]) -> Iterator[str]:
+def _render_decisions(events: Sequence[trace.Event]) -> Iterator[str]:
     for event in events:
         if isinstance(event, trace.Decision):
             policy = f" by {event.policy}" if event.policy else ""
-            yield f"<p><b>{text(event.verdict)}</b>{text(policy)}: {text(event.explanation)}</p>"
+            yield f"<p><b>{escape_html(event.verdict)}</b>{escape_html(policy)}: {escape_html(event.explanation)}</p>"
 
 
-def _tests(rows: Sequence[Step]) -> Iterator[str]:
+def _render_test_runs(rows: Sequence[Step]) -> Iterator[str]:
     """Each run of the tests in full; the last one is open if it failed."""
     runs = [step for step in rows if any(isinstance(event, trace.TestsRun) for event in step.events)]
     for step in runs:
-        text_of_step = "\n\n".join(f"{part.heading}\n{part.text}" for part in sections(step))
+        text_of_step = "\n\n".join(f"{part.heading}\n{part.text}" for part in iter_step_sections(step))
         last = step is runs[-1]
-        heading = f"step {step.number}: {step.detail}"
-        yield folded(
-            heading, code(text_of_step), opened=last and bool(step.trouble), verdict=_verdict(not step.trouble)
+        heading = f"step {step.number}: {step.joined_details}"
+        yield render_collapsible(
+            heading,
+            render_code_block(text_of_step),
+            opened=last and bool(step.problem_summary),
+            verdict=_verdict_css_class(not step.problem_summary),
         )
 
 
-def _findings(events: Sequence[trace.Event]) -> str:
+def _render_audit_findings(events: Sequence[trace.Event]) -> str:
     """What the last audit found."""
-    findings = last_audit(events, trace.Finding)
-    cells = [(finding.check, finding_verdict(finding), finding.detail) for finding in findings]
-    colors: list[Verdict] = [_verdict(finding.passed) for finding in findings]
-    return table(["check", "", "detail"], cells, verdicts=colors) if cells else ""
+    findings = last_audit_events(events, trace.Finding)
+    cells = [(finding.check, format_finding_verdict(finding), finding.detail) for finding in findings]
+    colors: list[Verdict] = [_verdict_css_class(finding.passed) for finding in findings]
+    return render_table(["check", "", "detail"], cells, verdicts=colors) if cells else ""
 
 
-def _programs(events: Sequence[trace.Event], folder: Path) -> Iterator[str]:
+def _render_programs(events: Sequence[trace.Event], folder: Path) -> Iterator[str]:
     """Each version as what it changed, then both programs as they ended."""
     last: dict[str, trace.ProgramVersion] = {}
     for event in events:
         if isinstance(event, trace.ProgramVersion):
             last[event.program] = event
             if event.parent is not None and event.diff:
-                yield folded(f"{event.program} version {event.number} by {event.author_role}", diff(event.diff), True)
+                yield render_collapsible(
+                    f"{event.program} version {event.number} by {event.author_role}", render_diff(event.diff), True
+                )
     for program, event in last.items():
-        file = present(folder, event.path)
+        file = find_member_file(folder, event.path)
         if file is not None:
             source = read_bytes(file).decode("utf-8", "replace")
-            yield folded(f"{program}, version {event.number}, whole", code(source))
+            yield render_collapsible(f"{program}, version {event.number}, whole", render_code_block(source))

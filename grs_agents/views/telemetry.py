@@ -10,13 +10,13 @@ from typing import Any
 
 from grs_agents import trace
 from grs_agents.errors import ConfigError
-from grs_agents.views.common import phrase
+from grs_agents.views.common import summarise_event
 
 _PROVIDERS = {"openai": "openai", "anthropic": "anthropic", "google": "gcp.gemini", "ollama": "ollama"}
 _SCOPE = "grs_agents"
 
 
-def otlp_provider() -> Any:
+def make_otlp_provider() -> Any:
     """A tracer provider that sends spans over OTLP/HTTP to where the standard ``OTEL_*`` variables say."""
     try:
         sdk = importlib.import_module("opentelemetry.sdk.trace")
@@ -47,32 +47,32 @@ class SpanView:
         self._last = round(event.time * 1e9)
         match event:
             case trace.RunStarted():
-                self._close()
+                self._end_open_spans()
                 shown = {"gen_ai.conversation.id": event.run_id, "grs.graph": event.graph, "grs.seed": event.seed}
-                self._run = self._start(f"invoke_agent {event.graph}", None, _agent("grs") | shown)
+                self._run = self._start_span(f"invoke_agent {event.graph}", None, _agent_attributes("grs") | shown)
             case trace.NodeStarted():
-                self._end(self._node)
-                shown = _agent(event.node) | {"grs.visit": event.visit, "grs.attempt": event.attempt}
-                self._node = self._start(f"invoke_agent {event.node}", self._run, shown)
+                self._end_span(self._node)
+                shown = _agent_attributes(event.node) | {"grs.visit": event.visit, "grs.attempt": event.attempt}
+                self._node = self._start_span(f"invoke_agent {event.node}", self._run, shown)
             case trace.NodeEnded():
-                self._end(self._node, event.error)
+                self._end_span(self._node, event.error)
                 self._node = None
             case trace.Prompt():
                 self._prompts[event.call] = event
             case trace.Reply():
-                self._call(event)
+                self._record_model_call(event)
             case trace.RunEnded():
-                self._finish(event)
+                self._end_run(event)
             case _:
-                self._tell(event)
+                self._record_other_event(event)
 
     def finish(self) -> None:
         """End what is open and send what is left."""
-        self._close()
+        self._end_open_spans()
         self._provider.force_flush()
         self._provider.shutdown()
 
-    def _start(
+    def _start_span(
         self, name: str, parent: Any, attributes: dict[str, Any], at: int | None = None, kind: str = "INTERNAL"
     ) -> Any:
         context = self._trace.set_span_in_context(parent) if parent is not None else None
@@ -81,7 +81,7 @@ class SpanView:
             name, context=context, kind=kind_of_span, attributes=attributes, start_time=at or self._last
         )
 
-    def _end(self, span: Any, error: str = "") -> None:
+    def _end_span(self, span: Any, error: str = "") -> None:
         if span is None:
             return
         if error:
@@ -89,19 +89,19 @@ class SpanView:
             span.set_attribute("error.type", error.partition(":")[0])
         span.end(end_time=self._last)
 
-    def _close(self) -> None:
-        self._end(self._node)
-        self._end(self._run)
+    def _end_open_spans(self) -> None:
+        self._end_span(self._node)
+        self._end_span(self._run)
         self._node = self._run = None
 
-    def _finish(self, event: trace.RunEnded) -> None:
+    def _end_run(self, event: trace.RunEnded) -> None:
         if self._run is not None:
             self._run.set_attributes({"grs.status": event.status, "grs.reason": event.reason})
-        self._end(self._node)
-        self._end(self._run, event.reason if event.status == "failed" else "")
+        self._end_span(self._node)
+        self._end_span(self._run, event.reason if event.status == "failed" else "")
         self._node = self._run = None
 
-    def _call(self, event: trace.Reply) -> None:
+    def _record_model_call(self, event: trace.Reply) -> None:
         """A model call: one span from its prompt to its reply."""
         asked = self._prompts.pop(event.call, None)
         provider, _, name = event.model.rpartition(":")
@@ -120,12 +120,16 @@ class SpanView:
             attributes["grs.cost_usd"] = event.cost
         if self._content:
             if asked is not None:
-                attributes["gen_ai.input.messages"] = _message("user", asked.text)
-            attributes["gen_ai.output.messages"] = _message("assistant", event.text, event.finish_reason or "stop")
+                attributes["gen_ai.input.messages"] = _encode_message("user", asked.text)
+            attributes["gen_ai.output.messages"] = _encode_message(
+                "assistant", event.text, event.finish_reason or "stop"
+            )
         begin = round(asked.time * 1e9) if asked else self._last - round(event.seconds * 1e9)
-        self._end(self._start(f"chat {name}", self._node or self._run, attributes, begin, "CLIENT"), event.error)
+        self._end_span(
+            self._start_span(f"chat {name}", self._node or self._run, attributes, begin, "CLIENT"), event.error
+        )
 
-    def _tell(self, event: trace.Event) -> None:
+    def _record_other_event(self, event: trace.Event) -> None:
         """Whatever else happens is an event of the node's span; a rollout and a test run are tools."""
         span = self._node or self._run
         if span is None:
@@ -133,20 +137,24 @@ class SpanView:
         if isinstance(event, trace.TestsRun | trace.Rollout):
             tool = "run_tests" if isinstance(event, trace.TestsRun) else "rollout"
             seconds = float(event.report.get("seconds") or 0) if isinstance(event, trace.TestsRun) else 0.0
-            named = {"gen_ai.operation.name": "execute_tool", "gen_ai.tool.name": tool, "grs.result": phrase(event)}
+            named = {
+                "gen_ai.operation.name": "execute_tool",
+                "gen_ai.tool.name": tool,
+                "grs.result": summarise_event(event),
+            }
             begin = self._last - round(seconds * 1e9)
-            self._end(self._start(f"execute_tool {tool}", span, named, begin))
+            self._end_span(self._start_span(f"execute_tool {tool}", span, named, begin))
             return
-        values = _values(event)
+        values = _span_event_attributes(event)
         if values:
             span.add_event(f"grs.{event.kind}", values, timestamp=self._last)
 
 
-def _agent(name: str) -> dict[str, Any]:
+def _agent_attributes(name: str) -> dict[str, Any]:
     return {"gen_ai.operation.name": "invoke_agent", "gen_ai.agent.name": name}
 
 
-def _message(role: str, text: str, finish: str = "") -> str:
+def _encode_message(role: str, text: str, finish: str = "") -> str:
     """One message in the form that the conventions give for attributes."""
     message: dict[str, Any] = {"role": role, "parts": [{"type": "text", "content": text}]}
     return json.dumps([message | ({"finish_reason": finish} if finish else {})], ensure_ascii=False)
@@ -161,8 +169,8 @@ _FIELDS: dict[str, set[str]] = {
 """The fields of an event that go into its span event; of any other kind, its phrase."""
 
 
-def _values(event: trace.Event) -> dict[str, Any]:
+def _span_event_attributes(event: trace.Event) -> dict[str, Any]:
     if fields := _FIELDS.get(event.kind):
         return event.model_dump(include=fields)
-    text = phrase(event)
+    text = summarise_event(event)
     return {"text": text} if text else {}

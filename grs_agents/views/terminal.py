@@ -13,7 +13,7 @@ from rich.text import Text
 
 from grs_agents import terminal
 from grs_agents.trace import Event, NodeEnded, ProgramVersion, Reply, RunEnded, RunStarted
-from grs_agents.views.common import Status, Step, Steps, one_line
+from grs_agents.views.common import Status, Step, Steps, to_terminal_line
 
 MARKS: dict[Status, tuple[str, str]] = {
     "running": ("▶", "yellow"),
@@ -25,23 +25,23 @@ MARKS: dict[Status, tuple[str, str]] = {
 _TROUBLE = ("✗", "red")
 
 
-def mark_of(step: Step) -> tuple[str, str]:
+def step_mark_and_style(step: Step) -> tuple[str, str]:
     """The mark of a step and its style; a node that did its work and found tests failing is no success."""
-    return _TROUBLE if step.status == "done" and step.trouble else MARKS[step.status]
+    return _TROUBLE if step.status == "done" and step.problem_summary else MARKS[step.status]
 
 
 _VERDICTS = {"accepted": "bold green", "rejected": "bold red", "failed": "bold red", "interrupted": "yellow"}
 
 
 @contextmanager
-def working(task: str, console: Console | None = None) -> Generator[Callable[[str], None]]:
+def show_activity_status(task: str, console: Console | None = None) -> Generator[Callable[[str], None]]:
     """Show what a long command is at on standard error, if a terminal; call what it yields with what is next."""
-    console = console or terminal.console(error=True)
+    console = console or terminal.make_console(error=True)
     if not console.is_terminal:
         yield lambda text: None
         return
-    with console.status(Text(one_line(task))) as status:
-        yield lambda text: status.update(Text(one_line(text)))
+    with console.status(Text(to_terminal_line(task))) as status:
+        yield lambda text: status.update(Text(to_terminal_line(text)))
 
 
 class Progress:
@@ -51,14 +51,14 @@ class Progress:
     """
 
     def __init__(self, console: Console | None = None) -> None:
-        self._console = console or terminal.console(error=True)
+        self._console = console or terminal.make_console(error=True)
         self._steps = Steps()
         self._title = "starting"
         self._live: Live | None = None
 
     def __enter__(self) -> "Progress":
         if self._console.is_terminal:
-            live = Live(console=self._console, get_renderable=self._render, refresh_per_second=4)
+            live = Live(console=self._console, get_renderable=self._render_progress, refresh_per_second=4)
             self._live = live
             live.start()
         return self
@@ -70,38 +70,38 @@ class Progress:
 
     def __call__(self, event: Event) -> None:
         """Take in one event; the screen follows four times a second."""
-        self._steps.add(event)
+        self._steps.add_event(event)
         if isinstance(event, RunStarted):
             self._title = f"{event.run_id} graph {event.graph}, seed {event.seed}"
         if self._live is None:
-            self._print(event)
+            self._print_event_line(event)
 
-    def _print(self, event: Event) -> None:
+    def _print_event_line(self, event: Event) -> None:
         if isinstance(event, NodeEnded):
             step = next((row for row in reversed(self._steps.rows) if row.node == event.node), None)
-            detail = one_line(step.detail, 120) if step else ""
+            detail = to_terminal_line(step.joined_details, 120) if step else ""
             line = f"{event.node}: {'failed' if event.error else 'done'} in {event.seconds:.1f} s  {detail}"
         elif isinstance(event, RunEnded):
-            line = f"{event.status}: {one_line(event.reason)}"
+            line = f"{event.status}: {to_terminal_line(event.reason)}"
         else:
             return
         self._console.print(Text(line.rstrip()), soft_wrap=True)
 
-    def _render(self) -> RenderableType:
+    def _render_progress(self) -> RenderableType:
         table = Table.grid(padding=(0, 1))
         latest_visits = {step.node: step for step in self._steps.rows}  # in the order of the first visits
         for step in latest_visits.values():
-            mark, style = mark_of(step)
+            mark, style = step_mark_and_style(step)
             now = time.time() - step.started if step.status == "running" else step.seconds
             visit = f"x{step.visit}" if step.visit > 1 else ""
-            detail = Text(one_line(step.detail, 300), overflow="ellipsis", no_wrap=True, style="dim")
+            detail = Text(to_terminal_line(step.joined_details, 300), overflow="ellipsis", no_wrap=True, style="dim")
             table.add_row(Text(mark, style=style), step.node, visit, f"{max(now, 0):.1f} s", detail)
-        return Group(Text(one_line(self._title), style="bold"), table, self._footer())
+        return Group(Text(to_terminal_line(self._title), style="bold"), table, self._render_footer())
 
-    def _footer(self) -> Text:
+    def _render_footer(self) -> Text:
         if self._steps.ended:
             ended = self._steps.ended
-            return Text(f"{ended.status}: {one_line(ended.reason)}", style=_VERDICTS.get(ended.status, ""))
+            return Text(f"{ended.status}: {to_terminal_line(ended.reason)}", style=_VERDICTS.get(ended.status, ""))
         attempt = self._steps.rows[-1].attempt if self._steps.rows else 0
         decision = self._steps.decision
         last = f"; last decision: {decision.verdict}" if decision else ""
@@ -116,15 +116,15 @@ def summary_table(run: dict[str, Any]) -> Table:
     table.add_column(overflow="fold")
     table.add_row("status", Text(status, style=_VERDICTS.get(status, "")))
     if run.get("reason"):
-        table.add_row("reason", Text(one_line(str(run["reason"]), 400)))
+        table.add_row("reason", Text(to_terminal_line(str(run["reason"]), 400)))
     for group in ("counts", "seconds"):
         values: dict[str, Any] | None = run.get(group)
         if values:
-            table.add_row(group, Text(one_line(_pairs(values), 600)))
+            table.add_row(group, Text(to_terminal_line(_format_key_values(values), 600)))
     return table
 
 
-def _pairs(values: dict[str, Any]) -> str:
+def _format_key_values(values: dict[str, Any]) -> str:
     shown = (f"{value:.1f}" if isinstance(value, float) else str(value) for value in values.values())
     return ", ".join(f"{key} {value}" for key, value in zip(values, shown, strict=True))
 
@@ -143,20 +143,20 @@ def steps_tree(rows: list[Step]) -> Table:
     for attempt, group in groupby(rows, key=lambda step: step.attempt):
         steps = list(group)
         title = f"after fix {attempt}" if attempt else "before any fix"
-        table.add_row("", Text(title, style="bold"), *_spent(steps), "", style="bold")
+        table.add_row("", Text(title, style="bold"), *_format_step_totals(steps), "", style="bold")
         for step in steps:
-            _add_step(table, step, last=step is steps[-1])
+            _add_step_rows(table, step, last=step is steps[-1])
     return table
 
 
-def _add_step(table: Table, step: Step, last: bool) -> None:
-    mark, style = mark_of(step)
+def _add_step_rows(table: Table, step: Step, last: bool) -> None:
+    mark, style = step_mark_and_style(step)
     stem, trunk = ("└─ ", "   ") if last else ("├─ ", "│  ")
     visit = f" ×{step.visit}" if step.visit > 1 else ""
     name = Text.assemble(stem, (mark, style), f" {step.node}{visit}")
-    detail = Text(one_line(step.detail, _LONG), style="red" if step.trouble else "")
-    table.add_row(str(step.number), name, *_spent([step]), detail)
-    leaves = [*_calls(step), *_programs(step)]
+    detail = Text(to_terminal_line(step.joined_details, _LONG), style="red" if step.problem_summary else "")
+    table.add_row(str(step.number), name, *_format_step_totals([step]), detail)
+    leaves = [*_model_call_leaves(step), *_program_leaves(step)]
     for leaf in leaves:
         stem = "└─ " if leaf is leaves[-1] else "├─ "
         table.add_row("", Text(f"{trunk}{stem}{leaf[0]}"), *leaf[1:], style="dim")
@@ -166,15 +166,15 @@ Leaf = tuple[str, str, str, str, Text]
 """The cells of a model call or of a program: what, seconds, tokens, cost, detail."""
 
 
-def _calls(step: Step) -> list[Leaf]:
+def _model_call_leaves(step: Step) -> list[Leaf]:
     """One leaf for each role that was asked."""
     replies: dict[str, list[Reply]] = {}
-    for reply in step.replies:
+    for reply in step.model_replies:
         replies.setdefault(reply.role, []).append(reply)
-    return [_call(role, answers) for role, answers in replies.items()]
+    return [_model_call_leaf(role, answers) for role, answers in replies.items()]
 
 
-def _call(role: str, replies: list[Reply]) -> Leaf:
+def _model_call_leaf(role: str, replies: list[Reply]) -> Leaf:
     tokens = sum(reply.input_tokens + reply.output_tokens for reply in replies)
     count = f" ×{len(replies)}" if len(replies) > 1 else ""
     details = [replies[0].model]
@@ -183,17 +183,17 @@ def _call(role: str, replies: list[Reply]) -> Leaf:
     if unused := sum(bool(reply.error) for reply in replies):
         details.append(f"{unused} not used")
     seconds = f"{sum(reply.seconds for reply in replies):.1f}"
-    cost = _dollars(reply.cost for reply in replies)
-    return f"ask {role}{count}", seconds, f"{tokens:,}", cost, Text(one_line(", ".join(details)))
+    cost = _format_total_cost(reply.cost for reply in replies)
+    return f"ask {role}{count}", seconds, f"{tokens:,}", cost, Text(to_terminal_line(", ".join(details)))
 
 
-def _dollars(costs: Iterable[float | None]) -> str:
+def _format_total_cost(costs: Iterable[float | None]) -> str:
     """The sum of the costs that are known; empty if none is."""
     known = [cost for cost in costs if cost is not None]
     return f"${sum(known):.4f}" if known else ""
 
 
-def _programs(step: Step) -> list[Leaf]:
+def _program_leaves(step: Step) -> list[Leaf]:
     """One leaf for each program that was written."""
     rows: list[Leaf] = []
     for event in step.events:
@@ -204,14 +204,14 @@ def _programs(step: Step) -> list[Leaf]:
     return rows
 
 
-def _spent(steps: list[Step]) -> tuple[str, str, str]:
+def _format_step_totals(steps: list[Step]) -> tuple[str, str, str]:
     """Seconds, tokens and cost of ``steps``."""
-    tokens = sum(step.tokens for step in steps)
+    tokens = sum(step.total_tokens for step in steps)
     seconds = f"{sum(step.seconds for step in steps):.1f}"
-    return seconds, f"{tokens:,}" if tokens else "", _dollars(step.cost for step in steps)
+    return seconds, f"{tokens:,}" if tokens else "", _format_total_cost(step.cost for step in steps)
 
 
-def step_record(step: Step) -> dict[str, Any]:
+def step_to_dict(step: Step) -> dict[str, Any]:
     """A step as plain data; its events are those with ``sequence`` from ``first`` to ``last``."""
     return {
         "number": step.number,
@@ -219,14 +219,14 @@ def step_record(step: Step) -> dict[str, Any]:
         "visit": step.visit,
         "attempt": step.attempt,
         "status": step.status,
-        "trouble": step.trouble,
+        "trouble": step.problem_summary,
         "started": step.started,
         "seconds": step.seconds,
-        "calls": len(step.replies),
+        "calls": len(step.model_replies),
         "input_tokens": step.input_tokens,
         "output_tokens": step.output_tokens,
         "cost": step.cost,
-        "detail": step.detail,
+        "detail": step.joined_details,
         "first": step.events[0].sequence,
         "last": step.events[-1].sequence,
     }

@@ -6,7 +6,7 @@ from evals.synthesis.built_asset import BuiltAsset
 from grs_agents import content
 from grs_agents.files import write_json
 from grs_agents.library import MANIFEST, Manifest
-from grs_agents.terminal import say
+from grs_agents.terminal import print_escaped
 from scripts.assets.fixtures import build_fixtures
 from scripts.assets.groceries import build_groceries
 from scripts.assets.household import build_household
@@ -42,7 +42,7 @@ def main() -> None:
     """Replace the shipped library."""
     folder = content.content_root() / "assets" / "library"
     manifest = write_library(folder)
-    say(f"{len(manifest.assets)} assets in {folder}")
+    print_escaped(f"{len(manifest.assets)} assets in {folder}")
 
 
 if __name__ == "__main__":

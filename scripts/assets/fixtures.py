@@ -6,7 +6,7 @@ Origins and dimensions are the published ones, since programs compute offsets fr
 from evals.synthesis.built_asset import BuiltAsset, build_asset, opaque
 from evals.synthesis.colliders import box, cylinder
 from grs_agents.base import Vec3
-from grs_agents.library import Rgba, Shape, joint_bounds, shape_bounds
+from grs_agents.library import Rgba, Shape, merge_bounds, shape_bounds
 from scripts.assets.toys import toy_asset
 
 _WOOD: tuple[Rgba, ...] = ((0.86, 0.68, 0.47, 1.0), (0.64, 0.46, 0.30, 1.0), (0.40, 0.27, 0.18, 1.0))
@@ -37,7 +37,7 @@ def _fixture(name: str, shapes: tuple[Shape, ...], mass: float, color: str, look
 
 
 def _extents(shapes: tuple[Shape, ...]) -> Vec3:
-    low, high = joint_bounds(shape_bounds(shape) for shape in shapes)
+    low, high = merge_bounds(shape_bounds(shape) for shape in shapes)
     x, y, z = (round(b - a, 6) for a, b in zip(low, high, strict=True))
     return (x, y, z)
 

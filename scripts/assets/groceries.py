@@ -8,7 +8,7 @@ from evals.synthesis.colliders import box, stadium
 from evals.synthesis.meshes import Floats, loft, rectangle, superellipse
 from grs_agents.base import Vec3
 from grs_agents.library import Asset, Shape
-from grs_agents.library.formats import urdf_text
+from grs_agents.library.formats import format_urdf_text
 from scripts.assets.grocery_table import GROCERIES, Grocery
 from scripts.assets.label import label_texture
 
@@ -119,7 +119,7 @@ def build_grocery(grocery: Grocery) -> BuiltAsset:
     )
     return BuiltAsset(
         asset,
-        urdf_text(
+        format_urdf_text(
             grocery.kind,
             [visual],
             colliders,

@@ -9,7 +9,7 @@ from evals.synthesis.built_asset import BuiltAsset, build_asset, opaque
 from evals.synthesis.colliders import box, cylinder, lifted, open_box, ring
 from evals.synthesis.meshes import Mesh, loft, superellipse, tube
 from grs_agents.base import Vec3
-from grs_agents.library import Asset, Rgba, Shape, joint_bounds, shape_bounds
+from grs_agents.library import Asset, Rgba, Shape, merge_bounds, shape_bounds
 
 _CUBE = 0.04
 _CUBE_COLORS = ("red", "green", "blue", "yellow", "orange", "purple", "cyan", "brown", "gray", "white")
@@ -163,7 +163,7 @@ def _moved(mesh: Mesh, offset: Vec3) -> Mesh:
 
 def _with_mesh(asset: Asset, meshes: Sequence[tuple[str, Mesh, Rgba]], colliders: tuple[Shape, ...]) -> BuiltAsset:
     """An asset whose looks are plain coloured meshes; colliders that start at z = 0 are centred."""
-    low, high = joint_bounds(shape_bounds(shape) for shape in colliders)
+    low, high = merge_bounds(shape_bounds(shape) for shape in colliders)
     centred = lifted(colliders, (0, 0, -(low[2] + high[2]) / 2))
     visuals = [Shape(kind="mesh", size=(1, 1, 1), mesh=name, color=color) for name, _, color in meshes]
     return build_asset(asset, visuals, centred, {name: mesh.obj() for name, mesh, _ in meshes})

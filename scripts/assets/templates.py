@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from evals.synthesis.built_asset import BuiltAsset
 from grs_agents.base import Vec3
-from grs_agents.library import WALL, Asset, Rgba, Value, color_name
+from grs_agents.library import WALL, Asset, Rgba, Value, color_name_from_rgb
 
 Part = tuple[str, str]
 """Where a shape is (the words of ``<origin xyz>``) and what it is (its element)."""
@@ -49,7 +49,7 @@ def _solid(name: str, look: str, size: Vec3, color: Rgba, parts: Sequence[Part],
         size=size,
         mass=mass,
         friction=0.6,
-        color=color_name(color[:3]),
+        color=color_name_from_rgb(color[:3]),
         description=f"{look} (DIM0 x DIM1 x DIM2 m), to be filled in",
         hollow=category == "container",
         fixture=category not in ("ball", "block"),
@@ -87,7 +87,7 @@ def mark_template(
         size=size,
         mass=0.0,
         friction=0.6,
-        color=color_name((color[0], color[1], color[2])),
+        color=color_name_from_rgb((color[0], color[1], color[2])),
         description=f"{look}, to be filled in",
         hollow=category == "zone",
         fixture=category == "zone",

@@ -26,7 +26,7 @@ class RefusedKey(Exception):
 
 def ask(agents: ScriptedAgents) -> RouterReply | NoReply:
     """Put the router's question."""
-    return roles.route(agents, TASK, "failed: 0 of 1 tests passed", ["fix_code: version 2"])
+    return roles.decide_what_to_fix(agents, TASK, "failed: 0 of 1 tests passed", ["fix_code: version 2"])
 
 
 def exchanges(agents: ScriptedAgents) -> list[tuple[Prompt, Reply]]:
@@ -126,5 +126,5 @@ def test_a_role_without_a_model_of_its_own_is_served_by_the_default(tmp_path: Pa
     local = ModelConfig(model="openai:any", base_url="http://127.0.0.1:9/v1")
     config = Config(models={"default": ModelConfig(model="offline"), "simulation": local})
     agents = Agents(config, EventLog(tmp_path / "events.jsonl"), tmp_path)
-    assert agents.model("route") is agents.model("tests")
-    assert agents.model("simulation") is not agents.model("route")
+    assert agents.chat_model_for_role("route") is agents.chat_model_for_role("tests")
+    assert agents.chat_model_for_role("simulation") is not agents.chat_model_for_role("route")

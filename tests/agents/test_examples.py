@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.agents import Example, TaskDefinition, nearest, read_examples
+from grs_agents.agents import Example, TaskDefinition, read_examples, select_nearest_examples
 from grs_agents.content import content_root
 from grs_agents.errors import InputError
 
@@ -33,26 +33,28 @@ def example(name: str, family: str, words: str) -> Example:
 
 @pytest.mark.parametrize("name", TASKS)
 def test_the_nearest_example_is_the_one_that_shows_how(name: str) -> None:
-    chosen = nearest(read_examples(FOLDER), task(*TASKS[name]), count=3, seed=0)
+    chosen = select_nearest_examples(read_examples(FOLDER), task(*TASKS[name]), count=3, seed=0)
     assert chosen[0].name == name
     assert len({one.name for one in chosen}) == 3
 
 
 def test_endings_capitals_and_spelling_do_not_matter() -> None:
     examples = [example("a", "A", "clearing zones"), example("b", "B", "StackedColours"), example("c", "C", "rope")]
-    assert nearest(examples, task("x", "stack by color", ("y",)), 1, seed=2)[0].name == "b"
+    assert select_nearest_examples(examples, task("x", "stack by color", ("y",)), 1, seed=2)[0].name == "b"
 
 
 def test_no_family_fills_the_prompt() -> None:
     examples = [example(f"s{index}", "Stacking", "stack blocks") for index in range(3)]
-    chosen = nearest([*examples, example("p", "Packing", "pack")], task("stack", "stack blocks", ("z",)), 3, seed=0)
+    chosen = select_nearest_examples(
+        [*examples, example("p", "Packing", "pack")], task("stack", "stack blocks", ("z",)), 3, seed=0
+    )
     assert [one.family for one in chosen] == ["Stacking", "Stacking", "Packing"]
 
 
 def test_equals_are_taken_by_the_seed_and_the_choice_is_repeatable() -> None:
     examples = [example(str(index), str(index), "same words") for index in range(4)]
     wanted = task("other", "nothing in common", ("z",))
-    chosen = {seed: [one.name for one in nearest(examples, wanted, 2, seed)] for seed in (0, 3, 7)}
+    chosen = {seed: [one.name for one in select_nearest_examples(examples, wanted, 2, seed)] for seed in (0, 3, 7)}
     assert chosen == {0: ["0", "1"], 3: ["3", "0"], 7: ["3", "0"]}
 
 

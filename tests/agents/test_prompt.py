@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.agents import render, variables
+from grs_agents.agents import find_template_variables, render_prompt_template
 from grs_agents.errors import ConfigError
 
 
@@ -16,14 +16,14 @@ def template(folder: Path, text: str) -> Path:
 
 def test_values_are_never_scanned_again(tmp_path: Path) -> None:
     file = template(tmp_path, "code: {{code}} task: {{ task }}")
-    assert render(file, {"code": "x = '{{task}}'", "task": "T"}) == "code: x = '{{task}}' task: T"
+    assert render_prompt_template(file, {"code": "x = '{{task}}'", "task": "T"}) == "code: x = '{{task}}' task: T"
 
 
 @pytest.mark.parametrize("values", [{}, {"code": "c"}, {"code": "c", "task": "t", "more": "m"}])
 def test_missing_and_unused_variables_are_errors(tmp_path: Path, values: dict[str, str]) -> None:
     with pytest.raises(ConfigError, match=r"prompt\.md"):
-        render(template(tmp_path, "{{code}} {{task}}"), values)
+        render_prompt_template(template(tmp_path, "{{code}} {{task}}"), values)
 
 
 def test_single_braces_are_text() -> None:
-    assert variables("{code} {{code}} {'a': {1: 2}}") == {"code"}
+    assert find_template_variables("{code} {{code}} {'a': {1: 2}}") == {"code"}

@@ -6,36 +6,44 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.agents import Match, ReplyError, TaskDefinition, fenced, parse_json, parse_python, parse_verdict
+from grs_agents.agents import (
+    Match,
+    ReplyError,
+    TaskDefinition,
+    extract_fenced_block,
+    extract_python_program,
+    parse_json,
+    parse_verdict,
+)
 
 
 def test_the_last_block_in_the_language_counts() -> None:
     text = "First try:\n```python\nold = 1\n```\nBetter:\n```python\nnew = 2\n```\nDone."
-    assert fenced(text, "python") == "new = 2\n"
+    assert extract_fenced_block(text, "python") == "new = 2\n"
 
 
 def test_an_unclosed_block_is_refused() -> None:
     with pytest.raises(ReplyError, match="closed"):
-        fenced("```python\nnew = 2\n", "python")
+        extract_fenced_block("```python\nnew = 2\n", "python")
 
 
 def test_prose_alone_is_refused() -> None:
     with pytest.raises(ReplyError, match="no block"):
-        parse_python("I would rather import nothing.")
+        extract_python_program("I would rather import nothing.")
 
 
 def test_a_bare_program_is_a_program() -> None:
-    assert parse_python("import math\nx = math.pi") == "import math\nx = math.pi\n"
+    assert extract_python_program("import math\nx = math.pi") == "import math\nx = math.pi\n"
 
 
 def test_a_broken_program_is_a_version_like_any_other() -> None:
-    assert parse_python("```python\ndef f(:\n```") == "def f(:\n"
+    assert extract_python_program("```python\ndef f(:\n```") == "def f(:\n"
 
 
 @pytest.mark.parametrize("deep", ["(" * 100_000, "-" * 100_000 + "1", "import a\x00"])
 def test_what_the_parser_cannot_hold_is_no_bare_program(deep: str) -> None:
     with pytest.raises(ReplyError):
-        parse_python(f"import a\nb = {deep}")
+        extract_python_program(f"import a\nb = {deep}")
 
 
 def test_json_by_schema() -> None:
@@ -88,7 +96,7 @@ def test_the_explanation_is_what_stands_around_the_verdict() -> None:
 
 @given(st.text())
 def test_any_text_is_parsed_or_refused(text: str) -> None:
-    for parse in (parse_python, parse_verdict, lambda reply: parse_json(reply, Match)):
+    for parse in (extract_python_program, parse_verdict, lambda reply: parse_json(reply, Match)):
         try:
             parse(text)
         except ReplyError as error:

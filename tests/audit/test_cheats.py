@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from grs_agents.audit import AuditReport, audit
+from grs_agents.audit import AuditReport, audit_task
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
 from grs_agents.sim import Environment, InstanceTie, Task, TaskInstance, instantiate, near, rollout, stacked
@@ -85,7 +85,7 @@ def swings_into_place(task: Trial, env: Environment) -> None:
     hook = env.add_object(GREEN, ((0.5, 0.4, 1.5), FLAT), "fixed")
     weight = env.add_object(GREEN, ((1.5, 0.4, 1.0), FLAT))
     frames = (((0.0, 0.0, 0.0), FLAT), ((-1.0, 0.0, 0.5), FLAT))
-    env.tie(InstanceTie(kind="point", parent=hook, child=weight, parent_frame=frames[0], child_frame=frames[1]))
+    env.tie_objects(InstanceTie(kind="point", parent=hook, child=weight, parent_frame=frames[0], child_frame=frames[1]))
     fair(task, env)
 
 
@@ -115,7 +115,7 @@ def judge(setup: Setup, change: Callable[[TaskInstance], TaskInstance] = lambda 
     library = Library()
     instances = [change(instantiate(Trial(setup), seed, library)) for seed in range(2)]
     rollouts = [rollout(instance, library) for instance in instances]
-    return audit(instances, [], rollouts, AuditConfig(seeds=2), library)
+    return audit_task(instances, [], rollouts, AuditConfig(seeds=2), library)
 
 
 def failed(report: AuditReport) -> set[str]:
@@ -124,7 +124,7 @@ def failed(report: AuditReport) -> set[str]:
 
 def test_a_fair_program_is_accepted() -> None:
     report = judge(fair)
-    assert report.accepted, report.text()
+    assert report.accepted, report.format_as_text()
 
 
 def one_of_several(task: Trial, env: Environment) -> None:
@@ -142,7 +142,7 @@ def a_stack_of_two(task: Trial, env: Environment) -> None:
 @pytest.mark.parametrize("setup", [one_of_several, a_stack_of_two])
 def test_a_task_of_one_object_among_others_is_accepted(setup: Setup) -> None:
     report = judge(setup)
-    assert report.accepted, report.text()
+    assert report.accepted, report.format_as_text()
     assert {len(one.moved) for one in report.rollouts} == {1}
 
 
@@ -175,7 +175,7 @@ def test_an_asset_that_is_not_the_librarys_is_found(change: dict[str, object]) -
     plain = instantiate(Trial(fair), 0, library)
     first = plain.objects[0].model_copy(update=change)
     forged = plain.model_copy(update={"objects": (first, *plain.objects[1:])})
-    report = audit([forged], [], [rollout(plain, library)], AuditConfig(seeds=1), library)
+    report = audit_task([forged], [], [rollout(plain, library)], AuditConfig(seeds=1), library)
     assert "as_in_library" in failed(report)
 
 
@@ -187,7 +187,7 @@ def test_filled_templates_keep_their_shapes() -> None:
         fair(task, env)
 
     report = judge(with_container)
-    assert report.accepted, report.text()
+    assert report.accepted, report.format_as_text()
 
 
 def test_another_time_step_is_found() -> None:

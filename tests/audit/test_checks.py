@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from grs_agents.agents import TaskDefinition
-from grs_agents.audit import AuditReport, audit, changes
+from grs_agents.audit import AuditReport, audit_task, find_pose_changes
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
 from grs_agents.perception import SceneDescription
@@ -118,7 +118,7 @@ def judge(**changed: Any) -> AuditReport:
         "scene": scene(MILK, CAN),
         **changed,
     }
-    return audit(**given)
+    return audit_task(**given)
 
 
 def failed(report: AuditReport) -> set[str]:
@@ -129,7 +129,7 @@ def test_a_good_task_is_accepted() -> None:
     report = judge()
     assert report.accepted
     assert report.rewards == (1.0, 1.0, 1.0)
-    assert "accepted" in report.text()
+    assert "accepted" in report.format_as_text()
 
 
 @pytest.mark.parametrize(
@@ -168,7 +168,7 @@ def test_each_fault_fails_its_own_check(changed: dict[str, Any], checks: set[str
     report = judge(**changed)
     assert not report.accepted
     assert failed(report) == checks
-    assert "FAILED" in report.text()
+    assert "FAILED" in report.format_as_text()
 
 
 def test_one_object_is_enough_where_one_is_in_reach() -> None:
@@ -189,8 +189,8 @@ def test_a_program_without_task_and_scene_is_judged_by_its_instances() -> None:
 
 
 def test_what_left_its_place_in_the_photo_is_recorded() -> None:
-    moved = changes([instance(0, MILK, CAN, ZONE, moved_by=0.05)], scene(MILK, CAN))
+    moved = find_pose_changes([instance(0, MILK, CAN, ZONE, moved_by=0.05)], scene(MILK, CAN))
     assert [change.asset for change in moved] == [MILK, CAN, ZONE]
     assert moved[0].distance == pytest.approx(0.05)
     assert moved[2].photo is None
-    assert changes([instance(0, MILK, CAN, moved_by=0.02)], scene(MILK, CAN)) == []
+    assert find_pose_changes([instance(0, MILK, CAN, moved_by=0.02)], scene(MILK, CAN)) == []

@@ -10,7 +10,7 @@ import pytest
 from langchain_core.messages import HumanMessage
 
 from grs_agents.config import ModelConfig
-from grs_agents.models import chat_model
+from grs_agents.models import make_chat_model
 from tests.chat_server import Answer, Json, chat_server, completion
 
 
@@ -66,7 +66,7 @@ class ScriptedServer:
         blocks: list[Any] = [
             {"type": "image", "base64": url.partition("base64,")[2], "mime_type": "image/jpeg"} for url in urls
         ]
-        model = chat_model(ModelConfig(model="offline"), 0)
+        model = make_chat_model(ModelConfig(model="offline"), 0)
         reply = str(model.invoke([HumanMessage([*blocks, {"type": "text", "text": text}])]).text)
         waiting = self.spoilt.get(role, [])
         return waiting.pop(0).replace("{reply}", reply) if waiting else reply

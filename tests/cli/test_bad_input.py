@@ -156,7 +156,7 @@ def test_comprehension_has_one_graph(tmp_path: Path, sample_scene: Path) -> None
 
 def test_a_graph_of_ones_own_must_come_to_a_verdict(tmp_path: Path, small_scene: Path) -> None:
     (tmp_path / "mine" / "graphs").mkdir(parents=True)
-    text = content.path("graphs", "scene").read_text().replace("VERDICT = False", "VERDICT = True")
+    text = content.content_path("graphs", "scene").read_text().replace("VERDICT = False", "VERDICT = True")
     (tmp_path / "mine" / "graphs" / "endless.py").write_text(text)
     arguments = (
         "--content",

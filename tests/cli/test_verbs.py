@@ -12,7 +12,7 @@ from grs_agents import content
 from grs_agents.config import Config
 from grs_agents.perception.proxies import write_proxy
 from grs_agents.run import RunRecord
-from grs_agents.sim import instantiate, task_class
+from grs_agents.sim import find_task_class, instantiate
 from tests.cli.command import grs
 
 PROGRAM = '''
@@ -122,18 +122,18 @@ def test_check_rejects_what_gives_no_instance(tmp_path: Path, source: str) -> No
 
 FORGER = """
 import json
-from grs_agents.sandbox import progress
+from grs_agents.sandbox import report_progress
 for seed in range(3):
     text = json.dumps({{**{instance!r}, "seed": seed}})
-    progress({{"item": str(seed), "phase": "start"}})
-    progress({{"item": str(seed), "phase": "end", "instance": text}})
+    report_progress({{"item": str(seed), "phase": "start"}})
+    report_progress({{"item": str(seed), "phase": "end", "instance": text}})
 """
 
 
 def test_check_rejects_a_program_without_a_task_that_writes_instances_itself(tmp_path: Path, program: Path) -> None:
     module = ModuleType("task_code")
     exec(program.read_text(), module.__dict__)
-    instance = instantiate(task_class(module)(), 0).model_dump(mode="json")
+    instance = instantiate(find_task_class(module)(), 0).model_dump(mode="json")
     (tmp_path / "forger.py").write_text(FORGER.format(instance=instance))
     done = grs("check", "forger.py", "--json", folder=tmp_path)
     found = json.loads(done.stdout)
@@ -154,7 +154,7 @@ def test_check_takes_the_seeds_of_the_configuration(tmp_path: Path, program: Pat
 def test_what_nobody_caught_is_our_error(tmp_path: Path) -> None:
     (tmp_path / "graphs").mkdir()
     (tmp_path / "graphs" / "bad.py").write_text("raise RuntimeError('on purpose')")
-    content.add_overlay(tmp_path)
+    content.add_overlay_folder(tmp_path)
     try:
         done = grs("graph", "bad", folder=tmp_path)
     finally:
@@ -228,7 +228,7 @@ def test_check_wants_a_file(tmp_path: Path) -> None:
     assert "nowhere.py" in done.stderr
 
 
-@pytest.mark.parametrize("name", content.names("graphs"))
+@pytest.mark.parametrize("name", content.content_names("graphs"))
 def test_graph_draws_every_graph(tmp_path: Path, name: str) -> None:
     done = grs("graph", name, folder=tmp_path)
     assert "graph TD" in done.stdout

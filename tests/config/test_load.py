@@ -57,34 +57,34 @@ def test_a_bare_word_is_a_string(setting: str) -> None:
 
 def test_a_model_is_one_string() -> None:
     config = load(None, "models.default=openai:gpt-5").config
-    assert config.model_for("simulation").model == "openai:gpt-5"
+    assert config.model_for_role("simulation").model == "openai:gpt-5"
 
 
 def test_model_keys_beside_the_roles_are_the_default_models() -> None:
     config = load(None, "models.default=openai:any", "models.base_url=http://127.0.0.1:1/v1").config
-    assert config.model_for("route").base_url == "http://127.0.0.1:1/v1"
+    assert config.model_for_role("route").base_url == "http://127.0.0.1:1/v1"
 
 
 def test_a_role_of_its_own_has_its_own_model() -> None:
     config = load(None, "models.router=ollama:llama").config
-    assert config.model_for("route").model == "ollama:llama"
-    assert config.model_for("tests").model == "offline"
+    assert config.model_for_role("route").model == "ollama:llama"
+    assert config.model_for_role("tests").model == "offline"
 
 
 def test_another_model_does_not_inherit_the_endpoint_of_the_old_one(tmp_path: Path) -> None:
     file = toml(tmp_path, '[models.default]\nmodel = "openai:a"\nbase_url = "http://a"\nkey_variable = "A_KEY"\n')
-    model = load(file, "models.default=anthropic:b").config.model_for("default")
+    model = load(file, "models.default=anthropic:b").config.model_for_role("default")
     assert (model.model, model.base_url, model.key_variable) == ("anthropic:b", None, None)
 
 
 def test_the_endpoint_may_come_before_the_model() -> None:
     config = load(None, "models.base_url=http://127.0.0.1:1/v1", "models.default=openai:any").config
-    assert config.model_for("default").base_url == "http://127.0.0.1:1/v1"
+    assert config.model_for_role("default").base_url == "http://127.0.0.1:1/v1"
 
 
 def test_an_environment_may_name_model_and_endpoint() -> None:
     environment = {"GRS_MODELS__BASE_URL": "http://127.0.0.1:1/v1", "GRS_MODELS__DEFAULT": "openai:any"}
-    model = load(None, **environment).config.model_for("default")
+    model = load(None, **environment).config.model_for_role("default")
     assert (model.model, model.base_url) == ("openai:any", "http://127.0.0.1:1/v1")
 
 

@@ -13,7 +13,7 @@ def test_a_configuration_cannot_be_changed() -> None:
 
 
 def test_every_role_is_served_out_of_the_box() -> None:
-    assert {Config().model_for(role).model for role in ROLES} == {"offline"}
+    assert {Config().model_for_role(role).model for role in ROLES} == {"offline"}
 
 
 def test_every_role_but_the_default_has_a_prompt() -> None:

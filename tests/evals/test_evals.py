@@ -10,7 +10,7 @@ from grs_agents.errors import InputError
 from grs_agents.run import CHECKOUT_ONLY, load_experiment
 
 
-@pytest.mark.parametrize("name", content.names("evals"))
+@pytest.mark.parametrize("name", content.content_names("evals"))
 def test_every_experiment_explains_itself(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     module = content.load_module("evals", name)
     assert module.__doc__

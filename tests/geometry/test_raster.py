@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.geometry import barycentric, rasterise
+from grs_agents.geometry import barycentric_coordinates, rasterise_triangles
 
 NUMBERS = st.floats(-1, 1)
 
@@ -15,7 +15,7 @@ def test_the_nearer_triangle_hides_the_other_in_any_order() -> None:
     for order in ((0, 1), (1, 0)):
         corners = np.array([far, near], dtype=float)[list(order)]
         nearness = np.array([[1.0] * 3, [2.0] * 3])[list(order)]
-        buffer = rasterise(corners, nearness, 24, 24)
+        buffer = rasterise_triangles(corners, nearness, 24, 24)
         assert buffer.nearness[2, 2] == 2
         assert buffer.nearness[2, 14] == 1
         assert buffer.triangle[20, 20] == -1
@@ -24,7 +24,7 @@ def test_the_nearer_triangle_hides_the_other_in_any_order() -> None:
 
 def test_nearness_is_interpolated_and_the_picture_clips() -> None:
     corners = np.array([[(-10, 0), (10, 0), (0, 40)]], dtype=float)
-    buffer = rasterise(corners, np.array([[0.0, 2.0, 1.0]]), 8, 8)
+    buffer = rasterise_triangles(corners, np.array([[0.0, 2.0, 1.0]]), 8, 8)
     assert np.isclose(buffer.nearness[0, 0], 1.0)
     assert np.isclose(buffer.nearness[0, 5], 1.5)
 
@@ -36,6 +36,6 @@ def test_barycentric_weights_give_the_point_back(corners: list[tuple[float, floa
     if np.linalg.norm(np.cross(triangle[0, 1] - triangle[0, 0], triangle[0, 2] - triangle[0, 0])) < 1e-2:
         return
     point = triangle[:, 0] + u * (triangle[:, 1] - triangle[:, 0]) + v * (triangle[:, 2] - triangle[:, 0])
-    weights = barycentric(point, triangle)
+    weights = barycentric_coordinates(point, triangle)
     assert np.allclose(weights.sum(axis=1), 1)
     assert np.allclose(np.einsum("ij,ijk->ik", weights, triangle), point, atol=1e-6)

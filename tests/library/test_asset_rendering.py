@@ -5,7 +5,7 @@ import pytest
 
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
-from grs_agents.library import AssetView, Library, asset_views, random_directions, ring_directions
+from grs_agents.library import AssetView, Library, random_view_directions, render_asset_views, ring_view_directions
 
 
 @pytest.fixture(scope="module")
@@ -14,7 +14,7 @@ def library() -> Library:
 
 
 def one(library: Library, name: str, direction: Vec3, size: int = 96) -> AssetView:
-    return asset_views(library, name, [direction], size=size)[0]
+    return render_asset_views(library, name, [direction], size=size)[0]
 
 
 def extents(view: AssetView) -> tuple[float, float]:
@@ -26,7 +26,7 @@ def extents(view: AssetView) -> tuple[float, float]:
 
 @pytest.mark.parametrize("name", ["HOPE/Milk.urdf", "HOPE/Ketchup.urdf", "bowl/bowl.urdf", "cylinder/cylinder.urdf"])
 def test_a_view_shows_the_whole_asset_at_its_metric_size(library: Library, name: str) -> None:
-    x, y, z = library.model(name).size
+    x, y, z = library.load_object_model(name).size
     for direction, (width, height) in (((1, 0, 0), (y, z)), ((0, 1, 0), (x, z)), ((0, 0, 1), (y, x))):
         seen = extents(one(library, name, direction))
         assert np.allclose(seen, (width, height), rtol=0.25, atol=0.004)
@@ -36,7 +36,7 @@ def test_depth_is_metres_along_the_optical_axis(library: Library) -> None:
     view = one(library, "HOPE/Milk.urdf", (1, 0, 0))
     middle = view.depth.shape[0] // 2
     assert view.depth[middle, middle] == pytest.approx(
-        view.distance - library.model("HOPE/Milk.urdf").size[0] / 2, abs=1e-3
+        view.distance - library.load_object_model("HOPE/Milk.urdf").size[0] / 2, abs=1e-3
     )
     assert ((view.depth > 0) == (view.rgba[:, :, 3] > 0)).all()
 
@@ -57,7 +57,7 @@ def test_the_same_view_twice_is_the_same_picture(library: Library) -> None:
 
 
 def test_directions_are_unit_vectors_above_the_table() -> None:
-    for directions in (random_directions(20, np.random.default_rng(3)), ring_directions(8)):
+    for directions in (random_view_directions(20, np.random.default_rng(3)), ring_view_directions(8)):
         assert np.allclose(np.linalg.norm(directions, axis=1), 1)
         assert (np.asarray(directions)[:, 2] > 0).all()
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from grs_agents.errors import InputError
-from grs_agents.library import BACKGROUND, Library, write_background
+from grs_agents.library import BACKGROUND, Library, write_background_asset
 
 WALL = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
 FACES = np.array([[0, 1, 2], [0, 2, 3]])
@@ -14,9 +14,9 @@ SOLID = np.array([[[1.0, -1.0, 0.0], [1.02, 1.0, 1.0]]])
 
 
 def test_it_is_read_back_and_offered_to_nobody(tmp_path: Path) -> None:
-    name = write_background(tmp_path, WALL, FACES, SOLID, (0.5, 0.25, 0.75))
+    name = write_background_asset(tmp_path, WALL, FACES, SOLID, (0.5, 0.25, 0.75))
     library = Library(tmp_path)
-    model = library.model(name)
+    model = library.load_object_model(name)
     assert name == BACKGROUND and name in library and library.assets() == ()
     assert np.array(model.bounds) == pytest.approx(SOLID[0])
     assert [shape.kind for shape in (*model.visuals, *model.colliders)] == ["mesh", "box"]
@@ -26,4 +26,4 @@ def test_it_is_read_back_and_offered_to_nobody(tmp_path: Path) -> None:
 @pytest.mark.parametrize("boxes", [SOLID[:0], np.repeat(SOLID, 501, axis=0)])
 def test_too_little_and_too_much_is_refused(tmp_path: Path, boxes: np.ndarray) -> None:
     with pytest.raises(InputError, match="boxes"):
-        write_background(tmp_path, WALL, FACES, boxes, (0.5, 0.5, 0.5))
+        write_background_asset(tmp_path, WALL, FACES, boxes, (0.5, 0.5, 0.5))

@@ -17,58 +17,58 @@ def library() -> Library:
 
 
 def test_an_unknown_name_is_answered_with_the_nearest(library: Library) -> None:
-    for ask in (library.asset, library.path, library.model):
+    for ask in (library.asset, library.asset_path, library.load_object_model):
         with pytest.raises(UnknownNameError, match=r"use one of: HOPE/Milk\.urdf"):
             ask("HOPE/Milkk.urdf")
 
 
 def test_names_assets_and_paths_agree(library: Library) -> None:
-    assert library.names() == [asset.name for asset in library.assets()] == sorted(library.names())
-    assert library.path("HOPE/Milk.urdf").read_text().startswith("<?xml")
+    assert library.asset_names() == [asset.name for asset in library.assets()] == sorted(library.asset_names())
+    assert library.asset_path("HOPE/Milk.urdf").read_text().startswith("<?xml")
     assert "HOPE/Milk.urdf" in library
     assert "HOPE/Beer.urdf" not in library
 
 
 def test_a_template_is_read_with_its_defaults_or_with_ours(library: Library) -> None:
     name = "container/container-template.urdf"
-    assert name in library.templates()
-    assert library.template_defaults(name)["DIM"] == pytest.approx(library.model(name).size)
-    filled = library.filled(name, {"DIM": (0.3, 0.2, 0.1), "COLOR": (1, 0, 0)})
+    assert name in library.template_names()
+    assert library.template_defaults(name)["DIM"] == pytest.approx(library.load_object_model(name).size)
+    filled = library.load_filled_template(name, {"DIM": (0.3, 0.2, 0.1), "COLOR": (1, 0, 0)})
     assert filled.size == pytest.approx((0.3, 0.2, 0.1))
     assert {shape.color for shape in filled.visuals} == {(1, 0, 0, 1)}
     assert len(filled.colliders) == 5
 
 
 def test_a_cylinder_is_as_wide_as_its_first_dimension(library: Library) -> None:
-    filled = library.filled("cylinder/cylinder-template.urdf", {"DIM": (0.06, 0.06, 0.1)})
+    filled = library.load_filled_template("cylinder/cylinder-template.urdf", {"DIM": (0.06, 0.06, 0.1)})
     assert filled.size == pytest.approx((0.06, 0.06, 0.1))
 
 
 def test_negative_dimensions_are_refused(library: Library) -> None:
     with pytest.raises(InputError, match="not positive"):
-        library.filled("box/box-template.urdf", {"DIM": (-1, 1, 1)})
+        library.load_filled_template("box/box-template.urdf", {"DIM": (-1, 1, 1)})
 
 
 def test_an_overlay_adds_and_wins(library: Library, tmp_path: Path) -> None:
     asset = write_proxy(tmp_path, "mug_1", "cylinder", (0.08, 0.08, 0.1), (0.8, 0.1, 0.1), "a red mug")
-    both = library.overlay(tmp_path)
+    both = library.with_overlay(tmp_path)
     assert both.asset("proxy/mug_1.urdf") == asset
-    assert both.path("proxy/mug_1.urdf").is_relative_to(tmp_path)
-    assert len(both.names()) == len(library.names()) + 1
+    assert both.asset_path("proxy/mug_1.urdf").is_relative_to(tmp_path)
+    assert len(both.asset_names()) == len(library.asset_names()) + 1
     assert "proxy/mug_1.urdf" not in library
     again = Library(*map(Path, map(str, both.roots)))
-    assert again.names() == both.names()
+    assert again.asset_names() == both.asset_names()
     write_proxy(tmp_path, "mug_1", "box", (0.1, 0.1, 0.1), (0.1, 0.1, 0.8), "a blue box")
-    assert library.overlay(tmp_path).asset("proxy/mug_1.urdf").color == "blue"
-    assert library.overlay(tmp_path).overlay(library.roots[0]).roots[-1] == library.roots[0]
+    assert library.with_overlay(tmp_path).asset("proxy/mug_1.urdf").color == "blue"
+    assert library.with_overlay(tmp_path).with_overlay(library.roots[0]).roots[-1] == library.roots[0]
 
 
 def test_files_are_found_in_every_root_and_nowhere_else(library: Library, tmp_path: Path) -> None:
-    both = library.overlay(tmp_path)
-    assert both.mesh_path("HOPE/meshes/Milk.obj").is_file()
+    both = library.with_overlay(tmp_path)
+    assert both.mesh_or_texture_path("HOPE/meshes/Milk.obj").is_file()
     for name in ("HOPE/meshes/Beer.obj", "../../pyproject.toml"):
         with pytest.raises(InputError, match="does not exist"):
-            both.mesh_path(name)
+            both.mesh_or_texture_path(name)
 
 
 def test_everyday_assets_are_no_templates_and_no_zones(library: Library) -> None:
@@ -81,9 +81,9 @@ def test_a_content_folder_is_laid_over_the_shipped_library(
 ) -> None:
     own = tmp_path / "assets" / "library" / "own"
     own.mkdir(parents=True)
-    (own / "tin.urdf").write_text(library.path("cylinder/cylinder.urdf").read_text())
+    (own / "tin.urdf").write_text(library.asset_path("cylinder/cylinder.urdf").read_text())
     monkeypatch.setattr(content, "_overlays", [])
-    content.add_overlay(tmp_path)
+    content.add_overlay_folder(tmp_path)
     both = Library()
     assert both.asset("own/tin.urdf").size == pytest.approx(library.asset("cylinder/cylinder.urdf").size)
-    assert set(library.names()) < set(both.names())
+    assert set(library.asset_names()) < set(both.asset_names())

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from grs_agents.engine import mujoco
 from grs_agents.library import COLORS, Asset, Library, Shape
+from grs_agents.mujoco_import import mujoco
 
 LIBRARY = Library()
 ASSETS = LIBRARY.assets()
@@ -38,7 +38,7 @@ HEAVY = pytest.mark.parametrize("asset", MOVING, ids=lambda asset: asset.name)
 
 @EVERY
 def test_its_urdf_agrees_with_the_manifest(asset: Asset) -> None:
-    model = LIBRARY.model(asset.name)
+    model = LIBRARY.load_object_model(asset.name)
     assert np.allclose(model.size, asset.size, atol=0.002)
     assert np.allclose(np.add(*model.bounds) / 2, MIDDLES.get(asset.name, (0, 0, 0)), atol=0.001)
     assert (model.mass, model.friction) == pytest.approx((asset.mass, asset.friction), rel=1e-4)
@@ -51,18 +51,18 @@ def test_its_urdf_agrees_with_the_manifest(asset: Asset) -> None:
 
 @EVERY
 def test_its_files_exist_and_its_mesh_is_closed_light_and_of_its_size(asset: Asset) -> None:
-    model = LIBRARY.model(asset.name)
+    model = LIBRARY.load_object_model(asset.name)
     meshes = [shape for shape in model.visuals if shape.mesh is not None]
     corners: list[np.ndarray] = []
     for shape in meshes:
-        mesh = trimesh.load_mesh(LIBRARY.mesh_path(shape.mesh or ""), process=False)
+        mesh = trimesh.load_mesh(LIBRARY.mesh_or_texture_path(shape.mesh or ""), process=False)
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
         assert mesh.is_watertight
         assert mesh.volume > 0
         assert len(mesh.faces) < 2000
         corners += list(mesh.bounds * shape.size)
         if shape.texture is not None:
-            image = cv2.imread(str(LIBRARY.mesh_path(shape.texture)))
+            image = cv2.imread(str(LIBRARY.mesh_or_texture_path(shape.texture)))
             assert image is not None
             assert image.std() > 5
     if meshes:
@@ -83,8 +83,8 @@ def test_the_groceries_have_the_published_sizes() -> None:
 
 def test_the_names_of_published_programs_are_there() -> None:
     wanted = (Path(__file__).parent / "published_names.txt").read_text().split()
-    assert set(wanted) <= set(LIBRARY.names())
-    assert {f"block/{color}_block.urdf" for color in ("red", "green", "blue", "yellow")} <= set(LIBRARY.names())
+    assert set(wanted) <= set(LIBRARY.asset_names())
+    assert {f"block/{color}_block.urdf" for color in ("red", "green", "blue", "yellow")} <= set(LIBRARY.asset_names())
 
 
 def test_the_parts_of_published_programs_are_not_looked_for_in_photos() -> None:
@@ -99,9 +99,9 @@ def test_the_library_is_small() -> None:
 
 @EVERY
 def test_another_urdf_reader_loads_it(asset: Asset) -> None:
-    text = LIBRARY.fill_template(asset.name, {}) if asset.template else LIBRARY.path(asset.name).read_text()
-    meshes = [shape.mesh for shape in LIBRARY.model(asset.name).visuals if shape.mesh]
-    files = {name.rsplit("/", 1)[-1]: LIBRARY.mesh_path(name).read_bytes() for name in meshes}
+    text = LIBRARY.fill_template(asset.name, {}) if asset.template else LIBRARY.asset_path(asset.name).read_text()
+    meshes = [shape.mesh for shape in LIBRARY.load_object_model(asset.name).visuals if shape.mesh]
+    files = {name.rsplit("/", 1)[-1]: LIBRARY.mesh_or_texture_path(name).read_bytes() for name in meshes}
     loaded = mujoco.MjModel.from_xml_string(text, files)
     assert loaded.ngeom >= text.count("<collision>")
 
@@ -115,7 +115,7 @@ def add(spec: Any, body: Any, shape: Shape, friction: float, mass: float) -> Non
         kind, size = mujoco.mjtGeom.mjGEOM_SPHERE, [shape.size[0], 0, 0]
     elif shape.kind == "mesh":
         name = f"mesh_{len(spec.meshes)}"
-        spec.add_mesh(name=name, file=str(LIBRARY.mesh_path(shape.mesh or "")), scale=shape.size)
+        spec.add_mesh(name=name, file=str(LIBRARY.mesh_or_texture_path(shape.mesh or "")), scale=shape.size)
         geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, pos=shape.position, quat=[w, x, y, z], mass=mass)
         geom.meshname, geom.friction[0] = name, friction
         return
@@ -133,7 +133,7 @@ def rested() -> dict[str, tuple[float, float, float]]:
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[9, 9, 1])
     for index, asset in enumerate(MOVING):
-        model = LIBRARY.model(asset.name)
+        model = LIBRARY.load_object_model(asset.name)
         height = -model.bounds[0][2] + 0.001
         body = spec.worldbody.add_body(name=asset.name, pos=[0.5 * (index % 8), 0.5 * (index // 8), height])
         body.add_freejoint()

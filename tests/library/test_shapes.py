@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from grs_agents.library import (
     Shape,
-    joint_bounds,
+    matrix_from_quaternion,
+    merge_bounds,
     quaternion_from_rpy,
-    rotation_matrix,
     rpy_from_quaternion,
     shape_bounds,
 )
@@ -24,7 +24,9 @@ PITCHES = st.floats(-1.5, 1.5)
 def test_rpy_and_quaternion_are_inverse(roll: float, pitch: float, yaw: float) -> None:
     back = rpy_from_quaternion(quaternion_from_rpy(roll, pitch, yaw))
     assert np.allclose(
-        rotation_matrix(quaternion_from_rpy(*back)), rotation_matrix(quaternion_from_rpy(roll, pitch, yaw)), atol=1e-6
+        matrix_from_quaternion(quaternion_from_rpy(*back)),
+        matrix_from_quaternion(quaternion_from_rpy(roll, pitch, yaw)),
+        atol=1e-6,
     )
 
 
@@ -32,11 +34,11 @@ def test_rpy_and_quaternion_are_inverse(roll: float, pitch: float, yaw: float) -
 def test_rpy_survives_gimbal_lock(pitch: float) -> None:
     quaternion = quaternion_from_rpy(0.4, pitch, -1.1)
     again = quaternion_from_rpy(*rpy_from_quaternion(quaternion))
-    assert np.allclose(rotation_matrix(again), rotation_matrix(quaternion), atol=1e-6)
+    assert np.allclose(matrix_from_quaternion(again), matrix_from_quaternion(quaternion), atol=1e-6)
 
 
 def test_yaw_turns_x_to_y() -> None:
-    assert np.allclose(rotation_matrix(quaternion_from_rpy(0, 0, math.pi / 2)) @ (1, 0, 0), (0, 1, 0))
+    assert np.allclose(matrix_from_quaternion(quaternion_from_rpy(0, 0, math.pi / 2)) @ (1, 0, 0), (0, 1, 0))
 
 
 def test_bounds_of_a_turned_box_and_a_lying_cylinder() -> None:
@@ -53,7 +55,7 @@ def test_every_corner_of_a_box_is_within_its_bounds(roll: float, pitch: float, y
     box = Shape(kind="box", size=(0.3, 0.1, 0.2), quaternion=quaternion_from_rpy(roll, pitch, yaw), position=(1, 2, 3))
     low, high = shape_bounds(box)
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-    corners = signs * np.array(box.size) / 2 @ rotation_matrix(box.quaternion).T + box.position
+    corners = signs * np.array(box.size) / 2 @ matrix_from_quaternion(box.quaternion).T + box.position
     assert np.allclose([corners.min(axis=0), corners.max(axis=0)], [low, high])
 
 
@@ -68,4 +70,4 @@ def test_a_mesh_is_scaled_and_moved() -> None:
 def test_union_of_bounds() -> None:
     sphere = Shape(kind="sphere", size=(1,), position=(3, 0, 0))
     box = Shape(kind="box", size=(1, 1, 1))
-    assert joint_bounds(map(shape_bounds, [sphere, box])) == ((-0.5, -1, -1), (4, 1, 1))
+    assert merge_bounds(map(shape_bounds, [sphere, box])) == ((-0.5, -1, -1), (4, 1, 1))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grs_agents.errors import InputError
-from grs_agents.library import Library, Values, fill_template, resolve_template, template_stems
+from grs_agents.library import Library, Values, fill_template, known_placeholder_stems, resolve_template_values
 
 LIBRARY = Library()
 SIZE = (0.06, 0.06, 0.1)
@@ -22,11 +22,11 @@ SPELLINGS = (
 
 
 def understood(name: str) -> frozenset[str]:
-    return template_stems(LIBRARY.asset(name).template)
+    return known_placeholder_stems(LIBRARY.asset(name).template)
 
 
 def assumed(name: str, replace: Values) -> dict[str, tuple[float | str, ...]]:
-    return resolve_template(replace, LIBRARY.asset(name).template)[1]
+    return resolve_template_values(replace, LIBRARY.asset(name).template)[1]
 
 
 def test_values_replace_placeholders_by_position() -> None:
@@ -60,7 +60,7 @@ def test_only_finite_numbers_fill_a_template(value: float) -> None:
 @pytest.mark.parametrize("name", ["cylinder/cylinder", "box/box", "container/container", "block/block"])
 def test_every_spelling_of_a_size_is_understood(name: str, replace: dict[str, tuple[float, ...]]) -> None:
     template = f"{name}-template.urdf"
-    assert LIBRARY.filled(template, replace).size == pytest.approx(SIZE)
+    assert LIBRARY.load_filled_template(template, replace).size == pytest.approx(SIZE)
     assert set(assumed(template, replace)) == {"COLOR"}
     assert set(replace) <= understood(template)
 
@@ -68,12 +68,12 @@ def test_every_spelling_of_a_size_is_understood(name: str, replace: dict[str, tu
 @pytest.mark.parametrize("replace", [{"DIM": 0.05}, {"HALF": (0.025,)}, {"SCALE": (0.05,) * 3}, {"DIMR": 0.025}])
 @pytest.mark.parametrize("name", ["ball/ball-template.urdf", "sphere/sphere-template.urdf"])
 def test_a_ball_is_as_wide_as_its_first_dimension(name: str, replace: dict[str, float]) -> None:
-    assert LIBRARY.filled(name, replace).size == pytest.approx((0.05,) * 3)
+    assert LIBRARY.load_filled_template(name, replace).size == pytest.approx((0.05,) * 3)
 
 
 @pytest.mark.parametrize("color", ["red", ("red",), (0.85, 0.16, 0.16), (0.85, 0.16, 0.16, 1.0)])
 def test_a_colour_has_numbers_or_a_name(color: str) -> None:
-    model = LIBRARY.filled("box/box-template.urdf", {"DIM": (0.1, 0.1, 0.1), "COLOR": color})
+    model = LIBRARY.load_filled_template("box/box-template.urdf", {"DIM": (0.1, 0.1, 0.1), "COLOR": color})
     assert model.visuals[0].color == (0.85, 0.16, 0.16, 1)
     assert assumed("box/box-template.urdf", {"DIM": (0.1, 0.1, 0.1), "COLOR": color}) == {}
 
@@ -81,7 +81,9 @@ def test_a_colour_has_numbers_or_a_name(color: str) -> None:
 def test_a_corner_is_told_its_strokes_or_the_box_it_marks() -> None:
     x, y = 0.12, 0.08
     strokes = {"DIMX": (x / 2 - 0.0225, x / 2 + 0.0025), "DIMY": (y / 2 + 0.0025, y / 2 - 0.0225)}
-    told, meant = (LIBRARY.filled("corner/corner-template.urdf", one) for one in (strokes, {"DIM": (x, y, 0)}))
+    told, meant = (
+        LIBRARY.load_filled_template("corner/corner-template.urdf", one) for one in (strokes, {"DIM": (x, y, 0)})
+    )
     for one, other in zip(told.visuals, meant.visuals, strict=True):
         assert one.position == pytest.approx(other.position)
     assert told.bounds[1][:2] == pytest.approx((x / 2 + 0.005, y / 2 + 0.005))
@@ -89,16 +91,20 @@ def test_a_corner_is_told_its_strokes_or_the_box_it_marks() -> None:
 
 def test_marks_have_a_height_of_their_own() -> None:
     for name in ("zone/zone-template.urdf", "line/line-template.urdf", "square/square-template.urdf"):
-        model = LIBRARY.filled(name, {"DIM": (0.12, 0.12, 0), "HALF": (0.06, 0.06, 0)})
+        model = LIBRARY.load_filled_template(name, {"DIM": (0.12, 0.12, 0), "HALF": (0.06, 0.06, 0)})
         assert model.colliders == ()
         assert 0 < model.size[2] < 0.003
-    assert LIBRARY.filled("zone/zone-template.urdf", {"DIM": (0.12, 0.1, 0)}).size[:2] == pytest.approx((0.12, 0.1))
-    square = LIBRARY.filled("square/square-template.urdf", {"DIM": (0.2,), "HALF": (0.095,)})
+    assert LIBRARY.load_filled_template("zone/zone-template.urdf", {"DIM": (0.12, 0.1, 0)}).size[:2] == pytest.approx(
+        (0.12, 0.1)
+    )
+    square = LIBRARY.load_filled_template("square/square-template.urdf", {"DIM": (0.2,), "HALF": (0.095,)})
     assert square.size[:2] == pytest.approx((0.2, 0.2))
-    values, _ = resolve_template(
+    values, _ = resolve_template_values(
         {"DIM": (0.2,), "HALF": (0.095,)}, LIBRARY.template_defaults("square/square-template.urdf")
     )
-    assert LIBRARY.filled("square/square-template.urdf", values) == square, "what is resolved may be filled in again"
+    assert LIBRARY.load_filled_template("square/square-template.urdf", values) == square, (
+        "what is resolved may be filled in again"
+    )
 
 
 def test_what_is_left_out_or_unknown_can_be_told() -> None:

@@ -26,11 +26,11 @@ def library(tmp_path: Path) -> Library:
     (tmp_path / "mine" / "shelf.urdf").write_text(URDF)
     (tmp_path / "mine" / "brick.xml").write_text(MJCF)
     (tmp_path / "broken.urdf").write_text("<robot")
-    return Library().overlay(tmp_path)
+    return Library().with_overlay(tmp_path)
 
 
 def test_links_that_are_glued_are_one_object(library: Library) -> None:
-    asset, model = library.asset("mine/shelf.urdf"), library.model("mine/shelf.urdf")
+    asset, model = library.asset("mine/shelf.urdf"), library.load_object_model("mine/shelf.urdf")
     assert (asset.category, asset.kind, asset.color) == ("object", "shelf", "red")
     assert asset.size == pytest.approx((1.15, 0.2, 0.3))
     assert model.size == pytest.approx(asset.size)
@@ -40,22 +40,22 @@ def test_links_that_are_glued_are_one_object(library: Library) -> None:
 
 def test_mjcf_is_found_like_urdf(library: Library) -> None:
     assert library.asset("mine/brick.xml").size == pytest.approx((0.02, 0.04, 0.06))
-    assert library.model("mine/brick.xml").mass == pytest.approx(1000 * 0.02 * 0.04 * 0.06)
-    assert library.path("mine/brick.xml").is_file()
+    assert library.load_object_model("mine/brick.xml").mass == pytest.approx(1000 * 0.02 * 0.04 * 0.06)
+    assert library.asset_path("mine/brick.xml").is_file()
 
 
 def test_own_files_are_known_by_name_and_never_offered(library: Library) -> None:
-    assert {"mine/shelf.urdf", "mine/brick.xml", "broken.urdf"} <= set(library.names())
+    assert {"mine/shelf.urdf", "mine/brick.xml", "broken.urdf"} <= set(library.asset_names())
     assert "mine/brick.xml" in library
     assert "mine/brick.xml" not in {asset.name for asset in library.assets()}
     with pytest.raises(UnknownNameError, match=r"use one of: mine/shelf\.urdf"):
-        library.model("mine/shelv.urdf")
+        library.load_object_model("mine/shelv.urdf")
 
 
 def test_a_faulty_file_harms_only_who_names_it(library: Library) -> None:
-    assert library.model("block/block.urdf").size == pytest.approx((0.04, 0.04, 0.04))
+    assert library.load_object_model("block/block.urdf").size == pytest.approx((0.04, 0.04, 0.04))
     with pytest.raises(InputError, match="not XML"):
-        library.model("broken.urdf")
+        library.load_object_model("broken.urdf")
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_names_stay_inside_the_folder(library: Library, tmp_path: Path, name: st
     (tmp_path.parent / "secret.urdf").write_text(URDF)
     assert name not in library
     with pytest.raises(UnknownNameError):
-        library.model(name)
+        library.load_object_model(name)
 
 
 def test_a_link_out_of_the_folder_is_not_followed(library: Library, tmp_path: Path) -> None:
@@ -73,7 +73,7 @@ def test_a_link_out_of_the_folder_is_not_followed(library: Library, tmp_path: Pa
     outside.write_text(URDF)
     (tmp_path / "link.urdf").symlink_to(outside)
     assert "link.urdf" not in library
-    assert "link.urdf" not in library.names()
+    assert "link.urdf" not in library.asset_names()
 
 
 LINKS = '<link name="a"/><link name="b"><collision><geometry><sphere radius="1"/></geometry></collision></link>'
@@ -95,4 +95,4 @@ LINKS = '<link name="a"/><link name="b"><collision><geometry><sphere radius="1"/
 def test_joints_that_do_not_make_one_object_are_refused(tmp_path: Path, joint: str, named: str) -> None:
     (tmp_path / "arm.urdf").write_text(f'<robot name="r">{LINKS}{joint}</robot>')
     with pytest.raises(InputError, match=named):
-        Library(tmp_path).model("arm.urdf")
+        Library(tmp_path).load_object_model("arm.urdf")

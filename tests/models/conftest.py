@@ -17,7 +17,7 @@ CATEGORIES = ("box", "can", "bottle", "cube", "bowl", "object")
 
 def render(role: str, values: Mapping[str, str]) -> str:
     """The prompt of a role, filled in."""
-    text = content.path("prompts", role).read_text(encoding="utf-8")
+    text = content.content_path("prompts", role).read_text(encoding="utf-8")
     return re.sub(r"\{\{\s*([a-z_]+)\s*\}\}", lambda found: values[found.group(1)], text)
 
 

@@ -24,10 +24,10 @@ def test_any_scene_gives_a_task_a_program_and_tests_that_fit_each_other(scene: J
     assert set(task["assets-used"]) <= assets_of(scene) | TEMPLATES
     code = simulation_for(task, scene, seed)
     ast.parse(code)
-    assert program_edits.assets_in(code) <= set(task["assets-used"])
+    assert program_edits.find_asset_names(code) <= set(task["assets-used"])
     tests = unit_tests_for(task, code)
     ast.parse(tests)
-    assert f"from task_code import {program_edits.task_class(code)}" in tests
+    assert f"from task_code import {program_edits.find_task_class_name(code)}" in tests
 
 
 def test_a_rich_scene_gives_many_families() -> None:
@@ -41,7 +41,7 @@ def test_the_program_uses_the_task_s_assets_and_the_photo_s_positions() -> None:
     for seed in range(12):
         task = task_for(scene, seed)
         code = simulation_for(task, scene, seed)
-        assert program_edits.assets_in(code) == set(task["assets-used"])
+        assert program_edits.find_asset_names(code) == set(task["assets-used"])
         for thing in scene["objects"]:
             if thing["asset"] in task["assets-used"]:
                 x, y, _ = thing["position"]
@@ -76,7 +76,7 @@ def test_a_task_of_another_author_is_understood() -> None:
         "assets-used": ["proxy/red_box_1.urdf", "proxy/blue_can_1.urdf", "container/container-template.urdf"],
     }
     code = simulation_for(task, scene)
-    assert program_edits.assets_in(code) == set(task["assets-used"])
+    assert program_edits.find_asset_names(code) == set(task["assets-used"])
     assert "class OrganizeThings(Task):" in code
 
 

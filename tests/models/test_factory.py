@@ -7,13 +7,13 @@ from langchain_core.messages import HumanMessage
 
 from grs_agents.config import ModelConfig
 from grs_agents.errors import ConfigError, UnknownNameError
-from grs_agents.models import PROVIDERS, chat_model, invoke, is_loopback
+from grs_agents.models import PROVIDERS, invoke_with_retries, is_loopback_url, make_chat_model
 from grs_agents.models.offline import OfflineChatModel
 from tests.models.conftest import Scripted
 
 
 def test_offline_carries_the_seed() -> None:
-    model = chat_model(ModelConfig(model="offline"), seed=7)
+    model = make_chat_model(ModelConfig(model="offline"), seed=7)
     assert isinstance(model, OfflineChatModel)
     assert model.seed == 7
 
@@ -21,28 +21,28 @@ def test_offline_carries_the_seed() -> None:
 @pytest.mark.parametrize("name", ["gpt", "openapi:any", ":x", "offline:x"])
 def test_unknown_providers_are_named_with_the_valid_ones(name: str) -> None:
     with pytest.raises(UnknownNameError, match="offline") as caught:
-        chat_model(ModelConfig(model=name), seed=0)
+        make_chat_model(ModelConfig(model=name), seed=0)
     assert name in str(caught.value)
 
 
 def test_a_provider_without_a_model_name() -> None:
     with pytest.raises(ConfigError, match="openai:NAME"):
-        chat_model(ModelConfig(model="openai:"), seed=0)
+        make_chat_model(ModelConfig(model="openai:"), seed=0)
 
 
 def test_a_missing_key_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("OPENAI_API_KEY", raising=False)
     with pytest.raises(ConfigError, match="OPENAI_API_KEY"):
-        chat_model(ModelConfig(model="openai:any"), seed=0)
+        make_chat_model(ModelConfig(model="openai:any"), seed=0)
     with pytest.raises(ConfigError, match="MY_KEY"):
-        chat_model(ModelConfig(model="openai:any", key_variable="MY_KEY"), seed=0)
+        make_chat_model(ModelConfig(model="openai:any", key_variable="MY_KEY"), seed=0)
 
 
 @pytest.mark.parametrize("provider", PROVIDERS)
 def test_a_missing_package_is_named_with_its_extra(provider: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, PROVIDERS[provider].module, None)
     with pytest.raises(ConfigError, match=rf'pip install "grs-agents\[{provider}\]"'):
-        chat_model(ModelConfig(model=f"{provider}:any"), seed=0)
+        make_chat_model(ModelConfig(model=f"{provider}:any"), seed=0)
 
 
 def test_the_key_comes_from_the_named_variable(server: tuple[Scripted, str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -50,7 +50,7 @@ def test_the_key_comes_from_the_named_variable(server: tuple[Scripted, str], mon
     script.complete()
     monkeypatch.setenv("MY_KEY", "secret-of-mine")
     config = ModelConfig(model="openai:any", base_url=url, key_variable="MY_KEY", temperature=0.5, max_tokens=99)
-    invoke(chat_model(config, seed=0), [HumanMessage("hi")])
+    invoke_with_retries(make_chat_model(config, seed=0), [HumanMessage("hi")])
     key, body = script.requests[0]
     assert key == "Bearer secret-of-mine"
     assert body["temperature"] == 0.5
@@ -61,13 +61,15 @@ def test_a_server_on_this_machine_needs_no_key(server: tuple[Scripted, str], mon
     monkeypatch.delenv("OPENAI_API_KEY", raising=False)
     script, url = server
     script.complete()
-    assert invoke(chat_model(ModelConfig(model="openai:any", base_url=url), seed=0), [HumanMessage("hi")]).text
+    assert invoke_with_retries(
+        make_chat_model(ModelConfig(model="openai:any", base_url=url), seed=0), [HumanMessage("hi")]
+    ).text
 
 
 def test_loopback_addresses() -> None:
-    assert is_loopback("http://localhost:8000/v1")
-    assert is_loopback("http://127.0.0.1:1")
-    assert is_loopback("http://[::1]:1")
-    assert not is_loopback("http://localhost.example.org")
-    assert not is_loopback("https://10.0.0.1")
-    assert not is_loopback(None)
+    assert is_loopback_url("http://localhost:8000/v1")
+    assert is_loopback_url("http://127.0.0.1:1")
+    assert is_loopback_url("http://[::1]:1")
+    assert not is_loopback_url("http://localhost.example.org")
+    assert not is_loopback_url("https://10.0.0.1")
+    assert not is_loopback_url(None)

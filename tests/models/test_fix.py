@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.models.offline import program_edits, read_evidence
+from grs_agents.models.offline import parse_report_evidence, program_edits
 from tests.models.conftest import Json, rich_scene, scenes
 from tests.models.roles import fixed_code, fixed_tests, simulation_for, task_for, unit_tests_for
 
@@ -50,8 +50,8 @@ def test_every_outcome_gives_another_program_that_compiles(scene: Json, outcome:
     concerned = [asset for asset in task["assets-used"] if "template" not in asset][:1]
     fixed = fixed_code(task, scene, code, report(outcome, concerned), seed)
     ast.parse(fixed)
-    assert program_edits.assets_in(fixed) <= set(task["assets-used"])
-    assert program_edits.task_class(fixed) == program_edits.task_class(code)
+    assert program_edits.find_asset_names(fixed) <= set(task["assets-used"])
+    assert program_edits.find_task_class_name(fixed) == program_edits.find_task_class_name(code)
 
 
 @pytest.mark.parametrize("outcome", OUTCOMES)
@@ -99,7 +99,7 @@ def test_objects_that_topple_are_placed_otherwise_before_they_are_left_out(made:
         seen.add(code)
     code = fixed_code(task, scene, code, report("toppled", [asset]))
     assert asset not in code
-    assert len(program_edits.assets_in(code)) == 4
+    assert len(program_edits.find_asset_names(code)) == 4
 
 
 @pytest.mark.parametrize(
@@ -126,14 +126,14 @@ def test_a_program_that_is_not_python_is_written_anew(made: tuple[Json, Json, st
     fixed = fixed_code(task, scene, "class Mine(Task)\n  x = (", error("SyntaxError", "expected ':'"))
     ast.parse(fixed)
     assert "class Mine(Task):" in fixed
-    assert len(program_edits.assets_in(fixed)) == 5
+    assert len(program_edits.find_asset_names(fixed)) == 5
 
 
 def test_the_audit_s_demand_for_two_moved_objects_brings_objects_back(made: tuple[Json, Json, str]) -> None:
     scene, task, _ = made
     single = simulation_for({**task, "assets-used": [task["assets-used"][0], "zone/zone-template.urdf"]}, scene)
     audit = "passed: 3 of 3 tests passed\n\naudit: failed\n- moved: FAILED: objects moved: [1, 1, 1]; at least 2 must"
-    assert len(program_edits.assets_in(fixed_code(task, scene, single, audit))) >= 3
+    assert len(program_edits.find_asset_names(fixed_code(task, scene, single, audit))) >= 3
 
 
 FOREIGN = """import numpy as np
@@ -174,7 +174,7 @@ def test_tests_of_another_class_are_written_anew(made: tuple[Json, Json, str]) -
     wrong = "from task_code import Other\n"
     message = "cannot import name 'Other' from 'task_code'"
     fixed = fixed_tests(task, code, wrong, error("ImportError", message, "tests"))
-    assert f"from task_code import {program_edits.task_class(code)}" in fixed
+    assert f"from task_code import {program_edits.find_task_class_name(code)}" in fixed
 
 
 def test_tests_that_keep_failing_still_change(made: tuple[Json, Json, str]) -> None:
@@ -185,4 +185,4 @@ def test_tests_that_keep_failing_still_change(made: tuple[Json, Json, str]) -> N
 
 @given(st.text())
 def test_any_text_can_be_read_as_a_report(text: str) -> None:
-    assert read_evidence(text).text == text
+    assert parse_report_evidence(text).text == text

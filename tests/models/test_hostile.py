@@ -13,7 +13,7 @@ from langchain_core.messages import AIMessage, HumanMessage
 
 from grs_agents.config import ModelConfig
 from grs_agents.errors import GrsError
-from grs_agents.models import LONGEST, Answer, ReplyProblem, Retries, chat_model, invoke
+from grs_agents.models import LONGEST, Answer, ReplyProblem, Retries, invoke_with_retries, make_chat_model
 
 pytest.importorskip("langchain_openai")
 Send = Callable[[BaseHTTPRequestHandler], None]
@@ -50,8 +50,8 @@ def provider() -> Iterator[Callable[[Send], str]]:
 
 
 def ask(url: str, deadline: float = 60.0, timeout: float = 60.0) -> Answer:
-    model = chat_model(ModelConfig(model="openai:any", base_url=url, timeout=timeout), seed=0)
-    return invoke(model, [HumanMessage("hi")], Retries(tries=1, deadline=deadline))
+    model = make_chat_model(ModelConfig(model="openai:any", base_url=url, timeout=timeout), seed=0)
+    return invoke_with_retries(model, [HumanMessage("hi")], Retries(tries=1, deadline=deadline))
 
 
 def start_body(to: BaseHTTPRequestHandler, status: int = 200, **headers: str) -> None:
@@ -165,7 +165,7 @@ def test_an_unusable_reply_tells_what_it_cost(provider: Callable[[Send], str]) -
 )
 def test_each_provider_spells_the_finish_reason_its_own_way(metadata: dict[str, str], reason: str) -> None:
     model = GenericFakeChatModel(messages=iter([AIMessage("hello", response_metadata=metadata)]))
-    assert invoke(model, [HumanMessage("hi")]).finish_reason == reason
+    assert invoke_with_retries(model, [HumanMessage("hi")]).finish_reason == reason
 
 
 @pytest.mark.parametrize(
@@ -192,7 +192,7 @@ def test_an_echoed_key_is_in_no_reply(provider: Callable[[Send], str], monkeypat
     model = ModelConfig(
         model="openai:any", base_url=provider(whole(completion(f"your key is {KEY}."))), key_variable="MY_OWN"
     )
-    answer = invoke(chat_model(model, seed=0), [HumanMessage("hi")])
+    answer = invoke_with_retries(make_chat_model(model, seed=0), [HumanMessage("hi")])
     assert answer.text == "your key is [removed]."
 
 

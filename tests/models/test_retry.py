@@ -7,7 +7,7 @@ from langchain_core.messages import HumanMessage
 
 from grs_agents.config import ModelConfig
 from grs_agents.errors import GrsError
-from grs_agents.models import Answer, ReplyProblem, Retries, chat_model, invoke
+from grs_agents.models import Answer, ReplyProblem, Retries, invoke_with_retries, make_chat_model
 from tests.models.conftest import Scripted
 
 FAILURE = {"error": {"message": "told so", "type": "api_error", "code": None}}
@@ -27,8 +27,8 @@ def clock() -> Clock:
 
 
 def ask(url: str, clock: Clock) -> Answer:
-    model = chat_model(ModelConfig(model="openai:any", base_url=url, timeout=5), seed=0)
-    return invoke(model, [HumanMessage("hi")], clock.retries())
+    model = make_chat_model(ModelConfig(model="openai:any", base_url=url, timeout=5), seed=0)
+    return invoke_with_retries(model, [HumanMessage("hi")], clock.retries())
 
 
 def test_a_reply_comes_with_its_token_usage(server: tuple[Scripted, str], clock: Clock) -> None:

@@ -27,7 +27,7 @@ def test_a_task_is_defined_from_the_scene_and_its_picture(unwritten: RunState, m
     services = make_services(fenced(json.dumps(TASK), "json"))
     update = run(nodes.generate_task, unwritten, services)
     assert update == {"task": TASK}
-    assert nodes.authored(with_(unwritten, **update)) == "ok"
+    assert nodes.next_step_after_author(with_(unwritten, **update)) == "ok"
     assert json.loads((services.folder / "task.json").read_text()) == TASK
     assert [event.task for event in kinds(services, "task_defined")] == [TASK]
     [prompt] = kinds(services, "prompt")
@@ -57,8 +57,8 @@ def test_an_author_without_a_usable_reply_ends_the_run_with_a_reason(
     update = run(AUTHORS[role], state, services)
     assert set(update) == {"problem"}
     assert f"the {role} model gave no usable reply in 2 tries" in update["problem"]
-    assert nodes.authored(with_(state, **update)) == "stop"
-    ended = run(nodes.conclude, with_(state, **update), services)
+    assert nodes.next_step_after_author(with_(state, **update)) == "stop"
+    ended = run(nodes.conclude_run, with_(state, **update), services)
     assert ended == {"status": "rejected", "reason": update["problem"]}
     assert not (services.folder / "history").exists()
 

@@ -11,7 +11,7 @@ from grs_agents import content
 from grs_agents.agents import Description
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.nodes import MatchedCandidate, Services, check_sizes, place_object
+from grs_agents.nodes import MatchedCandidate, Services, place_object, replace_misfit_assets
 from grs_agents.perception import (
     CandidateRecord,
     MatchEvidence,
@@ -19,7 +19,7 @@ from grs_agents.perception import (
     SceneDescription,
     SceneObject,
     TableFrame,
-    candidates_of,
+    measure_candidates,
     save_candidates,
     save_frame,
 )
@@ -42,7 +42,7 @@ def seen(tmp_path: Path) -> tuple[Photo, CandidateRecord]:
     milk = PlacedObject("HOPE/Milk.urdf", ((0.5, 0.0, 0.096), (0.0, 0.0, 0.0, 1.0)))
     frame, table, mask = photo_of([milk], Library())
     save_frame(frame, tmp_path)
-    (record,) = save_candidates(frame, candidates_of(frame, table, mask.astype("int32")), tmp_path)
+    (record,) = save_candidates(frame, measure_candidates(frame, table, mask.astype("int32")), tmp_path)
     return (frame, table), record
 
 
@@ -54,21 +54,23 @@ def matched(asset: str, record: CandidateRecord, services: Services, photo: Phot
 def test_what_is_of_its_size_stays(seen: tuple[Photo, CandidateRecord], tmp_path: Path) -> None:
     photo, record = seen
     one = matched("HOPE/Milk.urdf", record, services_in(tmp_path), photo)
-    assert check_sizes([one], {record.id: record}, [], photo, services_in(tmp_path)) == ((one,), [])
+    assert replace_misfit_assets([one], {record.id: record}, [], photo, services_in(tmp_path)) == ((one,), [])
 
 
 def test_what_is_not_of_its_size_gives_way_to_a_proxy(seen: tuple[Photo, CandidateRecord], tmp_path: Path) -> None:
     photo, record = seen
     one = matched("HOPE/Butter.urdf", record, services_in(tmp_path), photo)
     other = one.model_copy(update={"matched": False, "name": "white_carton_1"})
-    (found, kept), lost = check_sizes([one, other], {record.id: record}, ["x"], photo, services_in(tmp_path))
+    (found, kept), lost = replace_misfit_assets([one, other], {record.id: record}, ["x"], photo, services_in(tmp_path))
     assert kept == other and not lost
     assert (found.name, found.asset, found.matched) == ("white_carton_2", "proxy/white_carton_2.urdf", False)
     assert found.match is not None and found.match.runner_up == "HOPE/Butter.urdf" and found.match.asset is None
     assert "HOPE/Butter.urdf was matched" in found.evidence and "% off" in found.evidence
     assert found.match.scores == {"HOPE/Butter.urdf": 0.8}
-    (_,), lost = check_sizes([one, other][1:], {record.id: record}, [], photo, services_in(tmp_path, proxies=False))
-    _, (dropped,) = check_sizes([one], {record.id: record}, [], photo, services_in(tmp_path, proxies=False))
+    (_,), lost = replace_misfit_assets(
+        [one, other][1:], {record.id: record}, [], photo, services_in(tmp_path, proxies=False)
+    )
+    _, (dropped,) = replace_misfit_assets([one], {record.id: record}, [], photo, services_in(tmp_path, proxies=False))
     assert not lost and "match.proxies" in dropped.reason
 
 
@@ -84,9 +86,9 @@ def test_what_is_certain_may_be_larger_than_what_is_seen(seen: tuple[Photo, Cand
         known.model_copy(update={"match": sure.model_copy(update={"confidence": 0.9})}),
         known.model_copy(update={"match": sure.model_copy(update={"confidence": None})}),
     ):
-        ((found,), _) = check_sizes([other], {record.id: record}, [], photo, services_in(tmp_path))
+        ((found,), _) = replace_misfit_assets([other], {record.id: record}, [], photo, services_in(tmp_path))
         assert not found.matched
-    assert check_sizes([known], {record.id: record}, [], photo, services_in(tmp_path)) == ((known,), [])
+    assert replace_misfit_assets([known], {record.id: record}, [], photo, services_in(tmp_path)) == ((known,), [])
 
 
 def test_the_evaluation_of_placement_names_what_is_off(

@@ -14,7 +14,7 @@ from grs_agents.nodes import (
     Photo,
     Services,
     drop_reason,
-    fixtures_for_prompt,
+    fixture_assets_for_prompt,
     place_object,
     scene_for_prompt,
 )
@@ -67,7 +67,7 @@ def test_what_nothing_matches_becomes_a_proxy(services: Services, photo: Photo) 
     found = place_object(MatchedCandidate(RECORD, WORDS, reply), services, ["white_carton_1"], photo)
     assert (found.name, found.asset, found.matched) == ("white_carton_2", "proxy/white_carton_2.urdf", False)
     assert found.size == pytest.approx((0.073, 0.072, 0.19))
-    library = Library().overlay(services.folder / "assets")
+    library = Library().with_overlay(services.folder / "assets")
     assert library.asset(found.asset).description == "a white carton"
 
 
@@ -90,5 +90,5 @@ def test_prompts_tell_the_scene_and_the_fixtures(services: Services, photo: Phot
     assert told["objects"][0]["asset"] == "HOPE/Milk.urdf"
     assert told["objects"][0]["hollow"] is False
     assert {"container/container-template.urdf", "zone/zone.urdf"} <= {
-        fixture["name"] for fixture in fixtures_for_prompt(services.library)
+        fixture["name"] for fixture in fixture_assets_for_prompt(services.library)
     }

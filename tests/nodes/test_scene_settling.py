@@ -18,8 +18,8 @@ from grs_agents.perception import (
     SceneObject,
     UprightBox,
     add_residual_candidates,
-    candidates_of,
     load_mask,
+    measure_candidates,
     register_objects,
     save_candidates,
     save_frame,
@@ -45,7 +45,7 @@ class OfRun:
     @property
     def library(self) -> Library:
         """The shipped assets, with the proxies of the run."""
-        return LIBRARY.overlay(self.folder / "assets") if (self.folder / "assets").is_dir() else LIBRARY
+        return LIBRARY.with_overlay(self.folder / "assets") if (self.folder / "assets").is_dir() else LIBRARY
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def seen(tmp_path: Path) -> Seen:
     upper = mask & ~block & (rows < np.median(np.nonzero(mask & ~block)[0]))
     labels = mask.astype("int32") + upper + 2 * block
     save_frame(frame, tmp_path)
-    low, high, stone = save_candidates(frame, candidates_of(frame, table, labels), tmp_path)
+    low, high, stone = save_candidates(frame, measure_candidates(frame, table, labels), tmp_path)
     return Seen(cast(Services, OfRun(tmp_path)), (frame, table), low, high, stone)
 
 
@@ -110,7 +110,7 @@ def test_what_falls_off_another_thing_is_a_piece_of_it(tmp_path: Path) -> None:
     frame, table, mask = photo_of([carton, beam], LIBRARY)
     upper = photo_of([beam], LIBRARY)[2] & mask
     save_frame(frame, tmp_path)
-    low, high = save_candidates(frame, candidates_of(frame, table, mask.astype("int32") + upper), tmp_path)
+    low, high = save_candidates(frame, measure_candidates(frame, table, mask.astype("int32") + upper), tmp_path)
     high = high.model_copy(update={"upright": UprightBox(center=beam.pose[0], size=(0.029, 0.25, 0.05), yaw=0.0)})
     seen = Seen(cast(Services, OfRun(tmp_path)), (frame, table), low, high, high)
     found = settle_scene(

@@ -31,5 +31,5 @@ def test_the_library_is_read_once(services: Services) -> None:
 def test_a_proxy_that_is_written_again_is_read_again(services: Services) -> None:
     for height in (0.1, 0.2):  # texts of one length
         write_proxy(services.folder / "assets", "mug", "box", (0.08, 0.08, height), GRAY, "a mug")
-        assert services.library.model("proxy/mug.urdf").size[2] == pytest.approx(height)
+        assert services.library.load_object_model("proxy/mug.urdf").size[2] == pytest.approx(height)
         assert services.library.asset("proxy/mug.urdf").size[2] == pytest.approx(height)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grs_agents.errors import ConfigError
-from grs_agents.perception import DEFAULT, Aabb, Background, boxes_around, find_table, reconstruct
+from grs_agents.perception import DEFAULT, Aabb, Background, cover_points_with_boxes, find_table, reconstruct_background
 from tests.perception import room
 from tests.perception.room import Floats
 
@@ -43,7 +43,7 @@ def made(yaw: float, noise: float, arm: Floats = NO_ARM, voxel: float = 0.015) -
     frame, points, owner = room.photo(room.camera(yaw, 480, 360), noise)
     table = find_table(frame, np.random.default_rng(0))
     around = [aabb(*room.BOXES[number]) for number in room.THINGS]
-    found = reconstruct(frame, table, np.isin(owner, room.THINGS), around, arm, voxel)
+    found = reconstruct_background(frame, table, np.isin(owner, room.THINGS), around, arm, voxel)
     assert found is not None
     return found, points[np.isin(owner, room.ROOM)][::97]
 
@@ -83,7 +83,7 @@ def test_a_table_alone_has_no_background() -> None:
     bare = np.array([((-3.0, -3.0, -0.05), (6.0, 3.0, 0.0))])
     frame, _, owner = room.photo(room.camera(0.0, 160, 120), boxes=bare)
     table = find_table(frame, np.random.default_rng(0))
-    assert reconstruct(frame, table, owner > 0, [], NO_ARM, 0.02) is None
+    assert reconstruct_background(frame, table, owner > 0, [], NO_ARM, 0.02) is None
 
 
 def test_without_scikit_image_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,14 +91,14 @@ def test_without_scikit_image_the_extra_is_named(monkeypatch: pytest.MonkeyPatch
     frame, _, owner = room.photo(room.camera(0.0, 160, 120))
     table = find_table(frame, np.random.default_rng(0))
     with pytest.raises(ConfigError, match=r"grs-agents\[background\]"):
-        reconstruct(frame, table, owner > 3, [], NO_ARM, 0.02)
+        reconstruct_background(frame, table, owner > 3, [], NO_ARM, 0.02)
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 400), st.sampled_from([0.01, 0.05, 0.3]))
 def test_few_boxes_hold_all_points(seed: int, count: int, cell: float) -> None:
     points = np.random.default_rng(seed).uniform(-1, 1, (count, 3))
-    boxes = boxes_around(points, cell)
+    boxes = cover_points_with_boxes(points, cell)
     assert 0 < len(boxes) <= DEFAULT.background.most_boxes
     assert to_boxes(points, boxes).max() < 1e-9
     assert (boxes[:, 0] < boxes[:, 1]).all()
@@ -106,6 +106,6 @@ def test_few_boxes_hold_all_points(seed: int, count: int, cell: float) -> None:
 
 def test_a_wall_along_an_axis_is_one_thin_box() -> None:
     y, z = (grid.ravel() for grid in np.meshgrid(np.arange(0, 1, 0.02), np.arange(0, 1, 0.02)))
-    boxes = boxes_around(np.stack([np.full(len(y), 1.0), y, z], axis=1), 0.04)
+    boxes = cover_points_with_boxes(np.stack([np.full(len(y), 1.0), y, z], axis=1), 0.04)
     assert boxes.shape == (1, 2, 3)
     assert boxes[0, 1, 0] - boxes[0, 0, 0] == pytest.approx(0.01)

@@ -17,10 +17,10 @@ def test_points_project_back_to_their_pixels(row: int, column: int, depth: float
     picture = np.zeros((24, 32), np.float32)
     picture[row, column] = depth
     frame = RGBDFrame(np.zeros((24, 32, 3), np.uint8), picture, camera, Path("x"))
-    x, y, z = frame.points()[row, column]
+    x, y, z = frame.camera_frame_point_map()[row, column]
     assert (x / z * 40 + 15.5, y / z * 50 + 11.5, z) == pytest.approx((column, row, depth), rel=1e-5, abs=1e-4)
 
 
 def test_pixels_without_depth_are_at_the_origin(rendered: Rendered) -> None:
-    points = rendered.frame.points()
+    points = rendered.frame.camera_frame_point_map()
     assert not points[rendered.frame.depth == 0].any()

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from grs_agents.perception import annotate, candidates_of, find_table, save_candidates, save_frame
+from grs_agents.perception import draw_candidate_overlay, find_table, measure_candidates, save_candidates, save_frame
 from tests.perception.conftest import Rendered
 from tests.pictures import read_picture
 
@@ -20,7 +20,7 @@ def test_a_frame_is_kept_as_it_was(rendered: Rendered, tmp_path: Path) -> None:
 
 def test_candidates_are_kept_with_their_masks(rendered: Rendered, tmp_path: Path) -> None:
     table = find_table(rendered.frame, np.random.default_rng(0))
-    found = candidates_of(rendered.frame, table, rendered.labels)
+    found = measure_candidates(rendered.frame, table, rendered.labels)
     records = save_candidates(rendered.frame, found, tmp_path)
     assert [record.id for record in records] == [1, 2, 3, 4]
     assert [record.hollow for record in records] == [False, False, True, False]
@@ -34,8 +34,8 @@ def test_candidates_are_kept_with_their_masks(rendered: Rendered, tmp_path: Path
 
 def test_the_annotated_photo_marks_the_candidates_only(rendered: Rendered) -> None:
     table = find_table(rendered.frame, np.random.default_rng(0))
-    picture = annotate(
-        rendered.frame, {one.id: one.mask for one in candidates_of(rendered.frame, table, rendered.labels)}
+    picture = draw_candidate_overlay(
+        rendered.frame, {one.id: one.mask for one in measure_candidates(rendered.frame, table, rendered.labels)}
     )
     assert picture.shape == rendered.frame.rgb.shape
     assert np.array_equal(picture[:20], rendered.frame.rgb[:20])

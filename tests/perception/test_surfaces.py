@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.library import Library, quaternion_from_rpy, rotation_matrix
-from grs_agents.perception import symmetry_of
+from grs_agents.library import Library, matrix_from_quaternion, quaternion_from_rpy
+from grs_agents.perception import find_asset_symmetry
 
 LIBRARY = Library()
 ANGLES = st.floats(-3.1, 3.1)
@@ -24,7 +24,7 @@ ANGLES = st.floats(-3.1, 3.1)
     ],
 )
 def test_symmetries_of_known_things(name: str, turns: int, axes: int) -> None:
-    symmetry = symmetry_of(name, LIBRARY)
+    symmetry = find_asset_symmetry(name, LIBRARY)
     assert (len(symmetry.turns), len(symmetry.axes)) == (turns, axes)
 
 
@@ -33,21 +33,25 @@ def test_symmetries_of_known_things(name: str, turns: int, axes: int) -> None:
 def test_a_turn_about_a_free_axis_is_no_error_and_a_tilt_of_it_is(
     roll: float, pitch: float, yaw: float, spin: float, tilt: float
 ) -> None:
-    symmetry = symmetry_of("plate/plate.urdf", LIBRARY)
-    true = rotation_matrix(quaternion_from_rpy(roll, pitch, yaw))
-    turned = true @ rotation_matrix(quaternion_from_rpy(tilt, 0, 0)) @ rotation_matrix(quaternion_from_rpy(0, 0, spin))
-    assert symmetry.angle(turned, true) == pytest.approx(np.rad2deg(tilt), abs=1e-3)
+    symmetry = find_asset_symmetry("plate/plate.urdf", LIBRARY)
+    true = matrix_from_quaternion(quaternion_from_rpy(roll, pitch, yaw))
+    turned = (
+        true
+        @ matrix_from_quaternion(quaternion_from_rpy(tilt, 0, 0))
+        @ matrix_from_quaternion(quaternion_from_rpy(0, 0, spin))
+    )
+    assert symmetry.rotation_error_degrees(turned, true) == pytest.approx(np.rad2deg(tilt), abs=1e-3)
 
 
 @settings(max_examples=25, deadline=None)
 @given(roll=ANGLES, pitch=ANGLES, yaw=ANGLES, turn=st.integers(0, 23), small=st.floats(0, 0.5))
 def test_quarter_turns_of_a_cube_are_no_error(roll: float, pitch: float, yaw: float, turn: int, small: float) -> None:
-    symmetry = symmetry_of("block/red_block.urdf", LIBRARY)
-    true = rotation_matrix(quaternion_from_rpy(roll, pitch, yaw))
-    found = true @ rotation_matrix(quaternion_from_rpy(0, small, 0)) @ symmetry.turns[turn]
-    assert symmetry.angle(found, true) == pytest.approx(np.rad2deg(small), abs=1e-3)
+    symmetry = find_asset_symmetry("block/red_block.urdf", LIBRARY)
+    true = matrix_from_quaternion(quaternion_from_rpy(roll, pitch, yaw))
+    found = true @ matrix_from_quaternion(quaternion_from_rpy(0, small, 0)) @ symmetry.turns[turn]
+    assert symmetry.rotation_error_degrees(found, true) == pytest.approx(np.rad2deg(small), abs=1e-3)
 
 
 def test_a_mug_has_no_symmetry() -> None:
-    half = rotation_matrix(quaternion_from_rpy(0, 0, np.pi))
-    assert symmetry_of("mug/mug.urdf", LIBRARY).angle(half, np.eye(3)) == pytest.approx(180)
+    half = matrix_from_quaternion(quaternion_from_rpy(0, 0, np.pi))
+    assert find_asset_symmetry("mug/mug.urdf", LIBRARY).rotation_error_degrees(half, np.eye(3)) == pytest.approx(180)

@@ -11,13 +11,13 @@ from grs_agents.config import TableChoice
 from grs_agents.errors import InputError
 from grs_agents.perception import (
     RGBDFrame,
-    doubts,
+    describe_table_doubts,
     find_table,
-    projected,
+    pixels_to_robot_frame,
+    project_to_pixels,
     read_scene,
-    robot_points,
-    robot_points_at,
-    segment,
+    robot_frame_point_map,
+    segment_objects_on_table,
 )
 from tests.perception.conftest import Rendered, Thing, look_at, render
 from tests.perception.settling.photo import LIBRARY, MILK, photo_of, standing
@@ -48,7 +48,7 @@ def test_the_lowest_plane_is_the_table() -> None:
 
 
 def test_points_are_in_the_robot_frame_and_unknown_ones_are_nan(rendered: Rendered) -> None:
-    points = robot_points(rendered.frame, find_table(rendered.frame, np.random.default_rng(0)))
+    points = robot_frame_point_map(rendered.frame, find_table(rendered.frame, np.random.default_rng(0)))
     known = rendered.frame.depth > 0
     assert np.isnan(points[~known]).all()
     assert float(np.median(points[known & (rendered.labels == 0)][:, 2])) == pytest.approx(0, abs=0.002)
@@ -75,7 +75,7 @@ def test_the_sample_scene_has_its_table_at_zero(sample_scene: Path) -> None:
 def test_projected_points_are_where_their_pixels_are() -> None:
     frame, table, _ = photo_of([standing(MILK, 0.5, 0.0)], LIBRARY)
     rows, columns = np.array([20, 90, 150]), np.array([30, 120, 200])
-    x, y, depth = projected(robot_points_at(frame, table, rows, columns), frame.camera, table)
+    x, y, depth = project_to_pixels(pixels_to_robot_frame(frame, table, rows, columns), frame.camera, table)
     assert np.allclose(x, columns) and np.allclose(y, rows)
     assert np.allclose(depth, frame.depth[rows, columns])
 
@@ -111,13 +111,13 @@ def calibrated(frame: RGBDFrame, pose: np.ndarray) -> RGBDFrame:
 def test_a_loaded_plane_well_above_the_floor_is_the_table(low_table: Rendered) -> None:
     table = find_table(low_table.frame, np.random.default_rng(0))
     assert table.T_robot_cam[2][3] == pytest.approx(EYE[2] - TOP, abs=0.01)
-    assert segment(low_table.frame, table).max() == len(ON_IT)
+    assert segment_objects_on_table(low_table.frame, table).max() == len(ON_IT)
     floor, top = table.planes
     assert (floor.number, floor.taken, top.number, top.taken) == (1, False, 2, True)
     assert floor.share > top.share
     assert floor.height == pytest.approx(-TOP, abs=0.02)
     assert top.height == pytest.approx(0, abs=0.005)
-    assert any("scene.table=1" in one for one in doubts(table))
+    assert any("scene.table=1" in one for one in describe_table_doubts(table))
 
 
 @pytest.mark.parametrize(("choice", "height"), [("largest", 0.0), ("highest", TOP), (1, 0.0), (2, TOP)])
@@ -137,7 +137,7 @@ def test_a_bare_plane_above_another_is_no_table() -> None:
     scene = render((Thing("box", (0.6, 0.0), (0.5, 0.7, TOP)), beside), eye=EYE)
     table = find_table(scene.frame, np.random.default_rng(0))
     assert table.T_robot_cam[2][3] == pytest.approx(EYE[2], abs=0.01)
-    assert any("scene.table=2" in one for one in doubts(table))
+    assert any("scene.table=2" in one for one in describe_table_doubts(table))
 
 
 @pytest.mark.parametrize("height", [0.0, TOP])
@@ -145,13 +145,13 @@ def test_calibration_says_which_plane_is_the_table(low_table: Rendered, height: 
     table = find_table(table_top(height, low_table.frame), np.random.default_rng(0))
     assert table.T_robot_cam[2][3] == pytest.approx(EYE[2] - height, abs=0.005)
     assert table.height == pytest.approx(0, abs=0.005)
-    assert not doubts(table)
+    assert not describe_table_doubts(table)
 
 
 def test_one_table_alone_leaves_no_doubt(rendered: Rendered) -> None:
     table = find_table(rendered.frame, np.random.default_rng(0))
     assert [plane.taken for plane in table.planes] == [True]
-    assert not doubts(table)
+    assert not describe_table_doubts(table)
 
 
 def test_a_tilted_calibration_is_right_under_the_objects(rendered: Rendered) -> None:
@@ -162,9 +162,9 @@ def test_a_tilted_calibration_is_right_under_the_objects(rendered: Rendered) -> 
     pose[:3, :3] = tilt @ pose[:3, :3]
     frame = calibrated(rendered.frame, pose)
     table = find_table(frame, np.random.default_rng(0))
-    ground = robot_points(frame, table)[(rendered.labels == 0) & (frame.depth > 0)]
+    ground = robot_frame_point_map(frame, table)[(rendered.labels == 0) & (frame.depth > 0)]
     assert float(np.median(ground[:, 2])) == pytest.approx(0, abs=0.003)
-    assert segment(frame, table).max() == len(rendered.things)
+    assert segment_objects_on_table(frame, table).max() == len(rendered.things)
 
 
 def inverse(pose: np.ndarray) -> np.ndarray:

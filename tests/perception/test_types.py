@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
-from grs_agents.perception import Aabb, SceneDescription, TableFrame, read_description
+from grs_agents.perception import Aabb, SceneDescription, TableFrame, read_scene_description
 
 IDENTITY = tuple(tuple(float(i == j) for j in range(4)) for i in range(4))
 COORDINATE = st.floats(-2, 2)
@@ -25,16 +25,16 @@ def test_a_description_survives_its_file(tmp_path: Path) -> None:
     table = TableFrame(T_robot_cam=IDENTITY, origin="table_plane", residual=0.001, inliers=0.5)
     scene = SceneDescription(source="photo", image="scene/rgb.png", frame=table, objects=(), warnings=("dim",))
     scene.write(tmp_path / "scene.json")
-    assert read_description(tmp_path / "scene.json") == scene
+    assert read_scene_description(tmp_path / "scene.json") == scene
 
 
 @pytest.mark.parametrize("content", ["", "{}", "[1]"])
 def test_a_broken_description_is_named(tmp_path: Path, content: str) -> None:
     (tmp_path / "scene.json").write_text(content)
     with pytest.raises(InputError, match=r"scene\.json"):
-        read_description(tmp_path / "scene.json")
+        read_scene_description(tmp_path / "scene.json")
 
 
 def test_a_missing_description_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot read"):
-        read_description(tmp_path / "scene.json")
+        read_scene_description(tmp_path / "scene.json")

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from grs_agents.perception import RGBDFrame, find_table, reduced, restored, segment
+from grs_agents.perception import RGBDFrame, downscale_frame, find_table, segment_objects_on_table, upscale_labels
 from tests.perception.conftest import Rendered
 
 
@@ -28,16 +28,16 @@ def _enlarged(frame: RGBDFrame, factor: int) -> RGBDFrame:
 
 
 def test_a_small_photo_is_left_as_it_is(rendered: Rendered) -> None:
-    frame, factor = reduced(rendered.frame)
+    frame, factor = downscale_frame(rendered.frame)
     assert frame is rendered.frame
     assert factor == 1
 
 
 def test_a_large_photo_is_reduced_to_where_it_came_from(rendered: Rendered) -> None:
-    frame, factor = reduced(_enlarged(rendered.frame, 4))
+    frame, factor = downscale_frame(_enlarged(rendered.frame, 4))
     assert factor == 3
     assert frame.depth.shape == (480, 640)
-    back, factor = reduced(_enlarged(rendered.frame, 5))
+    back, factor = downscale_frame(_enlarged(rendered.frame, 5))
     assert factor == 4
     assert set(np.unique(back.depth)) <= set(np.unique(rendered.frame.depth))
 
@@ -46,13 +46,13 @@ def test_a_cell_without_enough_depth_has_none(rendered: Rendered) -> None:
     frame = _enlarged(rendered.frame, 4)
     frame.depth[:12, :12] = 0
     frame.depth[0, 0] = 1.0
-    assert reduced(frame)[0].depth[0, 0] == 0
+    assert downscale_frame(frame)[0].depth[0, 0] == 0
 
 
 @pytest.mark.parametrize("factor", [3, 4])
 def test_the_full_size_gets_masks_of_its_own(rendered: Rendered, factor: int) -> None:
     large = _enlarged(rendered.frame, factor)
-    labels = segment(large, find_table(large, np.random.default_rng(0)))
+    labels = segment_objects_on_table(large, find_table(large, np.random.default_rng(0)))
     truth = np.kron(rendered.labels, np.ones((factor, factor), np.int32))
     assert labels.shape == truth.shape
     assert labels.max() == 4
@@ -63,10 +63,10 @@ def test_the_full_size_gets_masks_of_its_own(rendered: Rendered, factor: int) ->
 
 def test_borders_follow_depth_and_colour_not_cells(rendered: Rendered) -> None:
     large = _enlarged(rendered.frame, 3)
-    small, factor = reduced(large)
+    small, factor = downscale_frame(large)
     truth = np.kron(rendered.labels, np.ones((3, 3), np.int32))
     coarse = truth[::factor, ::factor][: small.depth.shape[0], : small.depth.shape[1]]
-    sharp = restored(coarse, small, large, factor)
+    sharp = upscale_labels(coarse, small, large, factor)
     blocky = np.kron(coarse, np.ones((factor, factor), np.int32))[: truth.shape[0], : truth.shape[1]]
     wrong = (sharp != truth).sum()
     assert wrong < 0.5 * (blocky != truth[: blocky.shape[0], : blocky.shape[1]]).sum()

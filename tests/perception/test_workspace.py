@@ -2,7 +2,7 @@
 
 import pytest
 
-from grs_agents.perception import FARTHEST, reachable
+from grs_agents.perception import FARTHEST, is_reachable_position
 from grs_agents.perception import NEAREST as WORKSPACE_NEAREST
 from grs_agents.sim.arms import NEAREST, REACH
 
@@ -18,7 +18,7 @@ from grs_agents.sim.arms import NEAREST, REACH
     ],
 )
 def test_reachable(position: tuple[float, float, float], inside: bool) -> None:
-    assert reachable(position) is inside
+    assert is_reachable_position(position) is inside
 
 
 def test_the_workspace_agrees_with_the_arm() -> None:

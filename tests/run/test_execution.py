@@ -12,7 +12,7 @@ import pytest
 from grs_agents import content
 from grs_agents.config import Config
 from grs_agents.errors import ConfigError, GrsError, InputError
-from grs_agents.run import Order, Outcome, UnexpectedError, execute, read_record
+from grs_agents.run import Order, Outcome, UnexpectedError, execute_run, read_record
 from grs_agents.trace import EventLog, RunEnded, RunStarted, read_events
 
 GRAPH = """\
@@ -22,16 +22,16 @@ from langgraph.graph import END, START, StateGraph
 
 from grs_agents.errors import GrsError, InputError
 from grs_agents.nodes import Services
-from grs_agents.nodes.services import node
+from grs_agents.nodes.services import logged_node
 from grs_agents.state import RunState
 
 
-@node
+@logged_node("first")
 def first(state, services):
     return {{"notes": ["the first node was here"]}}
 
 
-@node
+@logged_node("second")
 def second(state, services):
     {body}
 
@@ -59,7 +59,7 @@ def run(tmp_path: Path, sample_scene: Path, monkeypatch: pytest.MonkeyPatch) -> 
     """Runs a graph whose second node has the given body; without one, the graph that is there."""
     monkeypatch.setattr(content, "_overlays", [])
     (tmp_path / "graphs").mkdir()
-    content.add_overlay(tmp_path)
+    content.add_overlay_folder(tmp_path)
 
     def execute_it(
         body: str = "", then: str = "END", views: Any = silent, resume: bool = False, **settings: Any
@@ -67,7 +67,7 @@ def run(tmp_path: Path, sample_scene: Path, monkeypatch: pytest.MonkeyPatch) -> 
         if body:
             (tmp_path / "graphs" / "mine.py").write_text(GRAPH.format(body=body, then=then))
         config = Config(graph="mine", **settings)
-        return execute(Order("run", sample_scene, config, tmp_path / "run", resume=resume), views)
+        return execute_run(Order("run", sample_scene, config, tmp_path / "run", resume=resume), views)
 
     return execute_it
 

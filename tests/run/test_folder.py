@@ -6,7 +6,7 @@ import pytest
 
 from grs_agents.config import Config
 from grs_agents.errors import InputError
-from grs_agents.run import RunRecord, new_folder, read_record, resumed_folder
+from grs_agents.run import RunRecord, make_run_folder, open_resumed_folder, read_record
 
 
 def record(source: str, status: str = "running") -> RunRecord:
@@ -26,40 +26,40 @@ def record(source: str, status: str = "running") -> RunRecord:
 
 def test_two_runs_of_one_second_get_two_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    folders = {new_folder("my scene", 3, None) for _ in range(3)}
+    folders = {make_run_folder("my scene", 3, None) for _ in range(3)}
     assert len(folders) == 3
     assert all("my-scene-3" in folder.name for folder in folders)
 
 
 def test_an_existing_run_is_not_overwritten(tmp_path: Path) -> None:
-    out = new_folder("s", 0, tmp_path / "run")
+    out = make_run_folder("s", 0, tmp_path / "run")
     record("s").write(out)
     with pytest.raises(InputError, match="--resume"):
-        new_folder("s", 0, out)
+        make_run_folder("s", 0, out)
 
 
 def test_a_folder_of_other_files_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("precious")
     with pytest.raises(InputError, match="not empty"):
-        new_folder("s", 0, tmp_path)
+        make_run_folder("s", 0, tmp_path)
 
 
 def test_a_file_in_the_way_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot write"):
-        new_folder("s", 0, tmp_path / "file" / "run")
+        make_run_folder("s", 0, tmp_path / "file" / "run")
 
 
 def test_resume_wants_a_run_of_the_same_scene(tmp_path: Path) -> None:
-    out = new_folder("s", 0, tmp_path / "run")
+    out = make_run_folder("s", 0, tmp_path / "run")
     record(str(tmp_path / "scene")).write(out)
-    assert resumed_folder(out, tmp_path / "scene", "run")[1].id == "r"
+    assert open_resumed_folder(out, tmp_path / "scene", "run")[1].id == "r"
     with pytest.raises(InputError, match="is a run of"):
-        resumed_folder(out, tmp_path / "other", "run")
+        open_resumed_folder(out, tmp_path / "other", "run")
     with pytest.raises(InputError, match="--out"):
-        resumed_folder(None, tmp_path / "scene", "run")
+        open_resumed_folder(None, tmp_path / "scene", "run")
     with pytest.raises(InputError, match="grs run"):
-        resumed_folder(out, tmp_path / "scene", "scene")
+        open_resumed_folder(out, tmp_path / "scene", "scene")
 
 
 @pytest.mark.parametrize("text", ["", "{}", "not json"])

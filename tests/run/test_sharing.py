@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.errors import GrsError
-from grs_agents.run import REMOVED, Scrubber, picture_alone, scrubber, share
+from grs_agents.run import REMOVED, Scrubber, make_scrubber, pack_run_as_zip, strip_png_metadata
 
 KEY = "zq7Qm-very-secret"
 KNOWN = (
@@ -29,7 +29,7 @@ KNOWN = (
 
 def a_scrubber(folder: Path) -> Scrubber:
     environment = {"MY_LLM": KEY, "OTHER_API_KEY": 'with"quote-and-more', "EDITOR_TOKEN": "short", "PATH": "/usr/bin"}
-    return scrubber(folder, ["MY_LLM"], environment, home=Path("/somewhere/ada"))
+    return make_scrubber(folder, ["MY_LLM"], environment, home=Path("/somewhere/ada"))
 
 
 def nothing(_: Path) -> Sequence[Path]:
@@ -40,10 +40,10 @@ def nothing(_: Path) -> Sequence[Path]:
 def test_keys_are_replaced_wherever_they_stand(tmp_path: Path, key: str) -> None:
     cleaner = a_scrubber(tmp_path)
     for text in (key, f'{{"Authorization": "Bearer {key}"}}', f"x={key};", f"line\n{key}\n"):
-        assert cleaner.leaks(text.encode()) == "a key"
-        cleaned = cleaner.clean(text)
+        assert cleaner.describe_leak(text.encode()) == "a key"
+        cleaned = cleaner.remove_secrets(text)
         assert key not in cleaned and REMOVED in cleaned
-        assert cleaner.leaks(cleaned.encode()) == ""
+        assert cleaner.describe_leak(cleaned.encode()) == ""
 
 
 def test_home_folders_of_anybody_are_replaced(tmp_path: Path) -> None:
@@ -56,26 +56,26 @@ def test_home_folders_of_anybody_are_replaced(tmp_path: Path) -> None:
         "/somewhere/ada/photos",
         "/somewhere/ada",
     ):
-        cleaned = cleaner.clean(f'"{path}"')
+        cleaned = cleaner.remove_secrets(f'"{path}"')
         assert "ada" not in cleaned.lower() and "~" in cleaned, cleaned
-        assert cleaner.leaks(path.encode()) == "the path of a home folder"
-    assert cleaner.clean("/somewhere/adam") == "/somewhere/adam"
-    assert cleaner.clean(f"{tmp_path.resolve()}/scene/rgb.png") == "./scene/rgb.png"
-    assert cleaner.clean("http://ada:lovelace@localhost:1") == f"http://{REMOVED}@localhost:1"
-    assert cleaner.clean("a short home and /usr/bin stay") == "a short home and /usr/bin stay"
+        assert cleaner.describe_leak(path.encode()) == "the path of a home folder"
+    assert cleaner.remove_secrets("/somewhere/adam") == "/somewhere/adam"
+    assert cleaner.remove_secrets(f"{tmp_path.resolve()}/scene/rgb.png") == "./scene/rgb.png"
+    assert cleaner.remove_secrets("http://ada:lovelace@localhost:1") == f"http://{REMOVED}@localhost:1"
+    assert cleaner.remove_secrets("a short home and /usr/bin stay") == "a short home and /usr/bin stay"
 
 
 @given(st.text(), st.text())
 def test_what_was_cleaned_leaks_nothing_and_stays(before: str, after: str) -> None:
     cleaner = a_scrubber(Path("/runs/one"))
-    cleaned = cleaner.clean(f"{before}{KEY}{after}/home/ada/{before}")
-    assert cleaner.leaks(cleaned.encode("utf-8", "replace")) == ""
-    assert cleaner.clean(cleaned) == cleaned
+    cleaned = cleaner.remove_secrets(f"{before}{KEY}{after}/home/ada/{before}")
+    assert cleaner.describe_leak(cleaned.encode("utf-8", "replace")) == ""
+    assert cleaner.remove_secrets(cleaned) == cleaned
 
 
 def test_a_secret_with_quotes_is_found_inside_json(tmp_path: Path) -> None:
     cleaner = a_scrubber(tmp_path)
-    cleaned = cleaner.clean(json.dumps({"reply": 'with"quote-and-more'}))
+    cleaned = cleaner.remove_secrets(json.dumps({"reply": 'with"quote-and-more'}))
     assert json.loads(cleaned) == {"reply": REMOVED}
 
 
@@ -88,12 +88,12 @@ def commented_png() -> bytes:
 
 
 def test_a_picture_keeps_its_pixels_alone() -> None:
-    bare = picture_alone(commented_png())
+    bare = strip_png_metadata(commented_png())
     assert b"ada" not in bare
     image = cv2.imdecode(np.frombuffer(bare, np.uint8), cv2.IMREAD_COLOR)
     assert image is not None and (image == 9).all()
     with pytest.raises(ValueError, match="not a PNG"):
-        picture_alone(b"GIF89a")
+        strip_png_metadata(b"GIF89a")
 
 
 def test_the_zip_holds_the_run_scrubbed_and_nothing_that_cannot_be_looked_through(tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_the_zip_holds_the_run_scrubbed_and_nothing_that_cannot_be_looked_throug
         (copy / "trace.rrd").write_bytes(b"RRF2")
         return [copy / "trace.rrd"]
 
-    done = share(folder, tmp_path / "out.zip", a_scrubber(folder), make)
+    done = pack_run_as_zip(folder, tmp_path / "out.zip", a_scrubber(folder), make)
     with zipfile.ZipFile(done.path) as archive:
         names = {name.removeprefix("run/") for name in archive.namelist()}
         assert names == {"run.json", "task.json", "scene/rgb.png", "good.npz", "trace.rrd"}
@@ -134,9 +134,9 @@ def test_what_would_still_leak_is_refused_and_nothing_is_written(tmp_path: Path)
         return []
 
     with pytest.raises(GrsError, match=r"report\.html would hold a key") as caught:
-        share(folder, tmp_path / "out.zip", a_scrubber(folder), make)
+        pack_run_as_zip(folder, tmp_path / "out.zip", a_scrubber(folder), make)
     assert KEY not in str(caught.value)
     assert not (tmp_path / "out.zip").exists()
     (folder / "sk-abcdefghijklmnop1234.json").write_text("{}")
     with pytest.raises(GrsError, match="would hold a key"):
-        share(folder, tmp_path / "out.zip", a_scrubber(folder), nothing)
+        pack_run_as_zip(folder, tmp_path / "out.zip", a_scrubber(folder), nothing)

@@ -82,7 +82,7 @@ def hardened(
 
     def confine_and_check() -> object:
         become(user)
-        hardening.harden(hardening.file_rules(readable, writable), allowance)
+        hardening.harden_process(hardening.create_file_rules(readable, writable), allowance)
         return check()
 
     return forked(confine_and_check)

@@ -29,7 +29,7 @@ def _send(descriptor, data):
 def _sealed(body):
     sender = channel._sender[0]
     cells = dict(zip(sender.__code__.co_freevars, (cell.cell_contents for cell in sender.__closure__)))
-    _send(3, wire.seal(bytes(4) + body, cells["secret"], next(cells["numbers"])))
+    _send(3, wire.sign_frame(bytes(4) + body, cells["secret"], next(cells["numbers"])))
 
 def act():
     pass

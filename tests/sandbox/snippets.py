@@ -93,7 +93,7 @@ import sys
 from pathlib import Path
 from grs_agents import content
 from grs_agents.sandbox import Sandbox, Limits
-content.add_overlay(Path(sys.argv[1]))
+content.add_overlay_folder(Path(sys.argv[1]))
 code = "from grs_agents.sandbox import progress\\nprogress({'at': 1})\\nwhile True: pass"
 with Sandbox() as sandbox:
     sandbox.call("execute", {"code": ""})

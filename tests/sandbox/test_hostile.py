@@ -54,7 +54,7 @@ def test_hostile_messages_become_reports(
             log.append(TestsRun(report=plain))
             checkpoint = JsonPlusSerializer()
             assert checkpoint.loads_typed(checkpoint.dumps_typed(plain)) == plain
-            assert len(report.text()) < 1 << 20
+            assert len(report.format_as_text()) < 1 << 20
             result = instances.run(instances.Request(simulation=program.source, seeds=(0, 1)), context)
             assert len(result.instances) + len(result.failures) == 2
             json.dumps(result.model_dump(mode="json")).encode()

@@ -28,7 +28,7 @@ import sys
 from pathlib import Path
 from grs_agents import content
 from grs_agents.sandbox import Sandbox
-content.add_overlay(Path(sys.argv[1]))
+content.add_overlay_folder(Path(sys.argv[1]))
 Sandbox(backend=sys.argv[2]).call("execute", {"code": sys.argv[3]})
 """
 

@@ -63,4 +63,4 @@ def run(scene: Scene, max_steps: int = 8, seed: int = 0) -> tuple[Episode, Envir
     agent, done = task.oracle(env), False
     while not done and (action := agent.act()) is not None:
         done = env.step(action)[2]
-    return env.episode, env
+    return env.current_episode, env

@@ -38,7 +38,7 @@ def ells(task, env) -> None:
 
 def test_an_ell_is_lowered_into_its_fixture() -> None:
     done = rollout(instantiate(Scripted(ells), 0))
-    assert (done.reward, done.strict) == (1.0, 1.0), done.episode.shortfalls
+    assert (done.reward, done.strict_score) == (1.0, 1.0), done.episode.shortfalls
     assert done.final[2][0][2] < 0.025
 
 
@@ -51,7 +51,7 @@ def test_a_shape_lies_in_its_place_of_the_kit_with_the_yaw_asked_for() -> None:
         pose_goal(task, env.add_object(shape, at(0.45, -0.2, 0.02)), turned(0.53, 0.17, 0.01, 0.4), symmetry=np.pi / 2)
 
     done = rollout(instantiate(Scripted(scene), 0))
-    assert (done.reward, done.strict) == (1.0, 1.0), done.episode
+    assert (done.reward, done.strict_score) == (1.0, 1.0), done.episode
 
 
 def test_several_goals_at_one_place_make_a_stack() -> None:

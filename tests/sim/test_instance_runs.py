@@ -6,7 +6,7 @@ import pytest
 from pydantic import ValidationError
 from sim_scenes import Scripted, at, zone_goal
 
-from grs_agents.sim import SimulationError, TaskInstance, instantiate, rollout, task_class
+from grs_agents.sim import SimulationError, TaskInstance, find_task_class, instantiate, rollout
 
 
 def packing(task, env) -> None:
@@ -56,4 +56,4 @@ def test_an_instance_out_of_range_is_refused() -> None:
 
 def test_a_program_without_a_task_is_named() -> None:
     with pytest.raises(SimulationError, match="Task"):
-        task_class(ModuleType("empty"))
+        find_task_class(ModuleType("empty"))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from grs_agents.config import Limits
-from grs_agents.library import Library, write_background
+from grs_agents.library import Library, write_background_asset
 from grs_agents.sandbox import Sandbox
 from grs_agents.toolkit import ToolContext
 
@@ -46,7 +46,7 @@ def wall(tmp_path: Path) -> tuple[tuple[str, ...], str]:
     """Asset folders, and a background: a wall that fills the table beyond x = 0.55 m and 0.3 m to the left."""
     corners = np.array([[0.55, -1.0, 0.0], [0.55, 0.3, 0.0], [0.55, 0.3, 0.4], [0.55, -1.0, 0.4]])
     boxes = np.array([[[0.55, -1.0, 0.0], [1.2, 1.0, 0.4]], [[0.0, 0.3, 0.0], [1.2, 1.0, 0.4]]])
-    name = write_background(tmp_path, corners, np.array([[0, 1, 2], [0, 2, 3]]), boxes, (0.5, 0.5, 0.5))
+    name = write_background_asset(tmp_path, corners, np.array([[0, 1, 2], [0, 2, 3]]), boxes, (0.5, 0.5, 0.5))
     return (*(str(root) for root in Library().roots), str(tmp_path)), name
 
 

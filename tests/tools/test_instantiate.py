@@ -70,12 +70,12 @@ def test_each_seed_fails_for_its_own_reason(context: ToolContext, simulation: st
 
 WITHOUT_TASK = """
 import json
-from grs_agents.sandbox import progress
+from grs_agents.sandbox import report_progress
 INSTANCE = {instance!r}
 for seed in ("0", "1", "2"):
-    progress({{"item": seed, "phase": "start"}})
+    report_progress({{"item": seed, "phase": "start"}})
     text = json.dumps({{**INSTANCE, "seed": int(seed)}})
-    progress({{"item": seed, "phase": "end", "instance": text}})
+    report_progress({{"item": seed, "phase": "end", "instance": text}})
 """
 
 
@@ -144,7 +144,7 @@ def test_a_limit_that_was_reached_fails_the_seed_though_the_program_caught_it(
 
 @pytest.mark.parametrize(("objects", "count"), [(2, 1), (1, 0)])
 def test_the_host_counts_the_objects(objects: int, count: int, context: ToolContext, simulation: str) -> None:
-    cheat = "\nfrom grs_agents.sim.world import budget as allowance\nallowance.check_objects = print\n"
+    cheat = "\nfrom grs_agents.sim.world import budget as allowance\nallowance.check_object_count = print\n"
     result = draw(context, simulation + cheat, (0,), objects=objects)
     assert len(result.instances) == count
     assert [failure.outcome for failure in result.failures] == ["invalid"] * (1 - count)

@@ -10,7 +10,7 @@ from evals.benchmark.ground_truth import read_labelled
 from grs_agents.config import Limits
 from grs_agents.errors import ConfigError
 from grs_agents.library import Library
-from grs_agents.perception import MatchEvidence, Shown, candidates_of, find_table
+from grs_agents.perception import MatchEvidence, Shown, find_table, measure_candidates
 from grs_agents.perception.matching import MatchRequest, MatchResult, Segment
 from grs_agents.sandbox import Sandbox
 from grs_agents.toolkit import ToolContext, load_tool
@@ -30,7 +30,7 @@ class Asked:
 def run(name: str, scene_folder: Path, asked: Asked, count: int = 2) -> tuple[MatchResult, list[Segment]]:
     scene = read_labelled(scene_folder)
     table = find_table(scene.frame, np.random.default_rng(0))
-    found = candidates_of(scene.frame, table, scene.labels)[:count]
+    found = measure_candidates(scene.frame, table, scene.labels)[:count]
     segments = [Segment(one.id, one.mask, one.upright, Path("crop.png"), one.points) for one in found]
     tool = load_tool(name)
     with Sandbox() as sandbox:

@@ -46,7 +46,7 @@ def library() -> Library:
 
 def write_scene(folder: Path) -> SceneStage:
     """Link the sample scene into ``folder``; the stage with its camera, masks and two boxes."""
-    source = content.path("assets", "scenes") / "groceries"
+    source = content.content_path("assets", "scenes") / "groceries"
     for name in ("rgb.png", "depth.png", "labels.png"):
         (folder / name).write_bytes((source / name).read_bytes())
     stands = {"asset": "HOPE/Milk.urdf", "position": [0.435, 0.135, 0.095], "orientation": list(UNIT)}

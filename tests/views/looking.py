@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from rerun.experimental import ViewerClient
 
-from grs_agents.views.rerun import rerun_program, viewer_environment
+from grs_agents.views.rerun import find_rerun_program, viewer_environment
 
 PATIENCE = 90.0
 Image = npt.NDArray[np.uint8]
@@ -37,7 +37,7 @@ def headless(recording: Path) -> Generator[ViewerClient]:
 def viewer(*recordings: Path) -> Generator[str]:
     """The address of a viewer of 1600 x 900 that opens ``recordings`` and waits for more."""
     port = free_port()
-    command = [str(rerun_program()), "--headless", "--bind", "127.0.0.1", "--port", str(port)]
+    command = [str(find_rerun_program()), "--headless", "--bind", "127.0.0.1", "--port", str(port)]
     command += [*map(str, recordings), "--window-size", "1600x900"]
     process = subprocess.Popen(command, env={**os.environ, **viewer_environment()}, stderr=subprocess.DEVNULL)
     try:

@@ -14,9 +14,9 @@ import pytest
 from grs_agents.library import Library
 from grs_agents.trace import Decision, EventLog, Finding, Note, TaskDefined, read_events
 from grs_agents.trace import TestsRun as Tested
-from grs_agents.views import Sources, report
+from grs_agents.views import Sources, render_html_report
 from grs_agents.views import html_report as page
-from grs_agents.views.film import film
+from grs_agents.views.film import rollout_film
 from tests.views.conftest import Script
 
 HOSTILE = '<script>alert(1)</script><img src=x onerror=alert(2)>"\'--></style></pre><a href="javascript:x">\x1b[2J\x00'
@@ -69,9 +69,9 @@ def made(tmp_path_factory: pytest.TempPathFactory, library: Library) -> str:
         Finding(check=HOSTILE, passed=False, detail=HOSTILE),
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(film, "_backends", lambda: ("rays",))
+        patch.setattr(rollout_film, "_rendering_backends", lambda: ("rays",))
         patch.setattr(page, "FRAMES", 2)
-        return report(RECORD, read_events(run.log.path), Sources(run.folder, library))
+        return render_html_report(RECORD, read_events(run.log.path), Sources(run.folder, library))
 
 
 def test_the_page_holds_photo_task_pictures_decisions_diffs_and_tests(made: str) -> None:
@@ -90,7 +90,7 @@ def test_the_page_holds_photo_task_pictures_decisions_diffs_and_tests(made: str)
 
 def test_what_failed_has_the_colour_of_failure_and_what_passed_has_not(made: str) -> None:
     rows = dict(re.findall(r'<tr class="bad"><td>([^<]*)</td><td>([^<]*)</td>', made))
-    assert rows[page.text(HOSTILE)] == "failed"
+    assert rows[page.escape_html(HOSTILE)] == "failed"
     assert "reward" not in rows and "<tr><td>reward</td><td>passed</td>" in made
     assert '<tr class="bad"><td class="n">4</td><td class="n">0</td><td>run_tests</td><td>found faults</td>' in made
     assert '<summary class="bad">step 4: 1 passed, 1 failed</summary>' in made
@@ -100,14 +100,14 @@ def test_what_failed_has_the_colour_of_failure_and_what_passed_has_not(made: str
 def test_the_simulated_view_holds_the_task_in_its_colours(
     script: Callable[[], Any], library: Library, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(film, "_backends", lambda: ("rays",))
+    monkeypatch.setattr(rollout_film, "_rendering_backends", lambda: ("rays",))
     monkeypatch.setattr(page, "FRAMES", 2)
     run = script()
     run.before_fix()
     sources = Sources(run.folder, library)
-    found = report(RECORD, read_events(run.log.path), sources)
+    found = render_html_report(RECORD, read_events(run.log.path), sources)
     run.after_fix()
-    text = report(RECORD, read_events(run.log.path), sources)
+    text = render_html_report(RECORD, read_events(run.log.path), sources)
     assert "The same view of what was found" in found
     pictures = re.findall(r'base64,([^"]+)"[^>]*><figcaption>The same view of the task, seed 0', text)
     assert len(pictures) == 1
@@ -132,19 +132,19 @@ def test_nothing_hostile_gets_through_and_nothing_is_fetched(made: str) -> None:
 def test_what_cannot_be_drawn_is_said_and_the_page_stays_whole(
     script: Callable[[], Any], library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(film, "_backends", lambda: ("rays",))
+    monkeypatch.setattr(rollout_film, "_rendering_backends", lambda: ("rays",))
     run = script()
     run.before_fix()
     run.after_fix()
     (tmp_path / "instances" / "seed_0.json").write_text("{}")
     (tmp_path / "instances" / "seed_1.npz").unlink()
     (tmp_path / "rgb.png").unlink()
-    text = report(RECORD, read_events(run.log.path), Sources(run.folder, library))
+    text = render_html_report(RECORD, read_events(run.log.path), Sources(run.folder, library))
     parsed(text)
     assert "There is no picture of it" in text and "Seed 1: success" in text
 
 
 def test_a_run_that_only_began_has_a_page(library: Library, tmp_path: Path) -> None:
-    text = report({"id": "x", "status": "running"}, [], Sources(tmp_path, library))
+    text = render_html_report({"id": "x", "status": "running"}, [], Sources(tmp_path, library))
     parsed(text)
     assert "running" in text

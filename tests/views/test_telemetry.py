@@ -11,7 +11,7 @@ from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanE
 
 from grs_agents.errors import ConfigError
 from grs_agents.trace import NodeEnded, NodeStarted, read_events
-from grs_agents.views import SpanView, otlp_provider, telemetry
+from grs_agents.views import SpanView, make_otlp_provider, telemetry
 
 Spans = list[dict[str, Any]]
 
@@ -83,4 +83,4 @@ def test_without_the_extra_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(telemetry.importlib, "import_module", missing)
     with pytest.raises(ConfigError, match=r'pip install "grs-agents\[otel\]"'):
-        otlp_provider()
+        make_otlp_provider()

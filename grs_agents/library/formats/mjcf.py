@@ -23,7 +23,7 @@ from grs_agents.library.shapes import (
     Rgba,
     Shape,
     ShapeKind,
-    composed,
+    compose_placements,
     shape_volume,
 )
 
@@ -40,61 +40,65 @@ class Frames:
         self.unit = 1.0 if compiler.get("angle", "degree") == "radian" else math.pi / 180
         self.sequence = compiler.get("eulerseq", "xyz")
         if compiler.get("coordinate", "local") != "local":
-            raise source.fault("global coordinates", "give every position in its parent's frame")
+            raise source.make_error("global coordinates", "give every position in its parent's frame")
         if len(self.sequence) != 3 or any(letter not in "xyzXYZ" for letter in self.sequence):
-            raise source.fault(f"eulerseq {self.sequence!r}", "give three of the letters x y z X Y Z")
+            raise source.make_error(f"eulerseq {self.sequence!r}", "give three of the letters x y z X Y Z")
 
-    def placement(self, said: Mapping[str, str]) -> Placement:
+    def read_placement(self, said: Mapping[str, str]) -> Placement:
         """Position and rotation of a body or geom with these attributes."""
-        x, y, z = self.source.numbers(said.get("pos", "0 0 0"), "pos", 3)
-        return (x, y, z), self._rotation(said)
+        x, y, z = self.source.parse_n_numbers(said.get("pos", "0 0 0"), "pos", 3)
+        return (x, y, z), self._read_rotation(said)
 
-    def between(self, text: str) -> tuple[float, Placement]:
+    def parse_fromto(self, text: str) -> tuple[float, Placement]:
         """Length of a ``fromto`` and the placement whose z axis runs along it from its middle."""
-        start, end = np.array(self.source.numbers(text, "fromto", 6)).reshape(2, 3)
+        start, end = np.array(self.source.parse_n_numbers(text, "fromto", 6)).reshape(2, 3)
         length = float(np.linalg.norm(end - start))
         if length < 1e-6:
-            raise self.source.fault(f"fromto {text[:80]!r} has no length", "give two different points")
+            raise self.source.make_error(f"fromto {text[:80]!r} has no length", "give two different points")
         x, y, z = (float(value) for value in (start + end) / 2)
-        return length, ((x, y, z), _along((end - start) / length))
+        return length, ((x, y, z), _quaternion_from_z_axis((end - start) / length))
 
-    def _rotation(self, said: Mapping[str, str]) -> Quat:
+    def _read_rotation(self, said: Mapping[str, str]) -> Quat:
         if "xyaxes" in said:
-            raise self.source.fault("xyaxes is not read", "write the rotation as quat or euler")
+            raise self.source.make_error("xyaxes is not read", "write the rotation as quat or euler")
         if "quat" in said:
-            w, x, y, z = self._unit(self.source.numbers(said["quat"], "quat", 4), "quat")
+            w, x, y, z = self._normalize_vector(self.source.parse_n_numbers(said["quat"], "quat", 4), "quat")
             return (x, y, z, w)
         if "axisangle" in said:
-            *axis, angle = self.source.numbers(said["axisangle"], "axisangle", 4, _MAX_ANGLE)
-            return _turn(np.array(self._unit(tuple(axis), "axisangle")), angle * self.unit)
+            *axis, angle = self.source.parse_n_numbers(said["axisangle"], "axisangle", 4, _MAX_ANGLE)
+            return _quaternion_from_axis_angle(
+                np.array(self._normalize_vector(tuple(axis), "axisangle")), angle * self.unit
+            )
         if "zaxis" in said:
-            return _along(np.array(self._unit(self.source.numbers(said["zaxis"], "zaxis", 3), "zaxis")))
+            return _quaternion_from_z_axis(
+                np.array(self._normalize_vector(self.source.parse_n_numbers(said["zaxis"], "zaxis", 3), "zaxis"))
+            )
         if "euler" in said:
-            return self._euler(self.source.numbers(said["euler"], "euler", 3, _MAX_ANGLE))
+            return self._quaternion_from_euler(self.source.parse_n_numbers(said["euler"], "euler", 3, _MAX_ANGLE))
         return IDENTITY_PLACEMENT[1]
 
-    def _euler(self, angles: tuple[float, ...]) -> Quat:
+    def _quaternion_from_euler(self, angles: tuple[float, ...]) -> Quat:
         """Lower-case letters turn about the moving axes, capitals about the fixed ones."""
         total = IDENTITY_PLACEMENT
         for letter, angle in zip(self.sequence, angles, strict=True):
             axis = np.eye(3)["xyz".index(letter.lower())]
-            turn: Placement = (_ORIGIN, _turn(axis, angle * self.unit))
-            total = composed(total, turn) if letter.islower() else composed(turn, total)
+            turn: Placement = (_ORIGIN, _quaternion_from_axis_angle(axis, angle * self.unit))
+            total = compose_placements(total, turn) if letter.islower() else compose_placements(turn, total)
         return total[1]
 
-    def _unit(self, numbers: tuple[float, ...], name: str) -> tuple[float, ...]:
+    def _normalize_vector(self, numbers: tuple[float, ...], name: str) -> tuple[float, ...]:
         length = math.sqrt(sum(number * number for number in numbers))
         if length < 1e-9:
-            raise self.source.fault(f"{name} {numbers} has no direction", "give a vector that is not zero")
+            raise self.source.make_error(f"{name} {numbers} has no direction", "give a vector that is not zero")
         return tuple(number / length for number in numbers)
 
 
-def _turn(axis: np.ndarray[tuple[int], np.dtype[np.float64]], angle: float) -> Quat:
+def _quaternion_from_axis_angle(axis: np.ndarray[tuple[int], np.dtype[np.float64]], angle: float) -> Quat:
     x, y, z = (float(value) * math.sin(angle / 2) for value in axis)
     return (x, y, z, math.cos(angle / 2))
 
 
-def _along(direction: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Quat:
+def _quaternion_from_z_axis(direction: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Quat:
     """The smallest rotation that takes z to ``direction`` (unit)."""
     x, y, z = (float(value) for value in direction)
     if z < -1 + 1e-12:
@@ -109,18 +113,18 @@ class Defaults:
     def __init__(self, top: Element) -> None:
         self._classes: dict[tuple[str, str], dict[str, str]] = {}
         for default in top.findall("default"):
-            self._read(default, {})
+            self._collect_class_defaults(default, {})
 
-    def _read(self, default: Element, inherited: dict[str, dict[str, str]]) -> None:
+    def _collect_class_defaults(self, default: Element, inherited: dict[str, dict[str, str]]) -> None:
         own = {tag: dict(inherited.get(tag, {})) for tag in ("geom", "mesh")}
         for tag, said in own.items():
             for element in default.findall(tag):
                 said.update(element.attrib)
             self._classes[default.get("class", "main"), tag] = said
         for inner in default.findall("default"):
-            self._read(inner, own)
+            self._collect_class_defaults(inner, own)
 
-    def of(self, element: Element, inherited: str) -> dict[str, str]:
+    def attributes_with_defaults(self, element: Element, inherited: str) -> dict[str, str]:
         """An element's attributes over those of its class, else of the class ``inherited``, else of ``main``."""
         name = element.get("class", inherited) or "main"
         return {**self._classes.get((name, element.tag), {}), **element.attrib}
@@ -144,7 +148,7 @@ def read_mjcf(path: Path, root: Path) -> ObjectModel:
     Raises:
         InputError: it is not MJCF of one rigid object with files below ``root``; names the fault.
     """
-    return _Reader(ModelFile(read_text(path), str(path), root, path.parent)).model()
+    return _Reader(ModelFile(read_text(path), str(path), root, path.parent)).build_object_model()
 
 
 class _Reader:
@@ -153,66 +157,72 @@ class _Reader:
     def __init__(self, source: ModelFile) -> None:
         self.source = source
         if source.top.tag != "mujoco":
-            raise source.fault(f"<{source.top.tag}> is not MJCF", "give a <mujoco> file")
+            raise source.make_error(f"<{source.top.tag}> is not MJCF", "give a <mujoco> file")
         for element in source.top.iter():
             if element.tag in _REFUSED:
-                raise source.fault(f"<{element.tag}> is refused", "write out what it stands for")
+                raise source.make_error(f"<{element.tag}> is refused", "write out what it stands for")
         self.defaults = Defaults(source.top)
         compiler = {name: text for element in source.top.findall("compiler") for name, text in element.attrib.items()}
         self.frames = Frames(source, compiler)
         self.folder = compiler.get("meshdir", compiler.get("assetdir", ""))
         self.material_colors: dict[str, Rgba] = {
-            material.get("name", ""): source.rgba(material.attrib["rgba"])
+            material.get("name", ""): source.parse_rgba(material.attrib["rgba"])
             for material in source.top.findall("asset/material[@rgba]")
         }
         self.meshes = {
             mesh.get("name") or Path(mesh.get("file", "")).stem: mesh for mesh in source.top.findall("asset/mesh")
         }
 
-    def model(self) -> ObjectModel:
+    def build_object_model(self) -> ObjectModel:
         """The object."""
         bodies, loose = self.source.top.findall("worldbody/body"), self.source.top.findall("worldbody/geom")
         if len(bodies) != 1 or loose:
             found = f"{len(bodies)} bodies and {len(loose)} loose geoms in <worldbody>"
-            raise self.source.fault(found, "give exactly one <body> that holds every geom")
+            raise self.source.make_error(found, "give exactly one <body> that holds every geom")
         weights: list[float] = []
-        geoms = list(self._body(bodies[0], IDENTITY_PLACEMENT, "", weights, True))
+        geoms = list(self._read_body_geoms(bodies[0], IDENTITY_PLACEMENT, "", weights, True))
         frictions = [geom.friction for geom in geoms if geom.collides]
         colliders = [geom.shape for geom in geoms if geom.collides]
         visuals = [geom.shape for geom in geoms if not geom.collides]
-        mass = sum(weights) if weights else sum(map(self._mass, geoms))
-        return self.source.model(visuals or colliders, colliders, mass, [*frictions, _FRICTION][0])
+        mass = sum(weights) if weights else sum(map(self._require_geom_mass, geoms))
+        return self.source.build_object_model(visuals or colliders, colliders, mass, [*frictions, _FRICTION][0])
 
-    def _body(
+    def _read_body_geoms(
         self, body: Element, place: Placement, inherited: str, weights: list[float], top: bool
     ) -> Iterator[_Geom]:
         name, kind = body.get("name", ""), body.get("childclass", inherited)
         for joint in body.findall("joint"):
             if not (top and joint.get("type") == "free"):
                 named = f"joint {joint.get('name', '')!r} of body {name!r} is a {joint.get('type', 'hinge')}"
-                raise self.source.fault(named, "remove it: an object is one rigid thing")
+                raise self.source.make_error(named, "remove it: an object is one rigid thing")
         if body.findall("freejoint") and not top:
-            raise self.source.fault(f"body {name!r} is free inside another one", "keep one object in one file")
+            raise self.source.make_error(f"body {name!r} is free inside another one", "keep one object in one file")
         for inertial in body.findall("inertial"):
-            weights.append(self._nonnegative(inertial.get("mass", ""), "<inertial> mass"))
+            weights.append(self._parse_nonnegative_number(inertial.get("mass", ""), "<inertial> mass"))
         for geom in body.findall("geom"):
-            yield self._geom(self.defaults.of(geom, kind), place)
+            yield self._read_geom(self.defaults.attributes_with_defaults(geom, kind), place)
         for child in body.findall("body"):
-            yield from self._body(child, composed(place, self.frames.placement(child.attrib)), kind, weights, False)
+            yield from self._read_body_geoms(
+                child, compose_placements(place, self.frames.read_placement(child.attrib)), kind, weights, False
+            )
 
-    def _geom(self, said: dict[str, str], place: Placement) -> _Geom:
+    def _read_geom(self, said: dict[str, str], place: Placement) -> _Geom:
         name, kind = said.get("name", ""), said.get("type", "sphere")
-        mesh, size, local = None, (), self.frames.placement(said)
+        mesh, size, local = None, (), self.frames.read_placement(said)
         if kind == "mesh":
-            mesh, size = self._mesh(said.get("mesh", ""))
+            mesh, size = self._mesh_file_and_scale(said.get("mesh", ""))
         elif kind in ("box", "sphere", "cylinder", "capsule"):
-            size, local = self._extents(kind, said, local)
+            size, local = self._read_primitive_size(kind, said, local)
         else:
-            raise self.source.fault(f"geom {name!r} is a {kind}", "use box, sphere, cylinder, capsule or mesh")
+            raise self.source.make_error(f"geom {name!r} is a {kind}", "use box, sphere, cylinder, capsule or mesh")
         kinds: dict[str, ShapeKind] = {"box": "box", "sphere": "sphere", "mesh": "mesh"}
-        position, quaternion = composed(place, local)
-        friction = self.source.some_numbers(said.get("friction", f"{_FRICTION}"), "friction")
-        color = self.source.rgba(said["rgba"]) if "rgba" in said else self.material_colors.get(said.get("material", ""))
+        position, quaternion = compose_placements(place, local)
+        friction = self.source.parse_numbers(said.get("friction", f"{_FRICTION}"), "friction")
+        color = (
+            self.source.parse_rgba(said["rgba"])
+            if "rgba" in said
+            else self.material_colors.get(said.get("material", ""))
+        )
         shape = Shape(
             kind=kinds.get(kind, "cylinder"),
             size=size,
@@ -221,19 +231,25 @@ class _Reader:
             color=color,
             mesh=mesh,
         )
-        collides = any(self._nonnegative(said.get(bit, "1"), bit) for bit in ("contype", "conaffinity"))
-        mass = self._nonnegative(said["mass"], "mass") if "mass" in said else self._weight(shape, said)
+        collides = any(self._parse_nonnegative_number(said.get(bit, "1"), bit) for bit in ("contype", "conaffinity"))
+        mass = (
+            self._parse_nonnegative_number(said["mass"], "mass")
+            if "mass" in said
+            else self._mass_from_density(shape, said)
+        )
         return _Geom(shape, collides, mass, friction[0] if friction else _FRICTION)
 
-    def _extents(self, kind: str, said: dict[str, str], local: Placement) -> tuple[tuple[float, ...], Placement]:
+    def _read_primitive_size(
+        self, kind: str, said: dict[str, str], local: Placement
+    ) -> tuple[tuple[float, ...], Placement]:
         """The size of a primitive as `Shape` gives it (MJCF's sizes are halves), and its placement."""
-        words = self.source.some_numbers(said.get("size", ""), f"<geom> size of a {kind}")
+        words = self.source.parse_numbers(said.get("size", ""), f"<geom> size of a {kind}")
         length: float | None = None
         if "fromto" in said and kind != "sphere":
-            length, local = self.frames.between(said["fromto"])
+            length, local = self.frames.parse_fromto(said["fromto"])
         needed = {"box": 3, "sphere": 1}.get(kind, 2 if length is None else 1)
         if len(words) < needed or (kind == "box" and length is not None):
-            raise self.source.fault(
+            raise self.source.make_error(
                 f"<geom> size {words} of a {kind}", f"give {needed} numbers, and no fromto for a box"
             )
         if kind == "box":
@@ -243,39 +259,41 @@ class _Reader:
         else:
             length = 2 * words[1] if length is None else length
             size = (words[0], length + (2 * words[0] if kind == "capsule" else 0.0))
-        return self.source.positive(size, f"<geom> size of a {kind}"), local
+        return self.source.require_positive(size, f"<geom> size of a {kind}"), local
 
-    def _mesh(self, name: str) -> tuple[str, tuple[float, ...]]:
+    def _mesh_file_and_scale(self, name: str) -> tuple[str, tuple[float, ...]]:
         if name not in self.meshes:
-            raise self.source.fault(f"mesh {name!r} is not among the assets", "name a <mesh> of <asset>")
-        said = self.defaults.of(self.meshes[name], "")
+            raise self.source.make_error(f"mesh {name!r} is not among the assets", "name a <mesh> of <asset>")
+        said = self.defaults.attributes_with_defaults(self.meshes[name], "")
         for refused in ("vertex", "refpos", "refquat", "builtin"):
             if refused in said:
-                raise self.source.fault(f"mesh {name!r} has {refused}", "give it as a file in its own frame")
-        scale = self.source.numbers(said.get("scale", "1 1 1"), "<mesh> scale", 3)
-        return self.source.file(said.get("file", ""), self.folder), self.source.positive(scale, "<mesh> scale")
+                raise self.source.make_error(f"mesh {name!r} has {refused}", "give it as a file in its own frame")
+        scale = self.source.parse_n_numbers(said.get("scale", "1 1 1"), "<mesh> scale", 3)
+        return self.source.resolve_library_file(said.get("file", ""), self.folder), self.source.require_positive(
+            scale, "<mesh> scale"
+        )
 
-    def _weight(self, shape: Shape, said: dict[str, str]) -> float | None:
+    def _mass_from_density(self, shape: Shape, said: dict[str, str]) -> float | None:
         """Mass by density, kg; None for a mesh, whose volume we do not measure."""
-        density = self._nonnegative(said.get("density", f"{_DENSITY}"), "density", 1e5)
+        density = self._parse_nonnegative_number(said.get("density", f"{_DENSITY}"), "density", 1e5)
         if density == 0:
             return 0.0
         return None if shape.kind == "mesh" else density * shape_volume(shape)
 
-    def _mass(self, geom: _Geom) -> float:
+    def _require_geom_mass(self, geom: _Geom) -> float:
         if geom.mass is not None:
             return geom.mass
         if not geom.collides:
             return 0.0
-        raise self.source.fault(
+        raise self.source.make_error(
             f"mesh geom {geom.shape.mesh!r} has no mass", "give the geom a mass or the body an <inertial>"
         )
 
-    def _nonnegative(self, text: str, name: str, most: float = 1e3) -> float:
+    def _parse_nonnegative_number(self, text: str, name: str, most: float = 1e3) -> float:
         try:
             number = float(text)
         except ValueError:
             number = math.nan
         if not 0 <= number <= most:
-            raise self.source.fault(f"{name} is {text[:40]!r}", f"give a number from 0 to {most:g}")
+            raise self.source.make_error(f"{name} is {text[:40]!r}", f"give a number from 0 to {most:g}")
         return number

@@ -16,7 +16,7 @@ from grs_agents import foreign
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
 from grs_agents.library.mesh_files import read_vertices
-from grs_agents.library.shapes import ObjectModel, Rgba, Shape, joint_bounds, shape_bounds
+from grs_agents.library.shapes import ObjectModel, Rgba, Shape, merge_bounds, shape_bounds
 
 MAX_BYTES, MAX_DEPTH = 1_000_000, 32
 
@@ -29,18 +29,18 @@ def read_text(path: Path) -> str:
     return foreign.read_text(path, "give a small file in UTF-8", MAX_BYTES)
 
 
-def parse(text: str, fault: Fault) -> ElementTree.Element:
+def parse_xml_safely(text: str, fault: Fault) -> ElementTree.Element:
     """The root element of ``text``, which must be XML that we trust."""
     if len(text) > MAX_BYTES:
         raise fault(f"longer than {MAX_BYTES} characters", "split or simplify the file")
-    check_xml(text, fault, MAX_DEPTH, refused_tag="include")
+    check_xml_safety(text, fault, MAX_DEPTH, refused_tag="include")
     try:
         return ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
         raise fault(f"not XML: {error}", "correct the file") from error
 
 
-def check_xml(text: str | bytes, fault: Fault, max_depth: int = 64, refused_tag: str | None = None) -> None:
+def check_xml_safety(text: str | bytes, fault: Fault, max_depth: int = 64, refused_tag: str | None = None) -> None:
     """Check XML of any length before a reader sees it: no document types, no entities, not too deep."""
     parser, depth = expat.ParserCreate(), 0
 
@@ -75,85 +75,83 @@ class ModelFile:
 
     def __init__(self, text: str, where: str, root: Path, folder: Path) -> None:
         self.where, self.root, self.folder = where, root.resolve(), folder
-        self.top = parse(text, self.fault)
+        self.top = parse_xml_safely(text, self.make_error)
 
-    def fault(self, message: str, remedy: str = "correct the file") -> InputError:
+    def make_error(self, message: str, remedy: str = "correct the file") -> InputError:
         """The error for something wrong in this file."""
         return InputError(f"{self.where}: {message}", remedy)
 
-    def file(self, name: str, folder: str = "") -> str:
+    def resolve_library_file(self, name: str, folder: str = "") -> str:
         """The library-relative name of a file, which must exist inside the library."""
-        if any(not _is_local(part) for part in (name, folder or ".")):
-            raise self.fault(f"file name {name!r}", "name a file relative to the folder this one lies in")
+        if any(not _is_relative_file_name(part) for part in (name, folder or ".")):
+            raise self.make_error(f"file name {name!r}", "name a file relative to the folder this one lies in")
         path = (self.folder / folder / name).resolve()
         if not path.is_relative_to(self.root):
-            raise self.fault(f"file name {name!r} leaves the library {self.root}", "keep files inside the library")
+            raise self.make_error(f"file name {name!r} leaves the library {self.root}", "keep files inside the library")
         if not path.is_file():
-            raise self.fault(f"file {name!r} does not exist", f"put it at {path}")
+            raise self.make_error(f"file {name!r} does not exist", f"put it at {path}")
         return path.relative_to(self.root).as_posix()
 
-    def numbers(self, text: str, name: str, count: int, most: float = MAX_METRES) -> tuple[float, ...]:
+    def parse_n_numbers(self, text: str, name: str, count: int, most: float = MAX_METRES) -> tuple[float, ...]:
         """``count`` finite numbers, none beyond ``most``."""
-        numbers = self.some_numbers(text, name, most)
+        numbers = self.parse_numbers(text, name, most)
         if len(numbers) != count:
-            raise self.fault(f"{name} has {len(numbers)} numbers", f"give {count}")
+            raise self.make_error(f"{name} has {len(numbers)} numbers", f"give {count}")
         return numbers
 
-    def some_numbers(self, text: str, name: str, most: float = MAX_METRES) -> tuple[float, ...]:
+    def parse_numbers(self, text: str, name: str, most: float = MAX_METRES) -> tuple[float, ...]:
         """However many finite numbers there are; errors as `numbers`."""
         try:
             numbers = tuple(float(word) for word in text.split())
         except ValueError:
             remedy = "give numbers; a template's placeholders must be filled first"
-            raise self.fault(f"{name} is {text[:80]!r}", remedy) from None
+            raise self.make_error(f"{name} is {text[:80]!r}", remedy) from None
         if not all(abs(number) <= most for number in numbers):
-            raise self.fault(f"{name} {text[:80]!r} is not finite or beyond {most:g}")
+            raise self.make_error(f"{name} {text[:80]!r} is not finite or beyond {most:g}")
         return numbers
 
-    def rgba(self, text: str) -> Rgba:
+    def parse_rgba(self, text: str) -> Rgba:
         """Red, green, blue, alpha; errors as `numbers`."""
-        red, green, blue, alpha = self.numbers(text, "rgba", 4)
+        red, green, blue, alpha = self.parse_n_numbers(text, "rgba", 4)
         return (red, green, blue, alpha)
 
-    def vector(self, element: Element | None, name: str) -> Vec3:
+    def read_vector_attribute(self, element: Element | None, name: str) -> Vec3:
         """Three numbers of an attribute; zeros where it is missing."""
         if element is None or name not in element.attrib:
             return (0.0, 0.0, 0.0)
-        x, y, z = self.numbers(element.attrib[name], name, 3)
+        x, y, z = self.parse_n_numbers(element.attrib[name], name, 3)
         return (x, y, z)
 
-    def positive(self, numbers: tuple[float, ...], name: str) -> tuple[float, ...]:
+    def require_positive(self, numbers: tuple[float, ...], name: str) -> tuple[float, ...]:
         """The numbers, which must be above 0."""
         if min(numbers) <= 0:
-            raise self.fault(f"{name} {numbers} is not positive", "give sizes in metres above 0")
+            raise self.make_error(f"{name} {numbers} is not positive", "give sizes in metres above 0")
         return numbers
 
-    def model(self, visuals: Sequence[Shape], colliders: Sequence[Shape], mass: float, friction: float) -> ObjectModel:
+    def build_object_model(
+        self, visuals: Sequence[Shape], colliders: Sequence[Shape], mass: float, friction: float
+    ) -> ObjectModel:
         """The object of these shapes; a mesh among ``colliders`` becomes the convex parts beside its file."""
-        colliders = [part for shape in colliders for part in self._convex_parts(shape)]
+        colliders = [part for shape in colliders for part in self._find_convex_parts(shape)]
         if not visuals and not colliders:
-            raise self.fault("neither visual nor collision", "add at least one shape")
+            raise self.make_error("neither visual nor collision", "add at least one shape")
         if max(len(visuals), len(colliders)) > MAX_SHAPES:
-            raise self.fault(f"{max(len(visuals), len(colliders))} shapes, at most {MAX_SHAPES} are allowed")
-        bounds = joint_bounds(shape_bounds(shape, self._vertices(shape)) for shape in colliders or visuals)
+            raise self.make_error(f"{max(len(visuals), len(colliders))} shapes, at most {MAX_SHAPES} are allowed")
+        bounds = merge_bounds(shape_bounds(shape, self._read_mesh_vertices(shape)) for shape in colliders or visuals)
         return ObjectModel(
-            visuals=tuple(visuals or colliders),
-            colliders=tuple(colliders),
-            mass=mass,
-            friction=friction,
-            bounds=bounds,
+            visuals=tuple(visuals or colliders), colliders=tuple(colliders), mass=mass, friction=friction, bounds=bounds
         )
 
-    def _convex_parts(self, shape: Shape) -> list[Shape]:
+    def _find_convex_parts(self, shape: Shape) -> list[Shape]:
         """The shapes of ``NAME.part0.obj``, ``NAME.part1.obj``, ... beside the mesh ``NAME.obj``, else the shape."""
         stem, parts = (shape.mesh or "").removesuffix(".obj"), list[Shape]()
         while stem and len(parts) < MAX_PARTS and (self.root / f"{stem}.part{len(parts)}.obj").is_file():
             parts.append(shape.model_copy(update={"mesh": f"{stem}.part{len(parts)}.obj"}))
         return parts or [shape]
 
-    def _vertices(self, shape: Shape) -> npt.NDArray[np.float64] | None:
+    def _read_mesh_vertices(self, shape: Shape) -> npt.NDArray[np.float64] | None:
         return None if shape.mesh is None else read_vertices(self.root / shape.mesh)
 
 
-def _is_local(name: str) -> bool:
+def _is_relative_file_name(name: str) -> bool:
     return bool(name) and not any(letter in name for letter in ":\\\0") and not name.startswith("/")

@@ -19,14 +19,14 @@ from grs_agents.library.shapes import (
     Placement,
     Rgba,
     Shape,
-    composed,
-    moved_shape,
+    compose_placements,
     quaternion_from_rpy,
     rpy_from_quaternion,
+    transform_shape,
 )
 
 
-def urdf_text(
+def format_urdf_text(
     name: str,
     visuals: Sequence[Shape],
     colliders: Sequence[Shape],
@@ -51,38 +51,38 @@ def urdf_text(
         lines += ["    <inertial>", '      <origin xyz="0 0 0" rpy="0 0 0"/>', f'      <mass value="{mass:.6g}"/>']
         lines += [f'      <inertia ixx="{xx}" ixy="0" ixz="0" iyy="{yy}" iyz="0" izz="{zz}"/>', "    </inertial>"]
     for index, shape in enumerate(visuals):
-        lines += _element("visual", shape, folder, index)
+        lines += _format_shape_element("visual", shape, folder, index)
     for index, shape in enumerate(colliders):
-        lines += _element("collision", shape, folder, index)
+        lines += _format_shape_element("collision", shape, folder, index)
     return "\n".join([*lines, "  </link>", "</robot>", ""])
 
 
-def _element(tag: str, shape: Shape, folder: str, index: int) -> list[str]:
+def _format_shape_element(tag: str, shape: Shape, folder: str, index: int) -> list[str]:
     rpy = rpy_from_quaternion(shape.quaternion)
-    lines = [f"    <{tag}>", f'      <origin xyz="{words(shape.position)}" rpy="{words(rpy)}"/>']
-    lines += [f"      <geometry>{_geometry(shape, folder)}</geometry>"]
+    lines = [f"    <{tag}>", f'      <origin xyz="{format_numbers(shape.position)}" rpy="{format_numbers(rpy)}"/>']
+    lines += [f"      <geometry>{_format_geometry_xml(shape, folder)}</geometry>"]
     if tag == "visual" and (shape.color or shape.texture):
         lines += [f'      <material name="material_{index}">']
         if shape.color:
-            lines += [f'        <color rgba="{words(shape.color)}"/>']
+            lines += [f'        <color rgba="{format_numbers(shape.color)}"/>']
         if shape.texture:
             lines += [f"        <texture filename={quoteattr(posixpath.relpath(shape.texture, folder or '.'))}/>"]
         lines += ["      </material>"]
     return [*lines, f"    </{tag}>"]
 
 
-def _geometry(shape: Shape, folder: str) -> str:
+def _format_geometry_xml(shape: Shape, folder: str) -> str:
     if shape.kind == "box":
-        return f'<box size="{words(shape.size)}"/>'
+        return f'<box size="{format_numbers(shape.size)}"/>'
     if shape.kind == "cylinder":
         return f'<cylinder radius="{shape.size[0]:.6g}" length="{shape.size[1]:.6g}"/>'
     if shape.kind == "sphere":
         return f'<sphere radius="{shape.size[0]:.6g}"/>'
     file = posixpath.relpath(shape.mesh or "", folder or ".")
-    return f'<mesh filename={quoteattr(file)} scale="{words(shape.size)}"/>'
+    return f'<mesh filename={quoteattr(file)} scale="{format_numbers(shape.size)}"/>'
 
 
-def words(numbers: Sequence[float]) -> str:
+def format_numbers(numbers: Sequence[float]) -> str:
     """Numbers as URDF writes them: six significant digits, blanks between."""
     return " ".join(f"{0.0 if abs(number) < 1e-9 else number:.6g}" for number in numbers)
 
@@ -94,42 +94,48 @@ def link_placements(source: ModelFile) -> Iterator[tuple[Element, Placement]]:
     """Every link of the one tree of fixed joints, with its place in the root link's frame."""
     robot = source.top
     links = {link.get("name", ""): link for link in robot.findall("link")}
-    joints, count = _fixed_joints(source), len(robot.findall("link"))
-    parents = {_link(joint, "child"): joint for joint in joints}
+    joints, count = _require_fixed_joints(source), len(robot.findall("link"))
+    parents = {_link_name_of_joint(joint, "child"): joint for joint in joints}
     roots = [name for name in links if name not in parents]
     one_tree = len(links) == count and len(parents) == len(joints) == count - 1 and len(roots) == 1
     if robot.tag != "robot" or not 0 < count <= MAX_LINKS or not one_tree:
         found = f"<{robot.tag}> with {count} links and {len(joints)} fixed joints"
-        raise source.fault(found, f"give a <robot> of one tree of 1 to {MAX_LINKS} links, each named and joined once")
+        raise source.make_error(
+            found, f"give a <robot> of one tree of 1 to {MAX_LINKS} links, each named and joined once"
+        )
     for name, link in links.items():
-        yield link, _placement(source, name, links, parents)
+        yield link, _placement_in_root_link(source, name, links, parents)
 
 
-def _fixed_joints(source: ModelFile) -> list[Element]:
+def _require_fixed_joints(source: ModelFile) -> list[Element]:
     """The joints, all of them fixed."""
     joints = source.top.findall("joint")
     for joint in joints:
         if joint.get("type") != "fixed":
             name, kind = joint.get("name", ""), joint.get("type", "of no type")
-            raise source.fault(f"joint {name!r} is {kind}", "make it fixed: an object is one rigid thing")
+            raise source.make_error(f"joint {name!r} is {kind}", "make it fixed: an object is one rigid thing")
     return joints
 
 
-def _link(joint: Element, role: str) -> str:
+def _link_name_of_joint(joint: Element, role: str) -> str:
     element = joint.find(role)
     return "" if element is None else element.get("link", "")
 
 
-def _placement(source: ModelFile, name: str, links: dict[str, Element], parents: dict[str, Element]) -> Placement:
+def _placement_in_root_link(
+    source: ModelFile, name: str, links: dict[str, Element], parents: dict[str, Element]
+) -> Placement:
     placement, seen = IDENTITY_PLACEMENT, {name}
     while name in parents:
         joint = parents[name]
-        origin, name = joint.find("origin"), _link(joint, "parent")
+        origin, name = joint.find("origin"), _link_name_of_joint(joint, "parent")
         if name in seen or name not in links:
-            raise source.fault(f"joint {joint.get('name', '')!r} hangs on {name!r}", "join every link to another one")
+            raise source.make_error(
+                f"joint {joint.get('name', '')!r} hangs on {name!r}", "join every link to another one"
+            )
         seen.add(name)
-        rotation = quaternion_from_rpy(*source.vector(origin, "rpy"))
-        placement = composed((source.vector(origin, "xyz"), rotation), placement)
+        rotation = quaternion_from_rpy(*source.read_vector_attribute(origin, "rpy"))
+        placement = compose_placements((source.read_vector_attribute(origin, "xyz"), rotation), placement)
     return placement
 
 
@@ -150,90 +156,95 @@ def read_urdf(source: Path | str, root: Path, folder: str = "") -> ObjectModel:
         InputError: it is not a URDF of one rigid object that we can trust; names the fault.
     """
     if isinstance(source, Path):
-        return _Reader(ModelFile(read_text(source), str(source), root, source.parent)).model()
-    return _Reader(ModelFile(source, "URDF text", root, root / folder)).model()
+        return _Reader(ModelFile(read_text(source), str(source), root, source.parent)).build_object_model()
+    return _Reader(ModelFile(source, "URDF text", root, root / folder)).build_object_model()
 
 
 class _Reader:
     """One pass over one URDF."""
 
     def __init__(self, source: ModelFile) -> None:
-        self.source, self.fault = source, source.fault
-        self.looks = {look.get("name", ""): self._own_look(look) for look in source.top.findall("material")}
+        self.source, self.fault = source, source.make_error
+        self.looks = {look.get("name", ""): self._parse_material(look) for look in source.top.findall("material")}
 
-    def model(self) -> ObjectModel:
+    def build_object_model(self) -> ObjectModel:
         """The object the URDF describes; its frame is the first link's."""
         visuals: list[Shape] = []
         colliders: list[Shape] = []
         mass, frictions = 0.0, list[float]()
         for link, placement in link_placements(self.source):
-            visuals += [moved_shape(shape, placement) for shape in self._shapes(link, "visual")]
-            colliders += [moved_shape(shape, placement) for shape in self._shapes(link, "collision")]
-            mass += self._scalar(link.find("inertial/mass"), 0.0)
+            visuals += [transform_shape(shape, placement) for shape in self._read_shapes(link, "visual")]
+            colliders += [transform_shape(shape, placement) for shape in self._read_shapes(link, "collision")]
+            mass += self._parse_nonnegative_value(link.find("inertial/mass"), 0.0)
             friction = link.find("contact/lateral_friction")
-            frictions += [] if friction is None else [self._scalar(friction, _DEFAULT_FRICTION)]
-        return self.source.model(visuals, colliders, mass, frictions[0] if frictions else _DEFAULT_FRICTION)
+            frictions += [] if friction is None else [self._parse_nonnegative_value(friction, _DEFAULT_FRICTION)]
+        return self.source.build_object_model(
+            visuals, colliders, mass, frictions[0] if frictions else _DEFAULT_FRICTION
+        )
 
-    def _shapes(self, link: Element, tag: str) -> Iterator[Shape]:
+    def _read_shapes(self, link: Element, tag: str) -> Iterator[Shape]:
         elements = link.findall(tag)
         if len(elements) > MAX_SHAPES:
             raise self.fault(f"{len(elements)} <{tag}> elements, at most {MAX_SHAPES} are allowed")
-        yield from (self._shape(element, tag) for element in elements)
+        yield from (self._read_shape(element, tag) for element in elements)
 
-    def _shape(self, element: Element, tag: str) -> Shape:
+    def _read_shape(self, element: Element, tag: str) -> Shape:
         geometries = list(element.findall("geometry/*"))
         if len(geometries) != 1:
             raise self.fault(f"<{tag}> has {len(geometries)} shapes in <geometry>", "give exactly one")
         geometry, origin = geometries[0], element.find("origin")
-        color, texture = self._look(element.find("material")) if tag == "visual" else (None, None)
+        color, texture = self._resolve_material(element.find("material")) if tag == "visual" else (None, None)
         mesh: str | None = None
         size: tuple[float, ...]
         if geometry.tag == "box":
-            kind, size = "box", self._sizes(geometry, "size", 3)
+            kind, size = "box", self._parse_positive_sizes(geometry, "size", 3)
         elif geometry.tag == "cylinder":
-            radius, length = self._sizes(geometry, "radius", 1), self._sizes(geometry, "length", 1)
+            radius, length = (
+                self._parse_positive_sizes(geometry, "radius", 1),
+                self._parse_positive_sizes(geometry, "length", 1),
+            )
             kind, size = "cylinder", (*radius, *length)
         elif geometry.tag == "sphere":
-            kind, size = "sphere", self._sizes(geometry, "radius", 1)
+            kind, size = "sphere", self._parse_positive_sizes(geometry, "radius", 1)
         elif geometry.tag == "mesh":
-            kind, mesh = "mesh", self.source.file(geometry.get("filename", ""))
-            size = self._sizes(geometry, "scale", 3) if "scale" in geometry.attrib else (1.0, 1.0, 1.0)
+            kind, mesh = "mesh", self.source.resolve_library_file(geometry.get("filename", ""))
+            size = self._parse_positive_sizes(geometry, "scale", 3) if "scale" in geometry.attrib else (1.0, 1.0, 1.0)
         else:
             raise self.fault(f"unknown shape <{geometry.tag}>", "use box, cylinder, sphere or mesh")
         return Shape(
             kind=kind,
             size=size,
-            position=self.source.vector(origin, "xyz"),
-            quaternion=quaternion_from_rpy(*self.source.vector(origin, "rpy")),
+            position=self.source.read_vector_attribute(origin, "xyz"),
+            quaternion=quaternion_from_rpy(*self.source.read_vector_attribute(origin, "rpy")),
             color=color,
             mesh=mesh,
             texture=texture,
         )
 
-    def _look(self, material: Element | None) -> _LOOK:
+    def _resolve_material(self, material: Element | None) -> _LOOK:
         if material is None:
             return None, None
-        color, texture = self._own_look(material)
+        color, texture = self._parse_material(material)
         named_color, named_texture = self.looks.get(material.get("name", ""), (None, None))
         return color or named_color, texture or named_texture
 
-    def _own_look(self, material: Element) -> _LOOK:
+    def _parse_material(self, material: Element) -> _LOOK:
         color, texture = material.find("color"), material.find("texture")
         rgba: Rgba | None = None
         if color is not None:
-            rgba = self.source.rgba(color.get("rgba", "").replace(",", " "))
+            rgba = self.source.parse_rgba(color.get("rgba", "").replace(",", " "))
             if min(rgba) < 0 or max(rgba) > 1:
                 raise self.fault(f"rgba {rgba} is outside 0..1")
-        return rgba, None if texture is None else self.source.file(texture.get("filename", ""))
+        return rgba, None if texture is None else self.source.resolve_library_file(texture.get("filename", ""))
 
-    def _sizes(self, element: Element, name: str, count: int) -> tuple[float, ...]:
+    def _parse_positive_sizes(self, element: Element, name: str, count: int) -> tuple[float, ...]:
         label = f"<{element.tag}> {name}"
-        return self.source.positive(self.source.numbers(element.get(name, ""), label, count), label)
+        return self.source.require_positive(self.source.parse_n_numbers(element.get(name, ""), label, count), label)
 
-    def _scalar(self, element: Element | None, default: float) -> float:
+    def _parse_nonnegative_value(self, element: Element | None, default: float) -> float:
         if element is None:
             return default
-        (number,) = self.source.numbers(element.get("value", ""), f"<{element.tag}> value", 1)
+        (number,) = self.source.parse_n_numbers(element.get("value", ""), f"<{element.tag}> value", 1)
         if number < 0:
             raise self.fault(f"<{element.tag}> value {number} is negative", "give 0 or more")
         return number

@@ -16,7 +16,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Final
 
 from grs_agents.errors import InputError
-from grs_agents.library.importing.discovery import DESCRIPTIONS, find_items, slug_of
+from grs_agents.library.importing.asset_discovery import DESCRIPTIONS, find_source_items, slugify_name
 from grs_agents.library.importing.mesh_reader import SUFFIXES
 from grs_agents.library.importing.source_folder import SourceFolder
 from grs_agents.library.importing.types import ImportLimits, ImportOptions, RefusedError, SourceItem
@@ -43,10 +43,10 @@ def unpack_archive(archive: Path, target: Path, limits: ImportLimits) -> None:
     try:
         if archive.name.lower().endswith((".zip", ".whl")):
             with zipfile.ZipFile(archive) as zipped:
-                _write(_zip_members(zipped, archive), target, archive, room)
+                _write_members(_open_zip_members(zipped, archive), target, archive, room)
         else:
             with tarfile.open(archive) as tarred:
-                _write(_tar_members(tarred, archive), target, archive, room)
+                _write_members(_open_tar_members(tarred, archive), target, archive, room)
     except _ARCHIVE_ERRORS as error:
         raise RefusedError(f"{archive.name} cannot be unpacked: {str(error)[:120]}", "pack it again") from error
 
@@ -55,29 +55,29 @@ Member = tuple[str, IO[bytes]]
 """The name and the content of a file in an archive."""
 
 
-def _zip_members(zipped: zipfile.ZipFile, archive: Path) -> Iterable[Member]:
+def _open_zip_members(zipped: zipfile.ZipFile, archive: Path) -> Iterable[Member]:
     entries = [entry for entry in zipped.infolist() if not entry.is_dir()]
     if len(entries) > _MAX_FILES:
-        raise _too_many(archive)
-    return ((entry.filename, zipped.open(entry)) for entry in entries if _wanted(entry.filename, archive))
+        raise _too_many_files_error(archive)
+    return ((entry.filename, zipped.open(entry)) for entry in entries if _is_wanted_file(entry.filename, archive))
 
 
-def _tar_members(tarred: tarfile.TarFile, archive: Path) -> Iterable[Member]:
+def _open_tar_members(tarred: tarfile.TarFile, archive: Path) -> Iterable[Member]:
     for number, entry in enumerate(tarred):
         if number >= _MAX_FILES:
-            raise _too_many(archive)
+            raise _too_many_files_error(archive)
         if entry.issym() or entry.islnk():
             raise RefusedError(f"{archive.name} holds the link {entry.name[:120]!r}", "pack files, not links")
-        content = tarred.extractfile(entry) if entry.isfile() and _wanted(entry.name, archive) else None
+        content = tarred.extractfile(entry) if entry.isfile() and _is_wanted_file(entry.name, archive) else None
         if content is not None:
             yield entry.name, content
 
 
-def _too_many(archive: Path) -> RefusedError:
+def _too_many_files_error(archive: Path) -> RefusedError:
     return RefusedError(f"{archive.name} holds more than {_MAX_FILES} files", "import parts of it")
 
 
-def _wanted(name: str, archive: Path) -> bool:
+def _is_wanted_file(name: str, archive: Path) -> bool:
     """Whether a file may belong to an asset; refused where its name leaves the folder."""
     pure = PurePosixPath(name)
     if pure.is_absolute() or ".." in pure.parts or any(letter in name for letter in ":\\\0"):
@@ -85,7 +85,7 @@ def _wanted(name: str, archive: Path) -> bool:
     return pure.suffix.lower() in _WANTED or pure.name.upper().startswith("LICENSE")
 
 
-def _write(members: Iterable[Member], target: Path, archive: Path, room: int) -> None:
+def _write_members(members: Iterable[Member], target: Path, archive: Path, room: int) -> None:
     """Write files until ``room`` bytes are used up; then what was written is removed."""
     left, written = room, list[Path]()
     for name, content in members:
@@ -121,7 +121,7 @@ class ImportSource:
 
 
 @contextmanager
-def open_source(source: str, options: ImportOptions) -> Generator[ImportSource]:
+def open_import_source(source: str, options: ImportOptions) -> Generator[ImportSource]:
     """The assets of a source; what had to be unpacked is removed at the end.
 
     Args:
@@ -131,52 +131,54 @@ def open_source(source: str, options: ImportOptions) -> Generator[ImportSource]:
     Raises:
         InputError: there is no such source.
     """
-    path = _hope_folder() if source == HOPE else Path(source)
+    path = _find_hope_folder() if source == HOPE else Path(source)
     if not path.exists():
         remedy = "name a folder, a mesh, URDF, MJCF or archive file, or hope"
         raise InputError(f"source {source} does not exist", remedy)
     if not (path.is_file() or path.is_dir()):
         raise InputError(f"source {source} is neither a regular file nor a folder", "name one of these")
-    name = HOPE if source == HOPE else slug_of(path.resolve().name.partition(".")[0])
+    name = HOPE if source == HOPE else slugify_name(path.resolve().name.partition(".")[0])
     archives = sorted(filter(is_archive, path.iterdir() if path.is_dir() else [path]))
-    loose = None if path in archives else _loose(path, options, hope_only=source == HOPE)
+    loose = None if path in archives else _find_unpacked_items(path, options, hope_only=source == HOPE)
     if loose is not None and (loose[1] or not archives):
         beside = RefusedError("it lies beside assets that are not packed", "import it by itself")
         yield ImportSource(*loose, name, tuple((archive.name, beside) for archive in archives))
         return
     with tempfile.TemporaryDirectory(prefix="grs-import-") as home:
-        refused = tuple(_unpack_all(archives, Path(home), options.limits))
+        refused = tuple(_unpack_archives(archives, Path(home), options.limits))
         folder = SourceFolder(Path(home), options.limits.bytes)
-        yield ImportSource(folder, tuple(find_items(folder)), name, refused)
+        yield ImportSource(folder, tuple(find_source_items(folder)), name, refused)
 
 
-def _loose(path: Path, options: ImportOptions, *, hope_only: bool) -> tuple[SourceFolder, tuple[SourceItem, ...]]:
+def _find_unpacked_items(
+    path: Path, options: ImportOptions, *, hope_only: bool
+) -> tuple[SourceFolder, tuple[SourceItem, ...]]:
     """The assets of a folder or file that is not packed, and what their file names are relative to."""
     if path.is_file():
-        folder = SourceFolder(_root_of(path.resolve()), options.limits.bytes)
-        return folder, (_single(path, folder.relative(path)),)
+        folder = SourceFolder(_find_source_root(path.resolve()), options.limits.bytes)
+        return folder, (_single_file_item(path, folder.relative_file_name(path)),)
     folder = SourceFolder(path, options.limits.bytes)
-    return folder, tuple(item for item in find_items(folder) if not hope_only or item.kind == "hope")
+    return folder, tuple(item for item in find_source_items(folder) if not hope_only or item.kind == "hope")
 
 
-def _unpack_all(archives: list[Path], home: Path, limits: ImportLimits) -> Iterable[tuple[str, RefusedError]]:
+def _unpack_archives(archives: list[Path], home: Path, limits: ImportLimits) -> Iterable[tuple[str, RefusedError]]:
     """Unpack archives, wheels over one another as when they are installed; those that are refused."""
     for archive in archives:
-        target = home if archive.suffix == ".whl" else home / slug_of(archive.name.partition(".")[0])
+        target = home if archive.suffix == ".whl" else home / slugify_name(archive.name.partition(".")[0])
         try:
             unpack_archive(archive, target, limits)
         except RefusedError as error:
             yield archive.name, error
 
 
-def _single(path: Path, relative: str) -> SourceItem:
+def _single_file_item(path: Path, relative: str) -> SourceItem:
     suffix = path.suffix.lower()
     if suffix not in (*SUFFIXES, *DESCRIPTIONS):
         raise InputError(f"{path} is no asset", f"name a file that ends in {', '.join((*SUFFIXES, '.urdf', '.xml'))}")
-    return SourceItem(kind=DESCRIPTIONS.get(suffix, "mesh"), name=slug_of(path.stem), file=relative)
+    return SourceItem(kind=DESCRIPTIONS.get(suffix, "mesh"), name=slugify_name(path.stem), file=relative)
 
 
-def _root_of(path: Path) -> Path:
+def _find_source_root(path: Path) -> Path:
     """The folder that files named by ``path`` may lie in: its package, or the folder around ``urdf/``."""
     for parent in path.parents[:4]:
         if (parent / "package.xml").is_file():
@@ -184,7 +186,7 @@ def _root_of(path: Path) -> Path:
     return path.parent.parent if path.parent.name.lower() in _HOMES else path.parent
 
 
-def _hope_folder() -> Path:
+def _find_hope_folder() -> Path:
     """Where the installed packages keep the HOPE meshes."""
     spec = importlib.util.find_spec(_PACKAGE)
     for place in (spec.submodule_search_locations or []) if spec is not None else []:

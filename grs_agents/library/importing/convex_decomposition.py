@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 import trimesh
 
-from grs_agents.library.importing.simplification import simplify_mesh
+from grs_agents.library.importing.mesh_simplification import simplify_mesh
 from grs_agents.library.importing.types import ConvexHull, Floats, Ints, RefusedError, TexturedMesh
 from grs_agents.library.mesh_files import mesh_volume
 
@@ -24,7 +24,7 @@ def repair_mesh(solid: TexturedMesh) -> tuple[TexturedMesh, bool, list[str]]:
     Holes of three or four edges are closed; a larger one may be an opening that the object has. Winding and holes need
     ``networkx``, which the extra ``assets`` installs; without it the mesh stays as it is, and a note says so.
     """
-    kept = _valid_faces(solid.faces)
+    kept = _valid_face_indices(solid.faces)
     notes = [f"{dropped} degenerate or duplicate faces dropped"] if (dropped := len(solid.faces) - len(kept)) else []
     faces, uvs = solid.faces[kept], solid.uvs[kept]
     mesh: Any = trimesh.Trimesh(solid.vertices, faces, process=False)
@@ -54,7 +54,7 @@ def repair_mesh(solid: TexturedMesh) -> tuple[TexturedMesh, bool, list[str]]:
     return TexturedMesh(solid.vertices, repaired, uvs, solid.image), watertight, notes
 
 
-def _valid_faces(faces: Ints) -> Ints:
+def _valid_face_indices(faces: Ints) -> Ints:
     """Indices of the faces with three different corners, the first of each that occurs more than once."""
     distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 0] != faces[:, 2])
     kept = np.flatnonzero(distinct)
@@ -62,9 +62,9 @@ def _valid_faces(faces: Ints) -> Ints:
     return kept[np.sort(first)]
 
 
-def convex_hull(vertices: Floats, max_vertices: int = -1) -> ConvexHull:
+def compute_convex_hull(vertices: Floats, max_vertices: int = -1) -> ConvexHull:
     """The convex hull of points (N, 3) by MuJoCo, with about ``max_vertices`` vertices (-1: all)."""
-    from grs_agents.engine import mujoco
+    from grs_agents.mujoco_import import mujoco
 
     low, extent = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max()) or 1.0
     scaled: Floats = (vertices - low) / extent
@@ -88,9 +88,11 @@ def convex_hull(vertices: Floats, max_vertices: int = -1) -> ConvexHull:
     return ConvexHull(unit[corners] * extent + low, number[triangles.reshape(-1, 3)])
 
 
-def convex_parts(vertices: Floats, faces: Ints, watertight: bool, most: int) -> tuple[list[ConvexHull], list[str]]:
+def decompose_into_convex_parts(
+    vertices: Floats, faces: Ints, watertight: bool, most: int
+) -> tuple[list[ConvexHull], list[str]]:
     """The convex parts of a solid, and notes; one hull where it is nearly convex or ``coacd`` is not installed."""
-    whole = convex_hull(vertices, MAX_VERTICES)
+    whole = compute_convex_hull(vertices, MAX_VERTICES)
     if watertight and mesh_volume(vertices, faces) >= CONVEX * mesh_volume(whole.vertices, whole.faces):
         return [whole], []
     try:
@@ -106,7 +108,7 @@ def convex_parts(vertices: Floats, faces: Ints, watertight: bool, most: int) -> 
     parts: list[ConvexHull] = []
     for corners, _ in coacd.run_coacd(mesh, **settings, **resolution, **search):
         try:
-            parts.append(convex_hull(np.asarray(corners, np.float64), MAX_VERTICES))
+            parts.append(compute_convex_hull(np.asarray(corners, np.float64), MAX_VERTICES))
         except RefusedError:
             continue  # a splinter without volume
     return (parts, []) if parts else ([whole], ["collides as its convex hull: its parts have no volume"])

@@ -11,8 +11,14 @@ from queue import SimpleQueue
 from grs_agents.errors import InputError
 from grs_agents.library.asset import Asset, read_manifest
 from grs_agents.library.importing.archives import ImportSource
-from grs_agents.library.importing.discovery import item_files
-from grs_agents.library.importing.journal import ImportedAssets, Journal, content_digest, import_key, write_entries
+from grs_agents.library.importing.asset_discovery import find_item_files
+from grs_agents.library.importing.journal import (
+    ImportedAssets,
+    Journal,
+    compute_import_key,
+    hash_item_files,
+    update_manifest_entries,
+)
 from grs_agents.library.importing.types import ImportJob, ImportOptions, ImportOutcome, RefusedError, SourceItem
 from grs_agents.library.importing.worker import Worker
 
@@ -53,26 +59,26 @@ class ImportRun:
         removed: set[str] = set()
         saved = time.monotonic()
         for archive, error in source.refused:
-            outcomes.append(_refused(archive, archive, error, ""))
+            outcomes.append(_make_refused_outcome(archive, archive, error, ""))
             report(outcomes[-1], False)
         try:
-            for outcome, known in self._outcomes(source, journal, imported):
-                result = outcome if known else self._without_copies(outcome, imported, removed)
+            for outcome, known in self._import_items_in_parallel(source, journal, imported):
+                result = outcome if known else self._discard_if_duplicate(outcome, imported, removed)
                 if result.asset is not None:
                     new.append(result.asset)
-                    imported.add(result.asset)
+                    imported.add_asset(result.asset)
                 if not known:
-                    journal.add(result)
+                    journal.record_outcome(result)
                 outcomes.append(result)
                 report(result, known)
                 if time.monotonic() - saved > _SAVE_EVERY:
-                    write_entries(self.root, new, removed)
+                    update_manifest_entries(self.root, new, removed)
                     saved = time.monotonic()
         finally:
-            write_entries(self.root, new, removed)
+            update_manifest_entries(self.root, new, removed)
         return outcomes
 
-    def _outcomes(
+    def _import_items_in_parallel(
         self, source: ImportSource, journal: Journal, imported: ImportedAssets
     ) -> Iterator[tuple[ImportOutcome, bool]]:
         """Each item's outcome in their order, and whether it is from the journal."""
@@ -89,14 +95,14 @@ class ImportRun:
     def _import_item(
         self, source: ImportSource, journal: Journal, imported: ImportedAssets, item: SourceItem
     ) -> tuple[ImportOutcome, bool]:
-        license_, key, begin = self._license(source, item), "", time.monotonic()
+        license_, key, begin = self._resolve_license(source, item), "", time.monotonic()
         try:
-            content = content_digest(source.folder, item_files(source.folder, item))
-            key = import_key(content, self.options, license_)
+            content = hash_item_files(source.folder, find_item_files(source.folder, item))
+            key = compute_import_key(content, self.options, license_)
             before = journal.outcomes.get(item.file)
-            if before is not None and before.key == key and not self.again and self._has_files(before):
+            if before is not None and before.key == key and not self.again and self._has_all_asset_files(before):
                 return before, True
-            if copy := imported.of_content(content, f"{self.collection}/{item.name}.urdf"):
+            if copy := imported.find_same_content(content, f"{self.collection}/{item.name}.urdf"):
                 reason = f"of the same files as {copy}"
                 return ImportOutcome(
                     item=item.name, source=item.file, status="duplicate", reason=reason, key=key
@@ -117,22 +123,24 @@ class ImportRun:
             finally:
                 self._workers.put(worker)
         except RefusedError as error:
-            return _refused(item.name, item.file, error, key), False
+            return _make_refused_outcome(item.name, item.file, error, key), False
         notes = asset.origin.notes if asset.origin is not None else ()
         seconds = round(time.monotonic() - begin, 2)
         done = ImportOutcome(item=item.name, source=item.file, status="imported", notes=notes, key=key, asset=asset)
         return done.model_copy(update={"seconds": seconds}), False
 
-    def _has_files(self, outcome: ImportOutcome) -> bool:
+    def _has_all_asset_files(self, outcome: ImportOutcome) -> bool:
         """Whether the files that an outcome names are still there."""
         files = outcome.asset.origin.files if outcome.asset is not None and outcome.asset.origin is not None else {}
         return all((self.root / name).is_file() for name in files)
 
-    def _without_copies(self, outcome: ImportOutcome, imported: ImportedAssets, removed: set[str]) -> ImportOutcome:
+    def _discard_if_duplicate(
+        self, outcome: ImportOutcome, imported: ImportedAssets, removed: set[str]
+    ) -> ImportOutcome:
         """The outcome, or, where a copy has been made, that it is one; the copy's files are removed."""
         if outcome.asset is None or outcome.asset.origin is None:
             return outcome
-        copy, variant = imported.of_shape(outcome.asset)
+        copy, variant = imported.find_same_shape(outcome.asset)
         if variant is not None:
             return outcome.model_copy(update={"notes": (*outcome.notes, f"it has the shape of {variant}")})
         if copy is None:
@@ -145,14 +153,14 @@ class ImportRun:
         reason = f"of the same shape and look as {copy}"
         return outcome.model_copy(update={"status": "duplicate", "reason": reason, "asset": None})
 
-    def _license(self, source: ImportSource, item: SourceItem) -> str:
+    def _resolve_license(self, source: ImportSource, item: SourceItem) -> str:
         """What the user says, else what the set is known for, else the first line of a licence file beside it."""
         if self.options.license != "unknown":
             return self.options.license
-        return item.license or _license_file(source.folder.root, item.file) or "unknown"
+        return item.license or _read_license_first_line(source.folder.root, item.file) or "unknown"
 
 
-def _license_file(root: Path, file: str) -> str | None:
+def _read_license_first_line(root: Path, file: str) -> str | None:
     for path in (root / parent / name for parent in Path(file).parents for name in _LICENSE_FILES):
         if path.is_file() and not path.is_symlink():
             with path.open(encoding="utf-8", errors="replace") as text:
@@ -161,5 +169,5 @@ def _license_file(root: Path, file: str) -> str | None:
     return None
 
 
-def _refused(name: str, source: str, error: RefusedError, key: str) -> ImportOutcome:
+def _make_refused_outcome(name: str, source: str, error: RefusedError, key: str) -> ImportOutcome:
     return ImportOutcome(item=name, source=source, status="refused", reason=f"{error.message}; {error.remedy}", key=key)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from grs_agents.files import unwritable, write_json
+from grs_agents.files import unwritable_error, write_json
 from grs_agents.library.asset import MANIFEST, Asset, Manifest, Origin, read_manifest
 from grs_agents.library.importing.source_folder import SourceFolder
 from grs_agents.library.importing.types import ImportOptions, ImportOutcome, RefusedError
@@ -34,7 +34,7 @@ class Journal:
                     continue  # an import was stopped while it wrote this line
                 self.outcomes[outcome.source] = outcome
 
-    def add(self, outcome: ImportOutcome) -> None:
+    def record_outcome(self, outcome: ImportOutcome) -> None:
         """Remember an outcome, on disk too."""
         self.outcomes[outcome.source] = outcome
         try:
@@ -43,28 +43,28 @@ class Journal:
                 torn = file.tell() > 0 and (file.seek(-1, os.SEEK_END), file.read(1))[1] != b"\n"
                 file.write((b"\n" if torn else b"") + outcome.model_dump_json().encode() + b"\n")
         except OSError as error:
-            raise unwritable(self.path, error) from error
+            raise unwritable_error(self.path, error) from error
 
 
-def import_key(content: str, options: ImportOptions, license_: str) -> str:
+def compute_import_key(content: str, options: ImportOptions, license_: str) -> str:
     """What an asset is made from, as one number: while it stays the same, so does the asset."""
     settings = options.model_dump_json(exclude={"limits", "license"})
     return hashlib.sha256(f"{_VERSION} {content} {settings} {license_}".encode()).hexdigest()
 
 
-def content_digest(folder: SourceFolder, files: tuple[str, ...]) -> str:
+def hash_item_files(folder: SourceFolder, files: tuple[str, ...]) -> str:
     """SHA-256 of the files of an item."""
     digest = hashlib.sha256()
     for name in files:
         try:
-            with folder.path(name).open("rb") as file:
+            with folder.resolve_file(name).open("rb") as file:
                 digest.update(hashlib.file_digest(file, "sha256").digest())
         except OSError as error:
             raise RefusedError(f"cannot read {name}: {error.strerror}", "make it readable") from error
     return digest.hexdigest()
 
 
-def write_entries(root: Path, assets: Iterable[Asset], removed: Iterable[str] = ()) -> None:
+def update_manifest_entries(root: Path, assets: Iterable[Asset], removed: Iterable[str] = ()) -> None:
     """Put entries into the manifest in place of those of the same name, and take ``removed`` out."""
     root.mkdir(parents=True, exist_ok=True)
     entries = {asset.name: asset for asset in read_manifest(root).assets if asset.name not in removed}
@@ -84,20 +84,20 @@ class ImportedAssets:
         self._by_content: dict[str, str] = {}
         self._origins: dict[str, Origin] = {}
         for asset in assets:
-            self.add(asset)
+            self.add_asset(asset)
 
-    def add(self, asset: Asset) -> None:
+    def add_asset(self, asset: Asset) -> None:
         """Take an asset into the comparison."""
         if asset.origin is not None:
             self._by_content.setdefault(asset.origin.content, asset.name)
             self._origins[asset.name] = asset.origin
 
-    def of_content(self, content: str, name: str) -> str | None:
+    def find_same_content(self, content: str, name: str) -> str | None:
         """The name of another asset than ``name`` that was made from the same files."""
         other = self._by_content.get(content)
         return other if other != name else None
 
-    def of_shape(self, asset: Asset) -> tuple[str | None, str | None]:
+    def find_same_shape(self, asset: Asset) -> tuple[str | None, str | None]:
         """The names of another asset of the same shape and look, and of one of the same shape alone."""
         origin, variant = asset.origin, None
         if origin is None or not self._origins:

@@ -11,8 +11,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from grs_agents.library.formats import check_xml
-from grs_agents.library.importing.source_folder import SourceFolder, mtl_pictures
+from grs_agents.library.formats import check_xml_safety
+from grs_agents.library.importing.source_folder import SourceFolder, find_obj_material_files
 from grs_agents.library.importing.types import (
     Floats,
     Image,
@@ -37,36 +37,36 @@ _LOAD_ERRORS: Final = (*_LIBRARY_ERRORS, ImportError, ArithmeticError, SyntaxErr
 
 def read_mesh(folder: SourceFolder, name: str, limits: ImportLimits, texture: str | None = None) -> SourceModel:
     """The parts of a mesh file; ``texture`` is a picture for all of it. Names are relative to the source."""
-    path = folder.path(name)
+    path = folder.resolve_file(name)
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise RefusedError(f"{name} is not one of {', '.join(SUFFIXES)}", "convert it")
-    _refuse_faces(path.name, _promised_faces(path, suffix), limits)
-    image = read_texture_image(folder.path(texture), limits.pixels) if texture else None
+    _check_face_count(path.name, _declared_face_count(path, suffix), limits)
+    image = read_texture_image(folder.resolve_file(texture), limits.pixels) if texture else None
     if suffix == ".msh":
-        return SourceModel([_read_msh(path, image)])
+        return SourceModel([_read_mujoco_msh(path, image)])
     scale, unit, up = 1.0, _UNITS.get(suffix, "auto"), _UPS.get(suffix, "auto")
     if suffix == ".obj" and texture is None:
-        for image_name in mtl_pictures(folder, name)[1]:
+        for image_name in find_obj_material_files(folder, name)[1]:
             read_texture_image(
-                folder.path(image_name), limits.pixels, header_only=True
+                folder.resolve_file(image_name), limits.pixels, header_only=True
             )  # trimesh would go on without it
     if suffix == ".dae":
-        check_xml(path.read_bytes(), lambda message, remedy: RefusedError(f"{name}: {message}", remedy))
-        scale, up = _dae_frame(path)
-    meshes = _load(path, folder, name, limits, blind=image is not None)
+        check_xml_safety(path.read_bytes(), lambda message, remedy: RefusedError(f"{name}: {message}", remedy))
+        scale, up = _read_dae_unit_and_up(path)
+    meshes = _load_trimesh_meshes(path, folder, name, limits, blind=image is not None)
     if not meshes:
         raise RefusedError(f"{name} has no faces", "export the surface, not its points")
-    _refuse_faces(name, sum(len(mesh.faces) for mesh in meshes), limits)
-    return SourceModel([_part(mesh, scale, image, limits, name) for mesh in meshes], unit=unit, up=up)
+    _check_face_count(name, sum(len(mesh.faces) for mesh in meshes), limits)
+    return SourceModel([_convert_to_mesh_part(mesh, scale, image, limits, name) for mesh in meshes], unit=unit, up=up)
 
 
-def _refuse_faces(name: str, faces: int, limits: ImportLimits) -> None:
+def _check_face_count(name: str, faces: int, limits: ImportLimits) -> None:
     if faces > limits.faces:
         raise RefusedError(f"{name} has {faces} faces, {limits.faces} are the most", "simplify it")
 
 
-def _promised_faces(path: Path, suffix: str) -> int:
+def _declared_face_count(path: Path, suffix: str) -> int:
     """How many faces a file says that it has, before anything is made of them; 0 where it does not say."""
     if suffix == ".obj":
         with path.open("rb") as file:
@@ -80,7 +80,7 @@ def _promised_faces(path: Path, suffix: str) -> int:
     return int(count[1]) if count else 0
 
 
-def _dae_frame(path: Path) -> tuple[float, Up]:
+def _read_dae_unit_and_up(path: Path) -> tuple[float, Up]:
     """The metres of a unit and the axis that points up, as a DAE file says; trimesh applies neither."""
     axes: dict[str, Up] = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
     for _, element in ElementTree.iterparse(path):
@@ -94,7 +94,9 @@ def _dae_frame(path: Path) -> tuple[float, Up]:
     return 1.0, "y"
 
 
-def _load(path: Path, folder: SourceFolder, name: str, limits: ImportLimits, *, blind: bool) -> list[Any]:
+def _load_trimesh_meshes(
+    path: Path, folder: SourceFolder, name: str, limits: ImportLimits, *, blind: bool
+) -> list[Any]:
     """The meshes with faces of a file, by trimesh."""
     import trimesh
 
@@ -132,7 +134,7 @@ class _Resolver:
         if self._blind:
             raise FileNotFoundError(name)
         try:
-            return self._folder.path(name.strip(), self._name).read_bytes()
+            return self._folder.resolve_file(name.strip(), self._name).read_bytes()
         except RefusedError as error:
             self.refused = self.refused or error
             raise FileNotFoundError(name) from error
@@ -152,22 +154,22 @@ class _Resolver:
         return False
 
 
-def _part(mesh: Any, scale: float, image: Image | None, limits: ImportLimits, name: str) -> MeshPart:
+def _convert_to_mesh_part(mesh: Any, scale: float, image: Image | None, limits: ImportLimits, name: str) -> MeshPart:
     """A mesh of trimesh, ``scale`` times as large."""
     vertices, faces = np.asarray(mesh.vertices, np.float64) * scale, np.asarray(mesh.faces, np.int64)
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise RefusedError(f"{name}: a face names vertex {faces.max()} of {len(vertices)}", "export it again")
     if not np.isfinite(vertices[faces]).all():
         raise RefusedError(f"{name} has vertices that are not finite numbers (NaN or infinity)", "export it again")
-    uvs = _uvs_of(mesh, faces)
+    uvs = _face_corner_uvs(mesh, faces)
     if image is None or uvs is None:
         material = getattr(mesh.visual, "material", None)
         own = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
         image = None if own is None else read_texture_image(own, limits.pixels)
-    return MeshPart(vertices, faces, uvs if image is not None else None, image, _colors_of(mesh, len(faces)))
+    return MeshPart(vertices, faces, uvs if image is not None else None, image, _face_colors(mesh, len(faces)))
 
 
-def _uvs_of(mesh: Any, faces: Ints) -> Floats | None:
+def _face_corner_uvs(mesh: Any, faces: Ints) -> Floats | None:
     """(F, 3, 2) texture coordinates of the corners, or None."""
     uvs = np.asarray(getattr(mesh.visual, "uv", ()), np.float64)
     if uvs.ndim != 2 or len(uvs) != len(mesh.vertices) or not np.isfinite(uvs).all():
@@ -175,7 +177,7 @@ def _uvs_of(mesh: Any, faces: Ints) -> Floats | None:
     return uvs[:, :2][faces]
 
 
-def _colors_of(mesh: Any, count: int) -> Image:
+def _face_colors(mesh: Any, count: int) -> Image:
     """(F, 3) uint8 colour of each face, from its material, its own colour or its vertices' colours."""
     visual, grey = mesh.visual, np.tile(np.array(_GREY, np.uint8), (count, 1))
     material = getattr(visual, "material", None)
@@ -183,20 +185,20 @@ def _colors_of(mesh: Any, count: int) -> Image:
         main = getattr(material, "baseColorFactor", None)
         main = getattr(material, "main_color", None) if main is None else main
         rgb = np.asarray(_GREY if main is None else main).ravel()[:3]
-        return np.tile(_bytes(rgb), (count, 1)) if len(rgb) == 3 else grey
+        return np.tile(_rgb_to_uint8(rgb), (count, 1)) if len(rgb) == 3 else grey
     if getattr(visual, "kind", None) not in ("face", "vertex"):
         return grey
     colors = np.asarray(visual.face_colors)
     return colors[:, :3].astype(np.uint8) if len(colors) == count else grey
 
 
-def _bytes(rgb: Any) -> Image:
+def _rgb_to_uint8(rgb: Any) -> Image:
     values = np.nan_to_num(np.asarray(rgb, np.float64))
     scale = 255.0 if np.issubdtype(np.asarray(rgb).dtype, np.floating) and values.max(initial=0) <= 1 else 1.0
     return np.clip(np.rint(values * scale), 0, 255).astype(np.uint8)
 
 
-def _read_msh(path: Path, image: Image | None) -> MeshPart:
+def _read_mujoco_msh(path: Path, image: Image | None) -> MeshPart:
     """MuJoCo's binary mesh: four counts, then positions, normals, texture coordinates and faces."""
     data = path.read_bytes()
     counts = struct.unpack("<4i", data[:16]) if len(data) >= 16 else (0, 0, 0, 0)

@@ -10,11 +10,15 @@ import numpy as np
 from grs_agents.errors import InputError
 from grs_agents.files import write_text
 from grs_agents.library.asset import Quantity
-from grs_agents.library.formats import parse, read_mjcf, read_text, read_urdf
-from grs_agents.library.importing.convex_decomposition import MAX_VERTICES, convex_hull, convex_parts
+from grs_agents.library.formats import parse_xml_safely, read_mjcf, read_text, read_urdf
+from grs_agents.library.importing.convex_decomposition import (
+    MAX_VERTICES,
+    compute_convex_hull,
+    decompose_into_convex_parts,
+)
 from grs_agents.library.importing.mesh_reader import read_mesh
 from grs_agents.library.importing.source_folder import SourceFolder
-from grs_agents.library.importing.texture_atlas import join_parts
+from grs_agents.library.importing.texture_atlas import concatenate_mesh_parts
 from grs_agents.library.importing.types import (
     UP_TO_Z,
     Collider,
@@ -25,15 +29,15 @@ from grs_agents.library.importing.types import (
     SourceItem,
     SourceModel,
 )
-from grs_agents.library.mesh_files import obj_text, primitive_surface
-from grs_agents.library.shapes import ObjectModel, Shape, rotation_matrix
+from grs_agents.library.mesh_files import format_obj_text, triangulate_primitive
+from grs_agents.library.shapes import ObjectModel, Shape, matrix_from_quaternion
 
 _GREY = (0.7, 0.7, 0.7, 1.0)
 
 
-def read_description(folder: SourceFolder, item: SourceItem, options: ImportOptions) -> SourceModel:
+def read_urdf_or_mjcf(folder: SourceFolder, item: SourceItem, options: ImportOptions) -> SourceModel:
     """What a URDF or MJCF file says, in metres with z up."""
-    path, is_mjcf = folder.path(item.file), item.kind == "mjcf"
+    path, is_mjcf = folder.resolve_file(item.file), item.kind == "mjcf"
 
     def fault(message: str, remedy: str) -> InputError:
         return RefusedError(f"{item.file}: {message}", remedy)
@@ -41,8 +45,8 @@ def read_description(folder: SourceFolder, item: SourceItem, options: ImportOpti
     with tempfile.TemporaryDirectory(prefix="grs-import-") as name:
         stage = _Stage(Path(name), folder, item.file, options)
         try:
-            top = parse(read_text(path), fault)
-            (_stage_mjcf if is_mjcf else _stage_urdf)(top, stage)
+            top = parse_xml_safely(read_text(path), fault)
+            (_stage_mjcf_meshes if is_mjcf else _stage_urdf_meshes)(top, stage)
             target = stage.home / ("object.xml" if is_mjcf else "object.urdf")
             target.write_bytes(ElementTree.tostring(top))
             model = (read_mjcf if is_mjcf else read_urdf)(target, stage.home)
@@ -51,7 +55,7 @@ def read_description(folder: SourceFolder, item: SourceItem, options: ImportOpti
         except InputError as error:
             raise RefusedError(f"{item.file}: {error.message.replace(name, '').lstrip('/')}", error.remedy) from error
     has_friction = any("friction" in element.attrib or element.tag == "lateral_friction" for element in top.iter())
-    return _reading(model, stage.meshes, has_friction, 1 if is_mjcf else options.parts)
+    return _build_source_model(model, stage.meshes, has_friction, 1 if is_mjcf else options.parts)
 
 
 class _Stage:
@@ -61,55 +65,60 @@ class _Stage:
         self.home, self.meshes = home, dict[str, list[MeshPart]]()
         self._source, self._description, self._options = source, description, options
 
-    def source_path(self, name: str) -> str:
+    def resolve_source_path(self, name: str) -> str:
         """A file that the description names, relative to the source; errors as `Folder.path`."""
-        return self._source.relative(self._source.path(name, self._description))
+        return self._source.relative_file_name(self._source.resolve_file(name, self._description))
 
-    def package_path(self, name: str) -> str:
-        """`source_path` of a URDF's file name, which may begin with ``package://NAME/`` or ``file://``."""
+    def resolve_package_path(self, name: str) -> str:
+        """`resolve_source_path` of a URDF's file name, which may begin with ``package://NAME/`` or ``file://``."""
         name = name.removeprefix("file://")
         if not name.startswith("package://"):
-            return self.source_path(name)
+            return self.resolve_source_path(name)
         rest, home = name.removeprefix("package://"), (self._source.root / self._description).parent
         tails = (rest, rest.partition("/")[2])
         levels = len(PurePosixPath(self._description).parts)
         places = ["../" * level + tail for tail in tails for level in range(levels) if tail]
-        return self.source_path(next((place for place in places if (home / place).is_file()), tails[1] or rest))
+        return self.resolve_source_path(next((place for place in places if (home / place).is_file()), tails[1] or rest))
 
-    def add(self, source: str, texture: str | None = None) -> str:
+    def convert_mesh_to_obj(self, source: str, texture: str | None = None) -> str:
         """Read a mesh (with z up) and write it as OBJ; its file name in the folder."""
         reading, name = read_mesh(self._source, source, self._options.limits, texture), f"mesh{len(self.meshes)}.obj"
-        self.meshes[name] = [_moved(part, np.ones(3), UP_TO_Z[reading.up], np.zeros(3)) for part in reading.parts]
-        vertices, faces = join_parts(self.meshes[name])
-        write_text(self.home / name, obj_text(vertices, faces[:1]))  # the readers want the vertices
+        self.meshes[name] = [
+            _transform_mesh_part(part, np.ones(3), UP_TO_Z[reading.up], np.zeros(3)) for part in reading.parts
+        ]
+        vertices, faces = concatenate_mesh_parts(self.meshes[name])
+        write_text(self.home / name, format_obj_text(vertices, faces[:1]))  # the readers want the vertices
         return name
 
 
-def _stage_urdf(top: Element, stage: _Stage) -> None:
+def _stage_urdf_meshes(top: Element, stage: _Stage) -> None:
     for mesh in top.iter("mesh"):
-        mesh.set("filename", stage.add(stage.package_path(mesh.get("filename", ""))))
+        mesh.set("filename", stage.convert_mesh_to_obj(stage.resolve_package_path(mesh.get("filename", ""))))
     for material in top.iter("material"):
         for texture in material.findall("texture"):
-            stage.package_path(texture.get("filename", ""))
+            stage.resolve_package_path(texture.get("filename", ""))
             material.remove(texture)  # a mesh brings its own picture
 
 
-def _stage_mjcf(top: Element, stage: _Stage) -> None:
-    mesh_folder, texture_folder = _take_folders(top)
-    pictures = _mesh_pictures(top)
+def _stage_mjcf_meshes(top: Element, stage: _Stage) -> None:
+    mesh_folder, texture_folder = _pop_mesh_texture_folders(top)
+    pictures = _texture_file_by_mesh(top)
     for mesh in top.findall("asset/mesh"):
         file = mesh.get("file", "")
         name = mesh.get("name") or PurePosixPath(file).stem
-        source, picture = stage.source_path(mesh_folder + file), pictures.get(name)
+        source, picture = stage.resolve_source_path(mesh_folder + file), pictures.get(name)
         mesh.set("name", name)
-        mesh.set("file", stage.add(source, stage.source_path(texture_folder + picture) if picture else None))
+        mesh.set(
+            "file",
+            stage.convert_mesh_to_obj(source, stage.resolve_source_path(texture_folder + picture) if picture else None),
+        )
     if top.find(".//inertial") is None:
         for geom in top.iter("geom"):
             if geom.get("type") == "mesh":
                 geom.attrib.setdefault("mass", "0")  # weighed from its volume later
 
 
-def _take_folders(top: Element) -> tuple[str, str]:
+def _pop_mesh_texture_folders(top: Element) -> tuple[str, str]:
     """The folders of an MJCF file's meshes and textures, as prefixes; they are removed from it."""
     folders = {"meshdir": "", "texturedir": "", "assetdir": ""}
     for compiler in top.findall("compiler"):
@@ -119,7 +128,7 @@ def _take_folders(top: Element) -> tuple[str, str]:
     return mesh, texture
 
 
-def _mesh_pictures(top: Element) -> dict[str, str]:
+def _texture_file_by_mesh(top: Element) -> dict[str, str]:
     """The picture file of each mesh of an MJCF file that a geom shows with a textured material."""
     files = {texture.get("name"): texture.get("file", "") for texture in top.findall("asset/texture")}
     materials = {
@@ -128,23 +137,27 @@ def _mesh_pictures(top: Element) -> dict[str, str]:
     return {geom.get("mesh", ""): materials.get(geom.get("material"), "") for geom in top.iter("geom")}
 
 
-def _reading(model: ObjectModel, meshes: dict[str, list[MeshPart]], has_friction: bool, max_parts: int) -> SourceModel:
+def _build_source_model(
+    model: ObjectModel, meshes: dict[str, list[MeshPart]], has_friction: bool, max_parts: int
+) -> SourceModel:
     """What an object shows and what of it collides; its meshes collide as at most ``max_parts`` hulls each."""
     colliders: list[Collider] = []
     notes: list[str] = []
     for shape in model.colliders:
         if shape.kind == "mesh":
-            vertices, faces = join_parts(_parts_of(shape, meshes))
+            vertices, faces = concatenate_mesh_parts(_shape_to_mesh_parts(shape, meshes))
             if max_parts == 1:
-                colliders.append(convex_hull(vertices, MAX_VERTICES))
+                colliders.append(compute_convex_hull(vertices, MAX_VERTICES))
                 continue
-            hulls, more = convex_parts(vertices, faces, False, max_parts)
+            hulls, more = decompose_into_convex_parts(vertices, faces, False, max_parts)
             colliders += hulls
             notes += more
         else:
             colliders.append(shape.model_copy(update={"color": None, "texture": None}))
     return SourceModel(
-        parts=[_colored(part, shape) for shape in model.visuals for part in _parts_of(shape, meshes)],
+        parts=[
+            _apply_shape_color(part, shape) for shape in model.visuals for part in _shape_to_mesh_parts(shape, meshes)
+        ],
         colliders=colliders or None,
         unit="m",
         up="z",
@@ -154,21 +167,21 @@ def _reading(model: ObjectModel, meshes: dict[str, list[MeshPart]], has_friction
     )
 
 
-def _parts_of(shape: Shape, meshes: dict[str, list[MeshPart]]) -> list[MeshPart]:
+def _shape_to_mesh_parts(shape: Shape, meshes: dict[str, list[MeshPart]]) -> list[MeshPart]:
     """The triangles of a shape in the object's frame."""
-    turn, position = rotation_matrix(shape.quaternion), np.asarray(shape.position)
+    turn, position = matrix_from_quaternion(shape.quaternion), np.asarray(shape.position)
     if shape.kind == "mesh":
-        return [_moved(part, np.asarray(shape.size), turn, position) for part in meshes[shape.mesh or ""]]
-    corners = primitive_surface(shape).corners
+        return [_transform_mesh_part(part, np.asarray(shape.size), turn, position) for part in meshes[shape.mesh or ""]]
+    corners = triangulate_primitive(shape).corners
     part = MeshPart(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
-    return [_moved(part, np.ones(3), turn, position)]
+    return [_transform_mesh_part(part, np.ones(3), turn, position)]
 
 
-def _moved(part: MeshPart, scale: Floats, turn: Floats, position: Floats) -> MeshPart:
+def _transform_mesh_part(part: MeshPart, scale: Floats, turn: Floats, position: Floats) -> MeshPart:
     return MeshPart(part.vertices * scale @ turn.T + position, part.faces, part.uvs, part.image, part.colors)
 
 
-def _colored(part: MeshPart, shape: Shape) -> MeshPart:
+def _apply_shape_color(part: MeshPart, shape: Shape) -> MeshPart:
     """A description's own colour goes over what a mesh without a picture says."""
     if part.image is not None or (shape.color is None and part.colors is not None):
         return part

@@ -13,8 +13,8 @@ from typing import Any, Final, Protocol, cast
 
 from grs_agents.base import Frozen
 from grs_agents.errors import ConfigError, InputError
-from grs_agents.library.importing.appearance import words_of
-from grs_agents.library.importing.discovery import slug_of
+from grs_agents.library.importing.asset_discovery import slugify_name
+from grs_agents.library.importing.mesh_appearance import split_name_into_words
 
 _LICENSES: Final = {
     name: f"CC-{name.upper()}-4.0" for name in ("by", "by-sa", "by-nd", "by-nc", "by-nc-sa", "by-nc-nd")
@@ -48,7 +48,7 @@ class ObjaverseEntry(Frozen):
     score: int = 0  # how many of the words that were asked for its title and tags have
 
 
-def load_package() -> Objaverse:
+def load_objaverse_package() -> Objaverse:
     """The ``objaverse`` package; a `ConfigError` where it is not installed."""
     try:
         return cast(Objaverse, importlib.import_module("objaverse"))
@@ -60,34 +60,34 @@ def load_package() -> Objaverse:
 
 def search_objaverse(package: Objaverse, words: str, most: int = 50) -> list[ObjaverseEntry]:
     """The objects whose title and tags have all of ``words``, those that say it in the title and are simpler first."""
-    wanted = set(words_of(words))
+    wanted = set(split_name_into_words(words))
     if not wanted:
         raise InputError("objaverse: without words", "name what you look for, as in objaverse:red mug")
-    with _own_errors("metadata cannot be loaded"):
-        entries = [entry for part in _annotations(package) for entry in _entries(part, wanted)]
+    with _convert_package_errors("metadata cannot be loaded"):
+        entries = [entry for part in _iterate_annotations(package) for entry in _find_matching_entries(part, wanted)]
     return sorted(entries, key=lambda entry: (-entry.score, entry.faces or 10**9, entry.uid))[:most]
 
 
-def download(package: Objaverse, entries: Sequence[ObjaverseEntry], folder: Path) -> dict[str, ObjaverseEntry]:
+def download_objects(package: Objaverse, entries: Sequence[ObjaverseEntry], folder: Path) -> dict[str, ObjaverseEntry]:
     """Fetch objects into a folder, each as a GLB file under a name made of its title; the entries by file name.
 
     Raises:
         InputError: nothing can be fetched.
     """
-    with _own_errors("models cannot be downloaded"):
+    with _convert_package_errors("models cannot be downloaded"):
         paths = package.load_objects([entry.uid for entry in entries])
     named: dict[str, ObjaverseEntry] = {}
     for entry in entries:
         path = Path(paths.get(entry.uid, ""))
         if path.is_file():
-            name = f"{slug_of(entry.title)[:40]}_{slug_of(entry.uid)[:8]}.glb"
+            name = f"{slugify_name(entry.title)[:40]}_{slugify_name(entry.uid)[:8]}.glb"
             shutil.copyfile(path, folder / name)
             named[name] = entry
     return named
 
 
 @contextlib.contextmanager
-def _own_errors(what: str) -> Generator[None]:
+def _convert_package_errors(what: str) -> Generator[None]:
     """What the package prints goes to standard error, and its errors become ours."""
     timeout = socket.getdefaulttimeout()
     socket.setdefaulttimeout(_TIMEOUT)
@@ -103,7 +103,7 @@ def _own_errors(what: str) -> Generator[None]:
         socket.setdefaulttimeout(timeout)
 
 
-def _annotations(package: Objaverse) -> Iterator[Mapping[str, Mapping[str, Any]]]:
+def _iterate_annotations(package: Objaverse) -> Iterator[Mapping[str, Mapping[str, Any]]]:
     """What is known of all objects, one folder of 5,000 after the other: together they would take many gigabytes."""
     object_paths = getattr(package, "_load_object_paths", None)
     if object_paths is None:
@@ -116,11 +116,11 @@ def _annotations(package: Objaverse) -> Iterator[Mapping[str, Mapping[str, Any]]
         yield package.load_annotations(folders[folder])
 
 
-def _entries(annotations: Mapping[str, Mapping[str, Any]], wanted: set[str]) -> Iterator[ObjaverseEntry]:
+def _find_matching_entries(annotations: Mapping[str, Mapping[str, Any]], wanted: set[str]) -> Iterator[ObjaverseEntry]:
     for uid, annotation in annotations.items():
         title = str(annotation.get("name", ""))
         tags = " ".join(str(tag.get("name", "")) for tag in annotation.get("tags", ()))
-        in_title, in_tags = wanted & set(words_of(title)), wanted & set(words_of(tags))
+        in_title, in_tags = wanted & set(split_name_into_words(title)), wanted & set(split_name_into_words(tags))
         if in_title | in_tags >= wanted:
             license_ = str(annotation.get("license", ""))
             user = cast(Mapping[str, object], annotation.get("user") or {})

@@ -15,7 +15,7 @@ class SourceFolder:
     def __init__(self, root: Path, most: int) -> None:
         self.root, self.most = root.resolve(), most
 
-    def path(self, name: str, beside: str = "", *, said_by: str = "") -> Path:
+    def resolve_file(self, name: str, beside: str = "", *, said_by: str = "") -> Path:
         """The file called ``name``, relative to the file ``beside`` (itself relative to the root)."""
         by = f"{said_by or beside or self.root.name} names "
         if not name or name.startswith(("/", "~")) or any(ord(letter) < _CONTROL or letter in ":\\" for letter in name):
@@ -30,25 +30,25 @@ class SourceFolder:
             raise RefusedError(f"{name[:120]} has {size} bytes, {self.most} are the most", "simplify it")
         return resolved
 
-    def relative(self, path: Path) -> str:
+    def relative_file_name(self, path: Path) -> str:
         """The name of a file inside the folder."""
         return path.resolve().relative_to(self.root).as_posix()
 
 
-def mtl_pictures(folder: SourceFolder, obj: str) -> tuple[list[str], list[str]]:
+def find_obj_material_files(folder: SourceFolder, obj: str) -> tuple[list[str], list[str]]:
     """The material files and colour pictures that an OBJ file names, relative to the folder."""
     materials: list[str] = []
     pictures: list[str] = []
-    with folder.path(obj).open(encoding="utf-8", errors="replace") as lines:
+    with folder.resolve_file(obj).open(encoding="utf-8", errors="replace") as lines:
         names = [
             line.split(None, 1)[1].strip() for line in lines if line.startswith("mtllib ") and line.strip() != "mtllib"
         ]
     for name in names:
-        path = folder.path(name, obj)
-        materials.append(folder.relative(path))
+        path = folder.resolve_file(name, obj)
+        materials.append(folder.relative_file_name(path))
         for line in path.read_text("utf-8", errors="replace").splitlines():
             words = line.split()
             if len(words) > 1 and words[0].lower() == "map_kd":
-                picture = folder.path(unquote(words[-1]), materials[-1])
-                pictures.append(folder.relative(picture))
+                picture = folder.resolve_file(unquote(words[-1]), materials[-1])
+                pictures.append(folder.relative_file_name(picture))
     return materials, pictures

@@ -7,27 +7,27 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from grs_agents.geometry import rasterise
+from grs_agents.geometry import rasterise_triangles
 from grs_agents.library.importing.types import Floats, Image, Ints, MeshPart, TexturedMesh
 
 _LARGEST = 2048
 _SMALLEST = 4
 
 
-def pad_texture(image: Image, uvs: Floats, edge: int) -> Image:
+def shrink_and_fill_texture(image: Image, uvs: Floats, edge: int) -> Image:
     """The texture, at most ``edge`` px; what is in no triangle of ``uvs`` (F, 3, 2) continues what is beside it."""
     image = shrink_image(image, _LARGEST)
     height, width = image.shape[:2]
     if min(height, width) < 2 * _SMALLEST:
         return image
     corners = np.stack([uvs[:, :, 0] * width - 0.5, (1 - uvs[:, :, 1]) * height - 0.5], axis=2)
-    used = rasterise(corners, np.zeros(corners.shape[:2]), width, height).triangle >= 0
+    used = rasterise_triangles(corners, np.zeros(corners.shape[:2]), width, height).triangle >= 0
     if used.all() or not used.any():
         return shrink_image(image, edge)
     color, weight = image * used[:, :, None].astype(np.float64), used.astype(np.float64)
     while max(color.shape[:2]) > edge:
-        color, weight = _halved(color), _halved(weight[:, :, None])[:, :, 0]
-    return np.rint(_continued(color, weight)).clip(0, 255).astype(np.uint8)
+        color, weight = _halve_resolution(color), _halve_resolution(weight[:, :, None])[:, :, 0]
+    return np.rint(_fill_empty_texels(color, weight)).clip(0, 255).astype(np.uint8)
 
 
 def shrink_image(image: Image, edge: int) -> Image:
@@ -42,19 +42,19 @@ def shrink_image(image: Image, edge: int) -> Image:
     return np.asarray(Pictures.fromarray(image).resize(size, Pictures.Resampling.LANCZOS), np.uint8)
 
 
-def _halved(values: Floats) -> Floats:
+def _halve_resolution(values: Floats) -> Floats:
     """Means over 2 x 2 texels; an odd last row or column counts twice."""
     high, wide = values.shape[:2]
     even = np.pad(values, ((0, high % 2), (0, wide % 2), (0, 0)), mode="edge")
     return even.reshape(even.shape[0] // 2, 2, even.shape[1] // 2, 2, -1).mean(axis=(1, 3))
 
 
-def _continued(color: Floats, weight: Floats) -> Floats:
+def _fill_empty_texels(color: Floats, weight: Floats) -> Floats:
     """Colours over their weights; where there is no weight, those of the same picture at half its size."""
     own = color / np.maximum(weight, 1e-9)[:, :, None]
     if (weight > 0).all() or min(weight.shape) < _SMALLEST:
         return own
-    coarse = _continued(_halved(color), _halved(weight[:, :, None])[:, :, 0])
+    coarse = _fill_empty_texels(_halve_resolution(color), _halve_resolution(weight[:, :, None])[:, :, 0])
     larger = coarse.repeat(2, axis=0).repeat(2, axis=1)[: weight.shape[0], : weight.shape[1]]
     return np.where((weight > 0)[:, :, None], own, larger)
 
@@ -64,31 +64,33 @@ _WELD = 1e-6
 """Corners nearer than this share of the mesh's extent are one vertex."""
 
 
-def merge_parts(parts: Sequence[MeshPart], edge: int) -> TexturedMesh:
+def merge_mesh_parts(parts: Sequence[MeshPart], edge: int) -> TexturedMesh:
     """All parts as one welded mesh with one picture of at most ``edge`` px: theirs, then a palette of plain colours."""
     textured = [part.image is not None and part.uvs is not None for part in parts]
-    palette, swatches = _palette([part for part, has_image in zip(parts, textured, strict=True) if not has_image])
+    palette, swatches = _build_color_palette(
+        [part for part, has_image in zip(parts, textured, strict=True) if not has_image]
+    )
     part_uvs: list[Floats] = []
     pictures: list[Image] = []
     for part in parts:
         if part.image is not None and part.uvs is not None:
-            part_uvs.append(_untiled(part.uvs))
-            pictures.append(pad_texture(part.image, part_uvs[-1], edge))
+            part_uvs.append(_move_uvs_to_unit_square(part.uvs))
+            pictures.append(shrink_and_fill_texture(part.image, part_uvs[-1], edge))
         else:
-            part_uvs.append(_swatch_uvs(swatches[: len(part.faces)], palette))
+            part_uvs.append(_palette_swatch_uvs(swatches[: len(part.faces)], palette))
             swatches = swatches[len(part.faces) :]
-    sheet, boxes = _side_by_side(pictures if all(textured) else [*pictures, palette], edge)
+    sheet, boxes = _arrange_images_in_grid(pictures if all(textured) else [*pictures, palette], edge)
     places = iter(boxes)
     uvs = [
         box[:2] + coordinates * box[2:]
         for coordinates, has_image in zip(part_uvs, textured, strict=True)
         for box in [next(places) if has_image else boxes[-1]]
     ]
-    vertices, faces = weld_vertices(*join_parts(parts))
+    vertices, faces = weld_vertices(*concatenate_mesh_parts(parts))
     return TexturedMesh(vertices, faces, np.concatenate(uvs), sheet)
 
 
-def join_parts(parts: Sequence[MeshPart]) -> tuple[Floats, Ints]:
+def concatenate_mesh_parts(parts: Sequence[MeshPart]) -> tuple[Floats, Ints]:
     """The vertices and faces of all parts."""
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])[:-1]
     faces = [part.faces + start for part, start in zip(parts, starts, strict=True)]
@@ -106,7 +108,7 @@ def weld_vertices(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     return vertices[used][first], number[faces]
 
 
-def _palette(parts: Sequence[MeshPart]) -> tuple[Image, Ints]:
+def _build_color_palette(parts: Sequence[MeshPart]) -> tuple[Image, Ints]:
     """A picture of swatches, 16 in a row, and the number of the swatch of each face."""
     if not parts:
         return np.zeros((0, 0, 3), np.uint8), np.zeros(0, np.int64)
@@ -126,7 +128,7 @@ def _palette(parts: Sequence[MeshPart]) -> tuple[Image, Ints]:
     return cells.repeat(_SWATCH, axis=0).repeat(_SWATCH, axis=1), index.ravel()
 
 
-def _swatch_uvs(index: Ints, palette: Image) -> Floats:
+def _palette_swatch_uvs(index: Ints, palette: Image) -> Floats:
     """Texture coordinates (F, 3, 2) in the palette of faces whose swatches have these numbers."""
     height, width = palette.shape[:2]
     u = (index % 16 + 0.5) * _SWATCH / width
@@ -134,7 +136,7 @@ def _swatch_uvs(index: Ints, palette: Image) -> Floats:
     return np.repeat(np.stack([u, v], axis=1)[:, None], 3, axis=1)
 
 
-def _untiled(uvs: Floats) -> Floats:
+def _move_uvs_to_unit_square(uvs: Floats) -> Floats:
     """Texture coordinates of each face moved by whole numbers into 0..1; a face that spans more is clipped."""
     middle = uvs.mean(axis=1, keepdims=True)
     outside = (uvs.min(axis=1) < -1e-6).any(axis=1) | (uvs.max(axis=1) > 1 + 1e-6).any(axis=1)
@@ -142,7 +144,7 @@ def _untiled(uvs: Floats) -> Floats:
     return np.clip(moved, 0, 1)
 
 
-def _side_by_side(pictures: Sequence[Image], edge: int) -> tuple[Image, list[Floats]]:
+def _arrange_images_in_grid(pictures: Sequence[Image], edge: int) -> tuple[Image, list[Floats]]:
     """One picture of several in a grid, and where each lies: (u, v, width, height), origin at the lower left."""
     if len(pictures) == 1:
         return shrink_image(pictures[0], edge), [np.array([0.0, 0.0, 1.0, 1.0])]

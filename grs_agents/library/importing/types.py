@@ -141,7 +141,7 @@ class TexturedMesh:
     image: Image  # (H, W, 3) uint8 RGB
 
 
-def texture_colors(image: Image, uvs: Floats) -> Image:
+def sample_texture_colors(image: Image, uvs: Floats) -> Image:
     """(N, 3) colours of a picture (H, W, 3) at texture coordinates (N, 2) in 0..1, origin at the lower left."""
     height, width = image.shape[:2]
     columns = np.clip((uvs[:, 0] * width).astype(np.int64), 0, width - 1)

@@ -28,7 +28,7 @@ class Worker:
 
     def import_item(self, job: ImportJob) -> Asset:
         """Prepare and write an item in the process, which it must not break nor occupy too long; its entry."""
-        jobs, answers = self._pipes()
+        jobs, answers = self._ensure_process_pipes()
         try:
             jobs.write(job.model_dump_json().encode() + b"\n")
             jobs.flush()
@@ -53,7 +53,7 @@ class Worker:
             self._process.communicate()
             self._process = None
 
-    def _pipes(self) -> tuple[IO[bytes], IO[bytes]]:
+    def _ensure_process_pipes(self) -> tuple[IO[bytes], IO[bytes]]:
         """Standard input and output of the process."""
         if self._process is None or self._process.poll() is not None:
             self._process = subprocess.Popen(
@@ -67,13 +67,13 @@ class Worker:
         return self._process.stdin, self._process.stdout
 
 
-def _answer(line: str) -> dict[str, Any]:
-    from grs_agents.library.importing.preparation import prepare_asset
-    from grs_agents.library.importing.writing import write_prepared
+def _process_job_line(line: str) -> dict[str, Any]:
+    from grs_agents.library.importing.asset_preparation import prepare_asset
+    from grs_agents.library.importing.asset_writing import write_asset_files
 
     try:
         job = ImportJob.model_validate_json(line)
-        asset = write_prepared(job.root, *prepare_asset(job))
+        asset = write_asset_files(job.root, *prepare_asset(job))
     except InputError as error:
         return {"refused": isinstance(error, RefusedError), "message": error.message, "remedy": error.remedy}
     except MemoryError:
@@ -90,7 +90,7 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # libraries that print must not speak into the answers
     for line in sys.stdin:
-        print(json.dumps(_answer(line)), file=answers, flush=True)
+        print(json.dumps(_process_job_line(line)), file=answers, flush=True)
 
 
 if __name__ == "__main__":

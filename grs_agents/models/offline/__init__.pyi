@@ -1,4 +1,4 @@
 from . import program_edits as program_edits
 from .chat import OfflineChatModel as OfflineChatModel
-from .prompt_text import read_prompt as read_prompt
-from .report_evidence import read_evidence as read_evidence
+from .prompt_text import parse_prompt as parse_prompt
+from .report_evidence import parse_report_evidence as parse_report_evidence

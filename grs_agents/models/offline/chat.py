@@ -14,20 +14,25 @@ from langchain_core.outputs import ChatGeneration, ChatGenerationChunk, ChatResu
 
 from grs_agents.models.offline.authors import author_simulation, author_task
 from grs_agents.models.offline.code_fixer import fix_code
-from grs_agents.models.offline.describing import describe, describe_asset, images, match
-from grs_agents.models.offline.prompt_text import PromptText, read_prompt
-from grs_agents.models.offline.router import route
+from grs_agents.models.offline.describer_and_matcher import (
+    describe_asset,
+    describe_crop,
+    extract_message_images,
+    match_asset,
+)
+from grs_agents.models.offline.prompt_text import PromptText, parse_prompt
+from grs_agents.models.offline.router import decide_what_to_fix
 from grs_agents.models.offline.unittest_author import author_tests, fix_tests
 
 Answer = Callable[[PromptText, list[bytes], np.random.Generator], str]
 ROLES: Mapping[str, Answer] = {
-    "describe": lambda prompt, pictures, rng: describe(prompt, pictures),
+    "describe": lambda prompt, pictures, rng: describe_crop(prompt, pictures),
     "describe_asset": lambda prompt, pictures, rng: describe_asset(prompt),
-    "match": lambda prompt, pictures, rng: match(prompt),
+    "match": lambda prompt, pictures, rng: match_asset(prompt),
     "task": lambda prompt, pictures, rng: author_task(prompt, rng),
     "simulation": lambda prompt, pictures, rng: author_simulation(prompt),
     "tests": lambda prompt, pictures, rng: author_tests(prompt),
-    "route": lambda prompt, pictures, rng: route(prompt),
+    "route": lambda prompt, pictures, rng: decide_what_to_fix(prompt),
     "fix_code": lambda prompt, pictures, rng: fix_code(prompt),
     "fix_tests": lambda prompt, pictures, rng: fix_tests(prompt),
 }
@@ -65,9 +70,9 @@ class OfflineChatModel(BaseChatModel):
         run_manager: CallbackManagerForLLMRun | None = None,
         **kwargs: Any,
     ) -> ChatResult:
-        text = self._reply(messages, stop)
-        metadata = {**self._metadata(), "finish_reason": "stop"}
-        message = AIMessage(text, usage_metadata=_usage(messages, text), response_metadata=metadata)
+        text = self._reply_until_stop(messages, stop)
+        metadata = {**self._response_metadata(), "finish_reason": "stop"}
+        message = AIMessage(text, usage_metadata=_estimate_token_usage(messages, text), response_metadata=metadata)
         return ChatResult(generations=[ChatGeneration(message=message)])
 
     def _stream(
@@ -77,48 +82,50 @@ class OfflineChatModel(BaseChatModel):
         run_manager: CallbackManagerForLLMRun | None = None,
         **kwargs: Any,
     ) -> Iterator[ChatGenerationChunk]:
-        text = self._reply(messages, stop)
+        text = self._reply_until_stop(messages, stop)
         lines = text.splitlines(keepends=True) or [""]
         for index, line in enumerate(lines):
             last = index == len(lines) - 1
             chunk = AIMessageChunk(
                 content=line,
                 chunk_position="last" if last else None,
-                usage_metadata=_usage(messages, text) if last else None,
-                response_metadata={**self._metadata(), "finish_reason": "stop"} if last else {},
+                usage_metadata=_estimate_token_usage(messages, text) if last else None,
+                response_metadata={**self._response_metadata(), "finish_reason": "stop"} if last else {},
             )
             generation = ChatGenerationChunk(message=chunk)
             if run_manager:
                 run_manager.on_llm_new_token(line, chunk=generation)
             yield generation
 
-    def _metadata(self) -> dict[str, str]:
+    def _response_metadata(self) -> dict[str, str]:
         return {"model_name": self.model, "model_provider": "grs"}
 
-    def _reply(self, messages: list[BaseMessage], stop: list[str] | None) -> str:
-        text = self._answer(messages)
+    def _reply_until_stop(self, messages: list[BaseMessage], stop: list[str] | None) -> str:
+        text = self._answer_last_prompt(messages)
         for word in stop or ():
             text = text.split(word)[0]
         return text
 
-    def _answer(self, messages: list[BaseMessage]) -> str:
+    def _answer_last_prompt(self, messages: list[BaseMessage]) -> str:
         for message in reversed(messages):
             if not isinstance(message, HumanMessage):
                 continue
-            prompt = read_prompt(str(message.text))
+            prompt = parse_prompt(str(message.text))
             if prompt is not None and prompt.role in ROLES:
-                return ROLES[prompt.role](prompt, images(message), self._generator(str(message.text)))
+                return ROLES[prompt.role](
+                    prompt, extract_message_images(message), self._rng_for_prompt(str(message.text))
+                )
         return _HELP + ", ".join(ROLES)
 
-    def _generator(self, text: str) -> np.random.Generator:
+    def _rng_for_prompt(self, text: str) -> np.random.Generator:
         digest = hashlib.sha256(text.encode()).digest()
         return np.random.default_rng([self.seed, int.from_bytes(digest[:8], "big")])
 
 
-def _usage(messages: list[BaseMessage], reply: str) -> UsageMetadata:
-    asked, said = sum(_tokens(str(message.text)) for message in messages), _tokens(reply)
+def _estimate_token_usage(messages: list[BaseMessage], reply: str) -> UsageMetadata:
+    asked, said = sum(_estimate_token_count(str(message.text)) for message in messages), _estimate_token_count(reply)
     return UsageMetadata(input_tokens=asked, output_tokens=said, total_tokens=asked + said)
 
 
-def _tokens(text: str) -> int:
+def _estimate_token_count(text: str) -> int:
     return max(1, len(text) // 4)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from grs_agents.models.offline import program_edits
 from grs_agents.models.offline.authors import plan_task
 from grs_agents.models.offline.program_writer import write_program
-from grs_agents.models.offline.prompt_text import Json, PromptText, SceneObject, read_scene_objects
-from grs_agents.models.offline.report_evidence import Evidence, read_evidence
+from grs_agents.models.offline.prompt_text import Json, PromptText, SceneObject, parse_scene_objects
+from grs_agents.models.offline.report_evidence import Evidence, parse_report_evidence
 
 _PARTIAL_OUTCOMES = frozenset({"dropped", "partial", "step_limit", "stopped", "target_occupied"})
 _LARGER = 1.25
@@ -20,10 +20,12 @@ _OWN_PROGRAM_MARK = "for item, label, place, pose"
 
 def fix_code(prompt: PromptText) -> str:
     """Reply to the ``fix_code`` prompt: the next version of the program."""
-    source, evidence = prompt.body("program"), read_evidence(prompt.body("test report"))
-    task, objects = prompt.json("task"), read_scene_objects(prompt.json("scene"))
-    fixed = fix_python_error(source, evidence) or _with_more_steps_or_space(source, evidence)
-    fixed = fixed or _without_difficult_object(source, evidence) or _replanned(source, evidence, task, objects)
+    source, evidence = prompt.section_body("program"), parse_report_evidence(prompt.section_body("test report"))
+    task, objects = prompt.section_json("task"), parse_scene_objects(prompt.section_json("scene"))
+    fixed = fix_python_error(source, evidence) or _increase_steps_or_areas(source, evidence)
+    fixed = (
+        fixed or _remove_difficult_object(source, evidence) or _write_replanned_program(source, evidence, task, objects)
+    )
     return f"```python\n{fixed.rstrip()}\n```"
 
 
@@ -40,33 +42,33 @@ def fix_python_error(source: str, evidence: Evidence) -> str | None:
         if added:
             return added
     if meant and wrong and kind in ("NameError", "AttributeError", "ImportError", "TypeError"):
-        return program_edits.replace_attribute(source, wrong[1], meant[1])
+        return program_edits.replace_identifier(source, wrong[1], meant[1])
     return None
 
 
-def _with_more_steps_or_space(source: str, evidence: Evidence) -> str | None:
+def _increase_steps_or_areas(source: str, evidence: Evidence) -> str | None:
     """An edit that keeps the objects: more steps, larger areas."""
-    steps = 2 * max(1, len(_objects_in(source)))  # as many as any oracle needs
+    steps = 2 * max(1, len(_list_program_objects(source)))  # as many as any oracle needs
     for oracle in evidence.oracles:
         if oracle.outcome == "step_limit" and oracle.most < steps:
             return program_edits.set_max_steps(source, steps)
         if oracle.outcome == "target_too_small":
-            return program_edits.scale_areas(source, _LARGER)
+            return program_edits.scale_target_sizes(source, _LARGER)
     return None
 
 
-def _without_difficult_object(source: str, evidence: Evidence) -> str | None:
+def _remove_difficult_object(source: str, evidence: Evidence) -> str | None:
     """Another author's program without the object that the oracle has trouble with, while two others remain."""
-    objects = _objects_in(source)
+    objects = _list_program_objects(source)
     concerned = [asset for oracle in evidence.oracles for asset in oracle.objects if asset in objects]
     if _OWN_PROGRAM_MARK in source or len(objects) <= 2 or not concerned:
         return None
     return program_edits.remove_asset(source, concerned[0])
 
 
-def _objects_in(source: str) -> list[str]:
+def _list_program_objects(source: str) -> list[str]:
     """The assets that ``source`` names, but for the templates of containers and zones."""
-    return [asset for asset in program_edits.assets_in(source) if "template" not in asset]
+    return [asset for asset in program_edits.find_asset_names(source) if "template" not in asset]
 
 
 @dataclass(frozen=True)
@@ -78,23 +80,23 @@ class Replan:
     spots: bool = False  # give each object a spot of its own
     margin: float = 1.0  # factor on the free space around objects
 
-    def applied_to(self, objects: Sequence[SceneObject]) -> list[SceneObject]:
+    def apply_to_objects(self, objects: Sequence[SceneObject]) -> list[SceneObject]:
         """The objects that are left, those to put elsewhere marked as out of reach."""
         left = [obj for obj in objects if obj.name not in self.without]
         return [replace(obj, reachable=False) if obj.name in self.away else obj for obj in left]
 
 
-def _replanned(source: str, evidence: Evidence, task: Json, objects: Sequence[SceneObject]) -> str:
+def _write_replanned_program(source: str, evidence: Evidence, task: Json, objects: Sequence[SceneObject]) -> str:
     """The same task planned anew with what the evidence teaches; with fewer objects where it teaches nothing."""
     named = [obj for obj in objects if obj.asset in task.get("assets-used", ())] or list(objects)
-    used = program_edits.assets_in(source)
+    used = program_edits.find_asset_names(source)
     present = [obj for obj in named if obj.asset in used]
     if {"moved", "assets_of_task"} & set(evidence.findings) or len(present) < 2:
         present = named
-    title, description = program_edits.task_class(source), str(task.get("task-description", ""))
-    for option in _replans(present, evidence, "spot" in source, _RELOCATION_COMMENT in source):
-        plan = plan_task(task, option.applied_to(present), option.margin)
-        if plan is None or len(plan.objects) < min(2, len(named)):
+    title, description = program_edits.find_task_class_name(source), str(task.get("task-description", ""))
+    for option in _list_replan_options(present, evidence, "spot" in source, _RELOCATION_COMMENT in source):
+        plan = plan_task(task, option.apply_to_objects(present), option.margin)
+        if plan is None or len(plan.moved_objects) < min(2, len(named)):
             continue
         text = write_program(plan, title, description, option.spots)
         if text.strip() != source.strip():
@@ -102,14 +104,16 @@ def _replanned(source: str, evidence: Evidence, task: Json, objects: Sequence[Sc
     return source
 
 
-def _replans(present: Sequence[SceneObject], evidence: Evidence, spots: bool, relocated: bool) -> list[Replan]:
+def _list_replan_options(
+    present: Sequence[SceneObject], evidence: Evidence, spots: bool, relocated: bool
+) -> list[Replan]:
     """What to try in turn: first what keeps every object that the task names, as the audit wants them all."""
     concerned = {asset for oracle in evidence.oracles for asset in oracle.objects}
-    worst = sorted((obj for obj in present if not obj.hollow), key=_difficulty, reverse=True)
+    worst = sorted((obj for obj in present if not obj.hollow), key=_object_difficulty_score, reverse=True)
     suspects = [obj.name for obj in worst if obj.asset in concerned]
     everyone = frozenset(obj.name for obj in present)
     return [
-        *_replans_with_every_object(evidence, frozenset(suspects), spots, relocated),
+        *_replan_options_keeping_all(evidence, frozenset(suspects), spots, relocated),
         *(Replan(frozenset({name}), spots=spots) for name in suspects),
         Replan(spots=spots, margin=1.5),
         *(Replan(frozenset(obj.name for obj in worst[:count]), spots=spots) for count in range(1, len(worst))),
@@ -118,7 +122,7 @@ def _replans(present: Sequence[SceneObject], evidence: Evidence, spots: bool, re
     ]
 
 
-def _replans_with_every_object(
+def _replan_options_keeping_all(
     evidence: Evidence, suspects: frozenset[str], spots: bool, relocated: bool
 ) -> Iterator[Replan]:
     outcomes = {oracle.outcome for oracle in evidence.oracles}
@@ -132,6 +136,6 @@ def _replans_with_every_object(
         yield Replan(away=suspects, spots=spots)
 
 
-def _difficulty(obj: SceneObject) -> float:
+def _object_difficulty_score(obj: SceneObject) -> float:
     """How likely the object is to make trouble: tall, thin or large."""
     return obj.size[2] / min(obj.size[:2]) + 4 * max(obj.size[:2])

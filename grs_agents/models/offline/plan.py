@@ -39,7 +39,7 @@ class Target:
         return self.obj.label if self.obj else self.name.replace("_", " ")
 
     @property
-    def asset(self) -> str:
+    def asset_name(self) -> str:
         """The library name of what marks it; empty for bare table."""
         if self.obj:
             return self.obj.asset
@@ -66,14 +66,14 @@ class Plan:
     exact: bool = False  # whether each object must stand at its very spot, rather than anywhere inside its frame
 
     @property
-    def objects(self) -> tuple[SceneObject, ...]:
+    def moved_objects(self) -> tuple[SceneObject, ...]:
         """The objects that are moved, each once, in the order of the moves."""
         return tuple(dict.fromkeys(move.obj for move in self.moves))
 
     @property
-    def assets(self) -> tuple[str, ...]:
+    def asset_names(self) -> tuple[str, ...]:
         """Every asset that the program uses, each once."""
-        names = [obj.asset for obj in self.objects] + [target.asset for target in self.targets]
+        names = [obj.asset for obj in self.moved_objects] + [target.asset_name for target in self.targets]
         return tuple(dict.fromkeys(name for name in names if name))
 
 
@@ -97,15 +97,15 @@ class Rows:
     depth: float  # extent of the whole along y
 
 
-def in_rows(footprints: Sequence[tuple[float, float]], rows: int = 0, gap: float = GAP) -> Rows:
+def arrange_in_rows(footprints: Sequence[tuple[float, float]], rows: int = 0, gap: float = GAP) -> Rows:
     """Lay ``footprints`` (x, y extents) out in so many rows along y; 0 rows: as many as make the whole compact."""
     if rows:
-        return _rows(footprints, rows, gap)
-    options = [_rows(footprints, count, gap) for count in range(1, len(footprints) + 1)]
+        return _arrange_in_fixed_rows(footprints, rows, gap)
+    options = [_arrange_in_fixed_rows(footprints, count, gap) for count in range(1, len(footprints) + 1)]
     return min(options, key=lambda option: math.hypot(option.width, option.depth))
 
 
-def _rows(footprints: Sequence[tuple[float, float]], rows: int, gap: float) -> Rows:
+def _arrange_in_fixed_rows(footprints: Sequence[tuple[float, float]], rows: int, gap: float) -> Rows:
     length = math.ceil(len(footprints) / rows)
     groups = [footprints[start : start + length] for start in range(0, len(footprints), length)]
     widths = [max(width for width, _ in group) for group in groups]
@@ -128,13 +128,13 @@ class Table:
 
     taken: list[Rect] = field(default_factory=list[Rect])
 
-    def place(self, width: float, depth: float) -> tuple[float, float] | None:
+    def reserve_free_place(self, width: float, depth: float) -> tuple[float, float] | None:
         """The free centre for a rectangle that is easiest to reach, then taken; None where there is none."""
         best: tuple[float, tuple[float, float]] | None = None
-        for x in _steps(X_RANGE[0] + width / 2, X_RANGE[1] - width / 2):
-            for y in _steps(Y_RANGE[0] + depth / 2, Y_RANGE[1] - depth / 2):
+        for x in _grid_coordinates(X_RANGE[0] + width / 2, X_RANGE[1] - width / 2):
+            for y in _grid_coordinates(Y_RANGE[0] + depth / 2, Y_RANGE[1] - depth / 2):
                 rect = Rect(x, y, width, depth)
-                low, high = rect.radii()
+                low, high = rect.base_distance_range()
                 if low < NEAR - 0.05 or high > FAR + 0.03 or any(rect.overlaps(other, GAP) for other in self.taken):
                     continue
                 effort = abs(math.hypot(x, y) - 0.52)
@@ -146,33 +146,33 @@ class Table:
         return best[1]
 
 
-def _steps(low: float, high: float) -> Iterable[float]:
+def _grid_coordinates(low: float, high: float) -> Iterable[float]:
     count = math.floor((high - low) / STEP + 1e-9) + 1
     return (round(low + STEP * index, 4) for index in range(max(0, count)))
 
 
-def non_overlapping(objects: Iterable[SceneObject], limit: int, gap: float = 0.004) -> list[SceneObject]:
+def select_non_overlapping(objects: Iterable[SceneObject], limit: int, gap: float = 0.004) -> list[SceneObject]:
     """The first objects, at most ``limit``, of which no two overlap."""
     chosen: list[SceneObject] = []
     for obj in objects:
-        if len(chosen) < limit and not any(obj.rect.overlaps(other.rect, gap) for other in chosen):
+        if len(chosen) < limit and not any(obj.footprint_rect.overlaps(other.footprint_rect, gap) for other in chosen):
             chosen.append(obj)
     return chosen
 
 
-def is_pickable(obj: SceneObject) -> bool:
+def is_pickable_object(obj: SceneObject) -> bool:
     """Whether the suction cup can lift it from above and set it down upright."""
     footprint = min(obj.size[:2])
     small_enough = max(obj.size[:2]) <= 0.32 and obj.size[2] <= MAX_ZONE_HEIGHT
     return not obj.hollow and footprint >= 0.018 and obj.size[2] >= 0.008 and small_enough
 
 
-def is_steady(obj: SceneObject) -> bool:
+def is_steady_object(obj: SceneObject) -> bool:
     """Whether it stands without toppling at a touch."""
     return obj.size[2] <= 4.0 * min(obj.size[:2])
 
 
-def is_in_reach(obj: SceneObject) -> bool:
+def is_reachable_object(obj: SceneObject) -> bool:
     """Whether the arm can pick it where it stands."""
     radius = math.hypot(obj.position[0], obj.position[1])
     return obj.reachable and NEAR <= radius <= FAR and obj.position[0] > 0.1

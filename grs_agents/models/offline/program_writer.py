@@ -3,7 +3,7 @@
 import keyword
 
 from grs_agents.models.offline.plan import CONTAINER, MAX_ZONE_HEIGHT, ZONE, Move, Plan, Target
-from grs_agents.models.offline.prompt_text import GAP, identifier, words
+from grs_agents.models.offline.prompt_text import GAP, make_identifier, split_words
 
 _LANGUAGE_TEMPLATES = {
     "pack": "put the {} into the {}",
@@ -12,9 +12,9 @@ _LANGUAGE_TEMPLATES = {
 }
 
 
-def class_name(task: str) -> str:
+def class_name_for_task(task: str) -> str:
     """CamelCase of a task's name."""
-    return "".join(word.capitalize() for word in words(task)) or "PlaceObjects"
+    return "".join(word.capitalize() for word in split_words(task)) or "PlaceObjects"
 
 
 def write_program(plan: Plan, title: str, description: str, spots: bool = False) -> str:
@@ -22,18 +22,18 @@ def write_program(plan: Plan, title: str, description: str, spots: bool = False)
 
     ``spots`` gives each object a spot of its own inside its container or zone, instead of the whole of it.
     """
-    names = _variables(plan)
-    lines = [*_head(plan, title, description), *_start(plan, names)]
+    names = _assign_variable_names(plan)
+    lines = [*_head_code_lines(plan, title, description), *_object_code_lines(plan, names)]
     for target in plan.targets:
-        lines += ["", *_target_lines(target, names)]
-    exact = plan.exact or any(obj.size[2] > MAX_ZONE_HEIGHT for obj in plan.objects)
-    lines += ["", *_goals(plan, names, "pose" if exact else "zone", spots and not exact)]
-    if any(target.moves for target in plan.targets) or any(obj.relocated for obj in plan.objects):
+        lines += ["", *_target_code_lines(target, names)]
+    exact = plan.exact or any(obj.size[2] > MAX_ZONE_HEIGHT for obj in plan.moved_objects)
+    lines += ["", *_goal_code_lines(plan, names, "pose" if exact else "zone", spots and not exact)]
+    if any(target.moves for target in plan.targets) or any(obj.relocated for obj in plan.moved_objects):
         lines += ["", *_FIND_PLACE]
     return "\n".join(lines) + "\n"
 
 
-def _head(plan: Plan, title: str, description: str) -> list[str]:
+def _head_code_lines(plan: Plan, title: str, description: str) -> list[str]:
     steps = len(plan.moves)
     text = description.replace("\\", "").replace('"', "'")
     return [
@@ -57,44 +57,44 @@ def _head(plan: Plan, title: str, description: str) -> list[str]:
     ]
 
 
-def _start(plan: Plan, names: dict[str, str]) -> list[str]:
+def _object_code_lines(plan: Plan, names: dict[str, str]) -> list[str]:
     lines = ["", "        # The objects, where the photo shows them."]
-    relocated = [obj for obj in plan.objects if obj.relocated]
-    for obj in plan.objects:
+    relocated = [obj for obj in plan.moved_objects if obj.relocated]
+    for obj in plan.moved_objects:
         if not obj.relocated:
-            pose = f"({_vector(obj.position)}, {_vector(obj.orientation)})"
+            pose = f"({_format_vector(obj.position)}, {_format_vector(obj.orientation)})"
             lines.append(f'        {names[obj.name]} = env.add_object("{obj.asset}", {pose})')
-    if len(relocated) == len(plan.objects):
+    if len(relocated) == len(plan.moved_objects):
         lines = []
     if relocated:
         lines += ["", "        # The objects that cannot be used where the photo shows them stand somewhere free."]
     for obj in relocated:
         spot = f"({obj.position[0]:.3f}, {obj.position[1]:.3f})"
         lines += [
-            f"        start = self.find_place(env, {_vector(obj.size)}, {spot})",
-            f"        start = utils.multiply(start, ((0, 0, 0), {_vector(obj.orientation)}))",
+            f"        start = self.find_place(env, {_format_vector(obj.size)}, {spot})",
+            f"        start = utils.multiply(start, ((0, 0, 0), {_format_vector(obj.orientation)}))",
             f'        {names[obj.name]} = env.add_object("{obj.asset}", start)',
         ]
     return lines
 
 
-def _target_lines(target: Target, names: dict[str, str]) -> list[str]:
+def _target_code_lines(target: Target, names: dict[str, str]) -> list[str]:
     name = names[target.name]
     if target.obj:
-        rotation = _vector(target.obj.orientation)
+        rotation = _format_vector(target.obj.orientation)
         return [
             f"        # The {target.label} serves where it stands.",
-            f"        {name}_size = {_vector(target.size)}",
-            f"        {name}_pose = ({_vector(target.obj.position)}, (0, 0, 0, 1))",
+            f"        {name}_size = {_format_vector(target.size)}",
+            f"        {name}_pose = ({_format_vector(target.obj.position)}, (0, 0, 0, 1))",
             f'        env.add_object("{target.obj.asset}", ({name}_pose[0], {rotation}), "fixed")',
         ]
     x, y = target.place
-    lines = [f"        # The {target.label}.", f"        {name}_size = {_vector(target.size)}"]
+    lines = [f"        # The {target.label}.", f"        {name}_size = {_format_vector(target.size)}"]
     if target.moves:
         lines.append(f"        {name}_pose = self.find_place(env, {name}_size, ({x:.3f}, {y:.3f}))")
     else:
         lines.append(f"        {name}_pose = (({x:.4f}, {y:.4f}, {target.size[2] / 2:.4f}), (0, 0, 0, 1))")
-    if target.asset:
+    if target.asset_name:
         template = CONTAINER if target.kind == "container" else ZONE
         lines += [
             f"        {name}_urdf = self.fill_template(",
@@ -105,13 +105,13 @@ def _target_lines(target: Target, names: dict[str, str]) -> list[str]:
     return lines
 
 
-def _goals(plan: Plan, names: dict[str, str], metric: str, spots: bool) -> list[str]:
+def _goal_code_lines(plan: Plan, names: dict[str, str], metric: str, spots: bool) -> list[str]:
     extent = "spot" if spots else "size"
     lines = [
         "        # One goal for each object, in the order in which the robot moves them:",
         f"        # object, its name, where to (name, pose, {extent}), offset from there, rotation.",
         "        moves = [",
-        *(f"            {_row(move, names, spots)}," for move in plan.moves),
+        *(f"            {_format_move_as_code(move, names, spots)}," for move in plan.moves),
         "        ]",
         f"        for item, label, place, pose, {extent}, offset, rotation in moves:",
         "            target = utils.multiply(pose, (offset, rotation))",
@@ -136,19 +136,19 @@ def _goals(plan: Plan, names: dict[str, str], metric: str, spots: bool) -> list[
     return lines
 
 
-def _row(move: Move, names: dict[str, str], spots: bool) -> str:
+def _format_move_as_code(move: Move, names: dict[str, str], spots: bool) -> str:
     name, target, obj = names[move.target.name], move.target, move.obj
     middle = target.obj.position[2] if target.obj else target.size[2] / 2
     offset = (move.offset[0], move.offset[1], move.offset[2] - middle)
-    size = _vector((obj.size[0] + GAP, obj.size[1] + GAP, obj.size[2])) if spots else f"{name}_size"
+    size = _format_vector((obj.size[0] + GAP, obj.size[1] + GAP, obj.size[2])) if spots else f"{name}_size"
     head = f'{names[obj.name]}, "{obj.label}", "{target.label}", {name}_pose, {size}'
-    return f"({head}, {_vector(offset)}, {_vector(obj.orientation)})"
+    return f"({head}, {_format_vector(offset)}, {_format_vector(obj.orientation)})"
 
 
-def _variables(plan: Plan) -> dict[str, str]:
+def _assign_variable_names(plan: Plan) -> dict[str, str]:
     taken: dict[str, str] = {}
-    for name in [*(obj.name for obj in plan.objects), *(target.name for target in plan.targets)]:
-        base, number = identifier(name), 2
+    for name in [*(obj.name for obj in plan.moved_objects), *(target.name for target in plan.targets)]:
+        base, number = make_identifier(name), 2
         variable = base
         while variable in (*taken.values(), *_RESERVED):
             variable, number = f"{base}_{number}", number + 1
@@ -156,7 +156,7 @@ def _variables(plan: Plan) -> dict[str, str]:
     return taken
 
 
-def _vector(values: tuple[float, ...]) -> str:
+def _format_vector(values: tuple[float, ...]) -> str:
     texts = (f"{value:.4f}".rstrip("0").rstrip(".") if abs(value) >= 5e-5 else "0" for value in values)
     return f"({', '.join(texts)})"
 

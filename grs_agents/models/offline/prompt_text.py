@@ -20,30 +20,34 @@ class PromptText:
     # lower-case title -> body: the content of the section's first fenced block, or its plain text
     sections: Mapping[str, str]
 
-    def body(self, title: str) -> str:
+    def section_body(self, title: str) -> str:
         """The body of a section, empty where there is none."""
         return self.sections.get(title, "")
 
-    def json(self, title: str) -> Json:
+    def section_json(self, title: str) -> Json:
         """The section's JSON object; an empty one where the body is something else."""
-        value = read_json(self.body(title))
+        value = parse_json_or_none(self.section_body(title))
         return cast(Json, value) if isinstance(value, dict) else {}
 
-    def rows(self, title: str) -> list[Json]:
+    def section_json_rows(self, title: str) -> list[Json]:
         """The section's JSON objects: one a line, or an array of them."""
-        body = self.body(title)
-        whole = read_json(body)
-        values = cast(list[Any], whole) if isinstance(whole, list) else [read_json(row) for row in body.splitlines()]
+        body = self.section_body(title)
+        whole = parse_json_or_none(body)
+        values = (
+            cast(list[Any], whole)
+            if isinstance(whole, list)
+            else [parse_json_or_none(row) for row in body.splitlines()]
+        )
         return [cast(Json, value) for value in values if isinstance(value, dict)]
 
 
-def read_prompt(text: str) -> PromptText | None:
+def parse_prompt(text: str) -> PromptText | None:
     """Take a prompt apart; None where no line names a role."""
     role = _ROLE.search(text)
-    return None if role is None else PromptText(role.group(1), _sections(text[role.end() :]))
+    return None if role is None else PromptText(role.group(1), _split_sections(text[role.end() :]))
 
 
-def read_json(text: str) -> Any:
+def parse_json_or_none(text: str) -> Any:
     """The value that ``text`` spells, or None."""
     try:
         return json.loads(text)
@@ -51,7 +55,7 @@ def read_json(text: str) -> Any:
         return None
 
 
-def _sections(text: str) -> dict[str, str]:
+def _split_sections(text: str) -> dict[str, str]:
     plain: dict[str, list[str]] = {}
     fenced: dict[str, list[str]] = {}
     closed: set[str] = set()
@@ -74,13 +78,13 @@ def _sections(text: str) -> dict[str, str]:
     return bodies | {name: "\n".join(lines) for name, lines in fenced.items()}
 
 
-def words(text: str) -> list[str]:
+def split_words(text: str) -> list[str]:
     """The lower-case words of a name or sentence; CamelCase and digits are split."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
     return re.findall(r"[a-z]+", spaced.lower())
 
 
-def identifier(text: str) -> str:
+def make_identifier(text: str) -> str:
     """A Python identifier that resembles ``text``."""
     slug = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_") or "thing"
     return slug if slug[0].isalpha() else f"thing_{slug}"
@@ -115,7 +119,7 @@ class Rect:
             and abs(self.y - other.y) < (self.depth + other.depth) / 2 + gap
         )
 
-    def radii(self) -> tuple[float, float]:
+    def base_distance_range(self) -> tuple[float, float]:
         """The least and the greatest distance of its corners and edges from the robot's base."""
         low = math.hypot(max(0.0, abs(self.x) - self.width / 2), max(0.0, abs(self.y) - self.depth / 2))
         return low, math.hypot(abs(self.x) + self.width / 2, abs(self.y) + self.depth / 2)
@@ -137,7 +141,7 @@ class SceneObject:
     relocated: bool = False  # whether the program puts it elsewhere than the photo
 
     @property
-    def rect(self) -> Rect:
+    def footprint_rect(self) -> Rect:
         """Its footprint."""
         return Rect(self.position[0], self.position[1], self.size[0], self.size[1])
 
@@ -148,7 +152,7 @@ class SceneObject:
         if self.asset.startswith("proxy/"):
             kind = self.category if self.category not in ("proxy", "") else "object"
             return f"{self.color} {kind}".strip()
-        name = words(stem)
+        name = split_words(stem)
         return " ".join(name if self.category in name or not self.category else [*name, self.category])
 
     @property
@@ -159,33 +163,33 @@ class SceneObject:
     @property
     def is_flat_topped(self) -> bool:
         """Whether another object would rest on it."""
-        kinds = {*words(self.category), *words(self.asset.rsplit("/", 1)[-1]), *words(self.name)}
+        kinds = {*split_words(self.category), *split_words(self.asset.rsplit("/", 1)[-1]), *split_words(self.name)}
         return not self.hollow and not kinds & ROUND_WORDS
 
-    def at(self, x: float, y: float) -> "SceneObject":
+    def relocate_to(self, x: float, y: float) -> "SceneObject":
         """The same object standing elsewhere on the table."""
         return replace(self, position=(x, y, self.size[2] / 2), relocated=True)
 
-    def on_table(self) -> "SceneObject":
+    def snap_to_table(self) -> "SceneObject":
         """The same object with its underside on the table, where the photo's box hovers or sinks."""
         low = self.size[2] / 2
         height = self.position[2] if low <= self.position[2] <= low + 0.02 else low
         return replace(self, position=(self.position[0], self.position[1], height))
 
 
-def read_scene_objects(scene: Json) -> list[SceneObject]:
+def parse_scene_objects(scene: Json) -> list[SceneObject]:
     """The objects of a scene section; entries without a name, asset, position or size are left out."""
-    entries = [cast(Json, entry) for entry in _list(scene.get("objects")) if isinstance(entry, dict)]
-    return [obj for obj in map(_scene_object, entries) if obj is not None]
+    entries = [cast(Json, entry) for entry in _list_or_empty(scene.get("objects")) if isinstance(entry, dict)]
+    return [obj for obj in map(_parse_scene_object, entries) if obj is not None]
 
 
-def _scene_object(entry: Json) -> SceneObject | None:
-    position, box = numbers(entry.get("position"), 3), _box_extents(entry.get("box"))
-    size = numbers(entry.get("size"), 3) or box
+def _parse_scene_object(entry: Json) -> SceneObject | None:
+    position, box = parse_finite_floats(entry.get("position"), 3), _box_extents(entry.get("box"))
+    size = parse_finite_floats(entry.get("size"), 3) or box
     asset = str(entry.get("asset") or "")
     if position is None or size is None or min(size) <= 0 or not asset:
         return None
-    orientation = numbers(entry.get("orientation"), 4) or (0.0, 0.0, 0.0, 1.0)
+    orientation = parse_finite_floats(entry.get("orientation"), 4) or (0.0, 0.0, 0.0, 1.0)
     category = str(entry.get("category") or "").lower()
     return SceneObject(
         name=str(entry.get("name") or asset),
@@ -194,24 +198,26 @@ def _scene_object(entry: Json) -> SceneObject | None:
         color=str(entry.get("color") or "").lower(),
         position=cast(Vector, position),
         orientation=cast(Quaternion, orientation),
-        size=_as_it_stands(size, orientation, box),
+        size=_axis_aligned_extents(size, orientation, box),
         reachable=bool(entry.get("reachable", True)),
-        hollow=bool(entry.get("hollow")) or _is_named_hollow(asset, category),
+        hollow=bool(entry.get("hollow")) or _has_hollow_name(asset, category),
     )
 
 
-def _is_named_hollow(asset: str, category: str) -> bool:
-    return bool({category, *words(asset)} & HOLLOW_WORDS) and not asset.startswith("proxy/")
+def _has_hollow_name(asset: str, category: str) -> bool:
+    return bool({category, *split_words(asset)} & HOLLOW_WORDS) and not asset.startswith("proxy/")
 
 
 def _box_extents(box: Any) -> tuple[float, ...] | None:
     """The extents of an axis-aligned box that is given by its corners; None where it is not."""
     edges = cast(Json, box) if isinstance(box, dict) else {}
-    low, high = numbers(edges.get("low"), 3), numbers(edges.get("high"), 3)
+    low, high = parse_finite_floats(edges.get("low"), 3), parse_finite_floats(edges.get("high"), 3)
     return tuple(b - a for a, b in zip(low, high, strict=True)) if low and high else None
 
 
-def _as_it_stands(size: tuple[float, ...], orientation: tuple[float, ...], box: tuple[float, ...] | None) -> Vector:
+def _axis_aligned_extents(
+    size: tuple[float, ...], orientation: tuple[float, ...], box: tuple[float, ...] | None
+) -> Vector:
     """The extents along the robot's axes, whether ``size`` tells them or the object's own, judged by its box."""
     if box is None:
         return cast(Vector, size)
@@ -222,14 +228,14 @@ def _as_it_stands(size: tuple[float, ...], orientation: tuple[float, ...], box: 
     return cast(Vector, min((size, turned), key=lambda extents: math.dist(extents[:2], box[:2])))
 
 
-def numbers(value: Any, count: int) -> tuple[float, ...] | None:
+def parse_finite_floats(value: Any, count: int) -> tuple[float, ...] | None:
     """``value`` as a tuple of ``count`` finite floats, or None."""
-    items = _list(value)
+    items = _list_or_empty(value)
     if len(items) != count or not all(isinstance(item, int | float) for item in items):
         return None
     floats = tuple(float(item) for item in items)
     return floats if all(math.isfinite(item) for item in floats) else None
 
 
-def _list(value: Any) -> list[Any]:
+def _list_or_empty(value: Any) -> list[Any]:
     return list(cast("list[Any] | tuple[Any, ...]", value)) if isinstance(value, list | tuple) else []

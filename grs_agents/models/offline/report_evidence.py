@@ -51,7 +51,7 @@ class Evidence:
     findings: dict[str, str]  # failed checks of the audit and what they measured
 
 
-def read_evidence(text: str) -> Evidence:
+def parse_report_evidence(text: str) -> Evidence:
     """Take a report apart; whatever it does not hold is left empty."""
     cases: list[Case] = []
     oracles: list[Oracle] = []
@@ -59,7 +59,7 @@ def read_evidence(text: str) -> Evidence:
     findings: dict[str, str] = {}
     for line in text.splitlines():
         if oracle := _ORACLE.search(line):
-            oracles.append(_oracle(oracle))
+            oracles.append(_parse_oracle_line(oracle))
         elif finding := _FINDING.match(line):
             findings[finding["check"]] = finding["detail"]
         elif (case := _CASE.match(line)) and case["outcome"] != "passed":
@@ -72,6 +72,6 @@ def read_evidence(text: str) -> Evidence:
     return Evidence(text, tuple(cases), short, len(oracles) - len(short), tuple(errors), where, findings)
 
 
-def _oracle(line: re.Match[str]) -> Oracle:
+def _parse_oracle_line(line: re.Match[str]) -> Oracle:
     assets = tuple(re.findall(r"[\"']([^\"']+)[\"']", line["objects"] or ""))
     return Oracle(line["outcome"], int(line["steps"]), int(line["most"]), line["detail"], assets)

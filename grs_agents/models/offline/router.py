@@ -1,7 +1,7 @@
 """The router: which of the two programs the evidence speaks against."""
 
 from grs_agents.models.offline.prompt_text import PromptText
-from grs_agents.models.offline.report_evidence import Evidence, read_evidence
+from grs_agents.models.offline.report_evidence import Evidence, parse_report_evidence
 
 _REMEDIES = {
     "step_limit": "allow more steps, or move fewer objects",
@@ -17,13 +17,15 @@ _REMEDIES = {
 }
 
 
-def route(prompt: PromptText) -> str:
-    """Reply to the ``route`` prompt: an explanation, then the verdict in a fenced block."""
-    verdict, explanation = judge(read_evidence(prompt.body("test report")), prompt.body("history"))
+def decide_what_to_fix(prompt: PromptText) -> str:
+    """Reply to the ``decide_what_to_fix`` prompt: an explanation, then the verdict in a fenced block."""
+    verdict, explanation = judge_evidence(
+        parse_report_evidence(prompt.section_body("test report")), prompt.section_body("history")
+    )
     return f"{explanation}\n\n```\n{verdict}\n```"
 
 
-def judge(evidence: Evidence, history: str = "") -> tuple[str, str]:
+def judge_evidence(evidence: Evidence, history: str = "") -> tuple[str, str]:
     """The verdict and why.
 
     What the tests themselves raise while the oracle solved the task, or never ran, speaks against the tests; all
@@ -32,11 +34,11 @@ def judge(evidence: Evidence, history: str = "") -> tuple[str, str]:
     recent = [line for line in history.splitlines() if "fix_" in line][-3:]
     if len(recent) == 3 and all("fix_test" in line for line in recent):
         return "fix_code", "Three fixes of the tests in a row did not help, so the program is at fault: simplify it."
-    fault = _fault_of_tests(evidence)
-    return ("fix_test", f"{fault} Mend the tests.") if fault else ("fix_code", _fault_of_program(evidence))
+    fault = _explain_test_fault(evidence)
+    return ("fix_test", f"{fault} Mend the tests.") if fault else ("fix_code", _explain_program_fault(evidence))
 
 
-def _fault_of_tests(evidence: Evidence) -> str:
+def _explain_test_fault(evidence: Evidence) -> str:
     """What speaks against the tests; empty where the oracle fell short or nothing was raised in them."""
     if any(oracle.outcome != "stopped" for oracle in evidence.oracles):
         return ""
@@ -49,10 +51,10 @@ def _fault_of_tests(evidence: Evidence) -> str:
         return "There are no tests."
     if evidence.text.startswith("load_tests"):
         return "The tests choose among themselves by a load_tests of their own."
-    return f"The test file itself cannot be run: {_last_error(evidence)}." if evidence.where == "tests" else ""
+    return f"The test file itself cannot be run: {_last_error_text(evidence)}." if evidence.where == "tests" else ""
 
 
-def _fault_of_program(evidence: Evidence) -> str:
+def _explain_program_fault(evidence: Evidence) -> str:
     if evidence.oracles:
         first = evidence.oracles[0]
         remedy = _REMEDIES.get(first.outcome, "simplify the task")
@@ -60,8 +62,8 @@ def _fault_of_program(evidence: Evidence) -> str:
     if evidence.findings:
         findings = "; ".join(f"{check}: {detail}" for check, detail in evidence.findings.items())
         return f"The tests pass but the audit does not ({findings}). The program has to change."
-    return f"The program is at fault: {_last_error(evidence)}. Mend the program."
+    return f"The program is at fault: {_last_error_text(evidence)}. Mend the program."
 
 
-def _last_error(evidence: Evidence) -> str:
+def _last_error_text(evidence: Evidence) -> str:
     return ": ".join(evidence.errors[-1]) if evidence.errors else "see the report"

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
-from grs_agents.models.offline.plan import WALL, ZONE_HEIGHT, Family, Move, Plan, Rows, Table, Target, in_rows
-from grs_agents.models.offline.prompt_text import COLORS, GAP, Rect, SceneObject, Vector, identifier
+from grs_agents.models.offline.plan import WALL, ZONE_HEIGHT, Family, Move, Plan, Rows, Table, Target, arrange_in_rows
+from grs_agents.models.offline.prompt_text import COLORS, GAP, Rect, SceneObject, Vector, make_identifier
 
 PALETTE = ("green", "blue", "red", "yellow", "purple", "orange")
 
@@ -21,39 +21,43 @@ class TaskRequest:
     margin: float = 1.0  # factor on the free space inside containers and zones
 
 
-def pack(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
+def plan_pack_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     """Everything into one container: one of the scene's where one fits, else a new one."""
-    rows = _rows(objects, request)
-    target = _existing_container(objects, request, rows.width, rows.depth) or _new_container(
+    rows = _arrange_object_rows(objects, request)
+    target = _find_fitting_container(objects, request, rows.width, rows.depth) or _place_new_container(
         objects, request, rows.width, rows.depth
     )
     if target is None:
         return None
     floor = WALL if target.kind == "container" else 0.01
-    return Plan("pack", (target,), _moves(objects, target, rows, floor))
+    return Plan("pack", (target,), _make_moves_to_rows(objects, target, rows, floor))
 
 
-def _existing_container(
+def _find_fitting_container(
     objects: Sequence[SceneObject], request: TaskRequest, width: float, depth: float
 ) -> Target | None:
     for container in request.containers:
         inside = container.size[0] - 0.04 >= width and container.size[1] - 0.04 >= depth
-        free = not any(container.rect.overlaps(obj.rect, GAP) for obj in objects)
+        free = not any(container.footprint_rect.overlaps(obj.footprint_rect, GAP) for obj in objects)
         square = abs(container.orientation[2] * container.orientation[3]) < 0.04 or abs(container.orientation[2]) > 0.68
         if inside and free and square and container.size[2] <= 0.12:
-            name = identifier(container.name)
+            name = make_identifier(container.name)
             return Target(name, "object", container.size, container.position[:2], container.color, False, container)
     return None
 
 
-def _new_container(objects: Sequence[SceneObject], request: TaskRequest, width: float, depth: float) -> Target | None:
+def _place_new_container(
+    objects: Sequence[SceneObject], request: TaskRequest, width: float, depth: float
+) -> Target | None:
     border = 2 * (WALL + GAP * request.margin)
     height = round(min(0.08, max(0.04, 0.6 * min(obj.size[2] for obj in objects))), 3)
-    size = (_round_up(width + border), _round_up(depth + border), height)
-    return _new_target(f"{request.color}_container", "container", size, request.color, _table(objects))
+    size = (_round_up_to_cm(width + border), _round_up_to_cm(depth + border), height)
+    return _place_new_target(
+        f"{request.color}_container", "container", size, request.color, _table_with_objects(objects)
+    )
 
 
-def stack(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
+def plan_stack_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     """One upon the other on a zone, the larger below the smaller."""
     order = sorted(objects, key=lambda obj: (-obj.size[0] * obj.size[1], obj.name))
     for below, above in pairwise(order):
@@ -63,8 +67,8 @@ def stack(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     tall = sum(obj.size[2] for obj in order)
     if len(order) < 2 or tall > 0.26 or any(obj.size[2] > 2.5 * min(obj.size[:2]) for obj in order):
         return None
-    side = _round_up(max(order[0].size[:2]) + 0.03 * request.margin)
-    zone = _zone(f"{request.color}_zone", side, side, request.color, _table(objects))
+    side = _round_up_to_cm(max(order[0].size[:2]) + 0.03 * request.margin)
+    zone = _place_new_zone(f"{request.color}_zone", side, side, request.color, _table_with_objects(objects))
     if zone is None:
         return None
     moves: list[Move] = []
@@ -75,30 +79,27 @@ def stack(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     return Plan("stack", (zone,), tuple(moves), exact=True)
 
 
-def sort(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
+def plan_sort_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     """Each group, by colour or by category, onto a zone of its own."""
-    keys: dict[str, Callable[[SceneObject], str]] = {
-        "color": lambda obj: obj.color,
-        "kind": lambda obj: obj.category,
-    }
+    keys: dict[str, Callable[[SceneObject], str]] = {"color": lambda obj: obj.color, "kind": lambda obj: obj.category}
     criteria = [request.criterion] if request.criterion in keys else ["color", "kind"]
     for criterion in criteria:
         groups: dict[str, list[SceneObject]] = {}
         for obj in objects:
             groups.setdefault(keys[criterion](obj), []).append(obj)
         if 2 <= len(groups) <= 3 and all(groups):
-            return _sorted(objects, groups, criterion, request)
+            return _plan_zone_per_group(objects, groups, criterion, request)
     return None
 
 
-def _sorted(
+def _plan_zone_per_group(
     objects: Sequence[SceneObject], groups: dict[str, list[SceneObject]], criterion: str, request: TaskRequest
 ) -> Plan | None:
-    table, targets, moves = _table(objects), list[Target](), list[Move]()
+    table, targets, moves = _table_with_objects(objects), list[Target](), list[Move]()
     spare = [color for color in PALETTE if color not in groups]
     for index, name in enumerate(sorted(groups)):
         color = name if name in COLORS else spare[index % len(spare)]
-        layout = _zone_with_rows(groups[name], f"{color}_zone", color, table, request)
+        layout = _place_zone_with_rows(groups[name], f"{color}_zone", color, table, request)
         if layout is None:
             return None
         targets.append(layout[0])
@@ -106,32 +107,36 @@ def _sorted(
     return Plan("sort", tuple(targets), tuple(moves), criterion)
 
 
-def line(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
+def plan_line_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     """Side by side on a strip, from the shortest to the tallest."""
     order = sorted(objects, key=lambda obj: (obj.size[2], obj.name))
     if len(order) < 2:
         return None
-    rows = in_rows([obj.size[:2] for obj in order], 1, GAP * 1.5 * request.margin)
-    width, depth = _round_up(rows.width + 2 * GAP), _round_up(rows.depth + 2 * GAP)
-    strip = _zone(f"{request.color}_strip", width, depth, request.color, _table(objects))
-    return None if strip is None else Plan("line", (strip,), _moves(order, strip, rows), "height", exact=True)
+    rows = arrange_in_rows([obj.size[:2] for obj in order], 1, GAP * 1.5 * request.margin)
+    width, depth = _round_up_to_cm(rows.width + 2 * GAP), _round_up_to_cm(rows.depth + 2 * GAP)
+    strip = _place_new_zone(f"{request.color}_strip", width, depth, request.color, _table_with_objects(objects))
+    return (
+        None if strip is None else Plan("line", (strip,), _make_moves_to_rows(order, strip, rows), "height", exact=True)
+    )
 
 
-def place(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
+def plan_place_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     """Everything onto one zone."""
-    layout = _zone_with_rows(objects, f"{request.color}_zone", request.color, _table(objects), request)
+    layout = _place_zone_with_rows(
+        objects, f"{request.color}_zone", request.color, _table_with_objects(objects), request
+    )
     return None if layout is None else Plan("place", (layout[0],), layout[1])
 
 
-def match(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
+def plan_distribute_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     """Each onto a mark of its own."""
     if not 2 <= len(objects) <= 4:
         return None
-    table, targets, moves = _table(objects), list[Target](), list[Move]()
+    table, targets, moves = _table_with_objects(objects), list[Target](), list[Move]()
     start = PALETTE.index(request.color) if request.color in PALETTE else 0
     for index, obj in enumerate(objects):
         color = PALETTE[(start + index) % len(PALETTE)]
-        layout = _zone_with_rows([obj], f"{color}_mark", color, table, request)
+        layout = _place_zone_with_rows([obj], f"{color}_mark", color, table, request)
         if layout is None:
             return None
         targets.append(layout[0])
@@ -139,71 +144,79 @@ def match(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     return Plan("match", tuple(targets), tuple(moves))
 
 
-def clear(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
+def plan_clear_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     """Out of the area in which they stand, to a free part of the table."""
-    area = _area_around([obj.rect for obj in objects])
+    area = _bounding_rect([obj.footprint_rect for obj in objects])
     if any(obj.relocated for obj in objects) or max(area.width, area.depth) > 0.45:
         return None
-    size = (_round_up(area.width), _round_up(area.depth), ZONE_HEIGHT)
+    size = (_round_up_to_cm(area.width), _round_up_to_cm(area.depth), ZONE_HEIGHT)
     spot = Target(f"{request.color}_area", "zone", size, (area.x, area.y), request.color, moves=False)
     table = Table([area])
-    rows = _rows(objects, request)
-    size = (_round_up(rows.width + 2 * GAP), _round_up(rows.depth + 2 * GAP), max(obj.size[2] for obj in objects))
-    free = _new_target("free_place", "free", size, "", table)
-    return None if free is None else Plan("clear", (spot, free), _moves(objects, free, rows))
+    rows = _arrange_object_rows(objects, request)
+    size = (
+        _round_up_to_cm(rows.width + 2 * GAP),
+        _round_up_to_cm(rows.depth + 2 * GAP),
+        max(obj.size[2] for obj in objects),
+    )
+    free = _place_new_target("free_place", "free", size, "", table)
+    return None if free is None else Plan("clear", (spot, free), _make_moves_to_rows(objects, free, rows))
 
 
-def _area_around(rects: Sequence[Rect]) -> Rect:
+def _bounding_rect(rects: Sequence[Rect]) -> Rect:
     low = [min(r.x - r.width / 2 for r in rects) - GAP, min(r.y - r.depth / 2 for r in rects) - GAP]
     high = [max(r.x + r.width / 2 for r in rects) + GAP, max(r.y + r.depth / 2 for r in rects) + GAP]
     return Rect((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, high[0] - low[0], high[1] - low[1])
 
 
 FAMILIES: dict[Family, Callable[[Sequence[SceneObject], TaskRequest], Plan | None]] = {
-    "pack": pack,
-    "stack": stack,
-    "sort": sort,
-    "line": line,
-    "clear": clear,
-    "match": match,
-    "place": place,
+    "pack": plan_pack_task,
+    "stack": plan_stack_task,
+    "sort": plan_sort_task,
+    "line": plan_line_task,
+    "clear": plan_clear_task,
+    "match": plan_distribute_task,
+    "place": plan_place_task,
 }
 
 
-def _rows(objects: Sequence[SceneObject], request: TaskRequest) -> Rows:
-    return in_rows([obj.size[:2] for obj in objects], gap=GAP * request.margin)
+def _arrange_object_rows(objects: Sequence[SceneObject], request: TaskRequest) -> Rows:
+    return arrange_in_rows([obj.size[:2] for obj in objects], gap=GAP * request.margin)
 
 
-def _moves(objects: Sequence[SceneObject], target: Target, rows: Rows, floor: float = 0.0) -> tuple[Move, ...]:
+def _make_moves_to_rows(
+    objects: Sequence[SceneObject], target: Target, rows: Rows, floor: float = 0.0
+) -> tuple[Move, ...]:
     """Each object to its place in the rows, standing ``floor`` metres above the table."""
     pairs = zip(objects, rows.offsets, strict=True)
     return tuple(Move(obj, target, (x, y, floor + obj.size[2] / 2)) for obj, (x, y) in pairs)
 
 
-def _zone_with_rows(
+def _place_zone_with_rows(
     objects: Sequence[SceneObject], name: str, color: str, table: Table, request: TaskRequest
 ) -> tuple[Target, tuple[Move, ...]] | None:
-    rows = _rows(objects, request)
+    rows = _arrange_object_rows(objects, request)
     border = 2 * GAP * request.margin
-    zone = _zone(name, _round_up(rows.width + border), _round_up(rows.depth + border), color, table)
-    return None if zone is None else (zone, _moves(objects, zone, rows))
+    zone = _place_new_zone(
+        name, _round_up_to_cm(rows.width + border), _round_up_to_cm(rows.depth + border), color, table
+    )
+    return None if zone is None else (zone, _make_moves_to_rows(objects, zone, rows))
 
 
-def _zone(name: str, width: float, depth: float, color: str, table: Table) -> Target | None:
-    return _new_target(name, "zone", (width, depth, ZONE_HEIGHT), color, table)
+def _place_new_zone(name: str, width: float, depth: float, color: str, table: Table) -> Target | None:
+    return _place_new_target(name, "zone", (width, depth, ZONE_HEIGHT), color, table)
 
 
-def _new_target(
+def _place_new_target(
     name: str, kind: Literal["container", "zone", "free"], size: Vector, color: str, table: Table
 ) -> Target | None:
-    spot = table.place(size[0], size[1])
+    spot = table.reserve_free_place(size[0], size[1])
     return None if spot is None else Target(name, kind, size, spot, color)
 
 
-def _table(objects: Sequence[SceneObject]) -> Table:
-    return Table([obj.rect for obj in objects])
+def _table_with_objects(objects: Sequence[SceneObject]) -> Table:
+    return Table([obj.footprint_rect for obj in objects])
 
 
-def _round_up(length: float) -> float:
+def _round_up_to_cm(length: float) -> float:
     """Rounded up to whole centimetres."""
     return round(-(-length // 0.01) * 0.01, 3)

@@ -29,7 +29,7 @@ _VERBS: dict[Family, str] = {
 
 def task_name(plan: Plan) -> str:
     """A kebab-case name that tells the family and some of the objects."""
-    labels = list(dict.fromkeys(obj.label for obj in plan.objects))
+    labels = list(dict.fromkeys(obj.label for obj in plan.moved_objects))
     what = "-and-".join(labels[:2]) + ("-and-more" if len(labels) > 2 else "")
     target = plan.targets[0]
     preposition = "into" if target.kind in ("container", "object") else "on"
@@ -49,12 +49,12 @@ def task_description(plan: Plan) -> str:
         "match": "Put each object on a mark of its own: {placements}.",
         "place": "Put {what} on the {where}.",
     }
-    what = listed([obj.label for obj in plan.objects])
-    where, placements = plan.targets[0].label, _by_target(plan)
+    what = format_label_list([obj.label for obj in plan.moved_objects])
+    where, placements = plan.targets[0].label, _describe_placements(plan)
     return templates[plan.family].format(what=what, where=where, note=plan.criterion, placements=placements)
 
 
-def read_family(name: str, description: str) -> Family:
+def infer_task_family(name: str, description: str) -> Family:
     """The family that a task's words call for; the name weighs more than the description."""
     begins: list[Family] = [family for family, verb in _VERBS.items() if name.lower().startswith(f"{verb}-")]
     if begins:
@@ -66,7 +66,9 @@ def read_family(name: str, description: str) -> Family:
     return "place"
 
 
-def read_request(name: str, description: str, containers: Sequence[SceneObject], margin: float = 1.0) -> TaskRequest:
+def parse_task_request(
+    name: str, description: str, containers: Sequence[SceneObject], margin: float = 1.0
+) -> TaskRequest:
     """The colour and the order that a task's words ask for."""
     text = f"{description} {name.replace('-', ' ')}".lower()
     colors = "|".join(COLORS)
@@ -77,10 +79,12 @@ def read_request(name: str, description: str, containers: Sequence[SceneObject],
     return TaskRequest(color.group(1) if color else PALETTE[0], tuple(containers), criterion, margin)
 
 
-def listed(labels: Sequence[str]) -> str:
+def format_label_list(labels: Sequence[str]) -> str:
     """``the a, the b and the c``; equal labels are counted."""
     counts = {label: list(labels).count(label) for label in labels}
-    parts = [f"the {label}" if count == 1 else f"the {count} {_plural(label)}" for label, count in counts.items()]
+    parts = [
+        f"the {label}" if count == 1 else f"the {count} {_pluralize_label(label)}" for label, count in counts.items()
+    ]
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
@@ -88,20 +92,20 @@ NOT_MENTIONED = 1000
 """More than any description counts: it does not mention them."""
 
 
-def mention_count(label: str, description: str) -> int:
+def count_mentions(label: str, description: str) -> int:
     """How many objects called ``label`` a description counts; very many where it does not mention them."""
     counts = re.findall(rf"\bthe (?:(\d+) )?{re.escape(label)}(?:e?s)?\b", description)
     return sum(int(number or 1) for number in counts) if counts else NOT_MENTIONED
 
 
-def _plural(label: str) -> str:
+def _pluralize_label(label: str) -> str:
     return f"{label}es" if label.endswith(("s", "x", "ch", "sh")) else f"{label}s"
 
 
-def _by_target(plan: Plan) -> str:
+def _describe_placements(plan: Plan) -> str:
     parts: list[str] = []
     for target in plan.targets:
         labels = [move.obj.label for move in plan.moves if move.target is target]
         if labels:
-            parts.append(f"{listed(labels)} on the {target.label}")
+            parts.append(f"{format_label_list(labels)} on the {target.label}")
     return ", and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))

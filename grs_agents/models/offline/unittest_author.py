@@ -3,7 +3,7 @@
 from grs_agents.models.offline import program_edits
 from grs_agents.models.offline.code_fixer import fix_python_error
 from grs_agents.models.offline.prompt_text import PromptText
-from grs_agents.models.offline.report_evidence import read_evidence
+from grs_agents.models.offline.report_evidence import parse_report_evidence
 
 _TEMPLATE = '''import unittest
 
@@ -69,20 +69,20 @@ _TOLERANCE = 0.06
 
 def author_tests(prompt: PromptText) -> str:
     """Reply to the ``tests`` prompt: three tests of the oracle's behaviour."""
-    return f"```python\n{_tests_for(prompt, _TOLERANCE)}```"
+    return f"```python\n{_fill_test_template(prompt, _TOLERANCE)}```"
 
 
 def fix_tests(prompt: PromptText) -> str:
     """Reply to the ``fix_tests`` prompt: the error mended, else tests written anew that explain their failures."""
-    source, evidence = prompt.body("tests"), read_evidence(prompt.body("test report"))
-    fixed = fix_python_error(source, evidence) if program_edits.parse(source) else None
-    fixed = fixed or _tests_for(prompt, _TOLERANCE)
+    source, evidence = prompt.section_body("tests"), parse_report_evidence(prompt.section_body("test report"))
+    fixed = fix_python_error(source, evidence) if program_edits.parse_syntax_tree(source) else None
+    fixed = fixed or _fill_test_template(prompt, _TOLERANCE)
     if fixed.strip() == source.strip():
-        fixed = _tests_for(prompt, 2 * _TOLERANCE)
+        fixed = _fill_test_template(prompt, 2 * _TOLERANCE)
     return f"```python\n{fixed.rstrip()}\n```"
 
 
-def _tests_for(prompt: PromptText, tolerance: float) -> str:
-    title = program_edits.task_class(prompt.body("program"))
-    description = str(prompt.json("task").get("task-description", "")).replace("\\", "").replace('"', "'")
+def _fill_test_template(prompt: PromptText, tolerance: float) -> str:
+    title = program_edits.find_task_class_name(prompt.section_body("program"))
+    description = str(prompt.section_json("task").get("task-description", "")).replace("\\", "").replace('"', "'")
     return _TEMPLATE.format(title=title, description=" ".join(description.split()), tolerance=tolerance)

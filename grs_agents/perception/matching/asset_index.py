@@ -23,7 +23,7 @@ from pydantic import Field, ValidationError
 
 from grs_agents.base import Frozen, Vec3
 from grs_agents.errors import InputError
-from grs_agents.files import unwritable, write_bytes, write_json, write_text
+from grs_agents.files import unwritable_error, write_bytes, write_json, write_text
 from grs_agents.perception.matching.color_histogram import BINS
 from grs_agents.perception.types import Array
 
@@ -34,7 +34,9 @@ _WIDTH = 0.25  # sizes whose logarithms differ by so much are about as alike as 
 Vectors = npt.NDArray[np.float32]
 
 
-def embed(description: str = "", look: npt.NDArray[np.float32] | None = None, size: Vec3 | None = None) -> Vectors:
+def embed_object(
+    description: str = "", look: npt.NDArray[np.float32] | None = None, size: Vec3 | None = None
+) -> Vectors:
     """The vector (DIMENSIONS,) of an object; what is not known of it counts as unlike everything.
 
     Args:
@@ -42,53 +44,53 @@ def embed(description: str = "", look: npt.NDArray[np.float32] | None = None, si
         size: extents in m, in any order.
     """
     parts = [
-        words_vector(description),
-        np.zeros(LOOK) if look is None else look_vector(look),
-        size_vectors(np.array(size)) if size else np.zeros(SIZE),
+        embed_words(description),
+        np.zeros(LOOK) if look is None else embed_color_histogram(look),
+        embed_sizes(np.array(size)) if size else np.zeros(SIZE),
     ]
     scaled = [np.sqrt(weight) * part for weight, part in zip(WEIGHTS, parts, strict=True)]
     return np.concatenate(scaled).astype(np.float32)
 
 
-def words_vector(text: str) -> Array:
+def embed_words(text: str) -> Array:
     """(WORDS,) of length 1: each word, and each of its runs of four letters, adds to one place by its hash."""
     found = np.zeros(WORDS)
     for word in re.findall(r"[a-z0-9]+", text.lower()):
         for token, weight in ((word, 1.0), *((word[i : i + 4], 0.25) for i in range(len(word) - 3))):
-            place, sign = _hashed(token)
+            place, sign = _hash_token(token)
             found[place] += sign * weight
     length = float(np.linalg.norm(found))
     return found / length if length else found
 
 
 @lru_cache(maxsize=65536)
-def _hashed(token: str) -> tuple[int, float]:
+def _hash_token(token: str) -> tuple[int, float]:
     digest = hashlib.blake2b(token.encode(), digest_size=8).digest()
     return int.from_bytes(digest[:4], "little") % WORDS, 1.0 if digest[4] & 1 else -1.0
 
 
-def look_vector(look: npt.NDArray[np.floating[Any]]) -> Array:
+def embed_color_histogram(look: npt.NDArray[np.floating[Any]]) -> Array:
     """(..., LOOK) of length 1, of square roots of shares of tones (..., BINS)."""
-    found = look.astype(np.float64) @ _projection()
+    found = look.astype(np.float64) @ _random_projection_matrix()
     return found / np.maximum(np.linalg.norm(found, axis=-1, keepdims=True), 1e-12)
 
 
 @lru_cache(maxsize=1)
-def _projection() -> Array:
+def _random_projection_matrix() -> Array:
     return np.random.default_rng(1).normal(size=(BINS, LOOK)) / np.sqrt(LOOK)
 
 
-def size_vectors(sizes: Array) -> Array:
+def embed_sizes(sizes: Array) -> Array:
     """(..., SIZE) of length 1 for extents (..., 3) in m in any order.
 
     A product of two is near a Gaussian of how much the logarithms of the sizes differ.
     """
-    phases = np.log(np.sort(np.maximum(sizes, 1e-4), axis=-1)) @ _waves()
+    phases = np.log(np.sort(np.maximum(sizes, 1e-4), axis=-1)) @ _random_fourier_frequencies()
     return np.concatenate([np.cos(phases), np.sin(phases)], axis=-1) / np.sqrt(SIZE / 2)
 
 
 @lru_cache(maxsize=1)
-def _waves() -> Array:
+def _random_fourier_frequencies() -> Array:
     return np.random.default_rng(2).normal(size=(3, SIZE // 2)) / _WIDTH
 
 
@@ -115,14 +117,14 @@ class AssetIndex:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._meta = _read_meta(folder)
-        self._open()
+        self._meta = _read_metadata(folder)
+        self._open_index_files()
 
     def __len__(self) -> int:
         return self._meta.base + self._meta.beside - len(self._meta.removed)
 
     def __contains__(self, name: object) -> bool:
-        return isinstance(name, str) and name in self._places()
+        return isinstance(name, str) and name in self._row_numbers_by_name()
 
     def names(self) -> list[str]:
         """Every name, in the order of adding."""
@@ -135,38 +137,40 @@ class AssetIndex:
         Raises:
             InputError: their numbers differ, a number is not finite, or the folder cannot be written.
         """
-        _check(names, vectors)
-        places = self._places()
+        _check_names_and_vectors(names, vectors)
+        places = self._row_numbers_by_name()
         gone = tuple(sorted({*self._meta.removed, *(places[name] for name in names if name in places)}))
         if len(names) > max(_FEW, _SORTED_AGAIN * self._meta.base):
-            self._rebuild(names, vectors, gone)
+            self._rebuild_inverted_file(names, vectors, gone)
             return
         beside = self._meta.beside + len(names)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            _append(self._file("f32"), vectors.astype("<f4").tobytes(), 4 * DIMENSIONS * self._meta.beside)
+            _overwrite_file_tail(
+                self._index_file_path("f32"), vectors.astype("<f4").tobytes(), 4 * DIMENSIONS * self._meta.beside
+            )
             told = "".join(json.dumps(name, ensure_ascii=False) + "\n" for name in names)
             known = "".join(json.dumps(name, ensure_ascii=False) + "\n" for name in self._names[self._meta.base :])
-            _append(self._file("beside"), told.encode(), len(known.encode()))
+            _overwrite_file_tail(self._index_file_path("beside"), told.encode(), len(known.encode()))
         except OSError as error:
-            raise unwritable(self.folder, error) from error
-        self._commit(self._meta.model_copy(update={"beside": beside, "removed": gone}))
+            raise unwritable_error(self.folder, error) from error
+        self._save_metadata_and_reopen(self._meta.model_copy(update={"beside": beside, "removed": gone}))
 
     def remove(self, names: Sequence[str]) -> None:
         """Forget names; those that are not there are passed over."""
-        places = self._places()
+        places = self._row_numbers_by_name()
         gone = {*self._meta.removed, *(places[name] for name in names if name in places)}
-        self._commit(self._meta.model_copy(update={"removed": tuple(sorted(gone))}))
+        self._save_metadata_and_reopen(self._meta.model_copy(update={"removed": tuple(sorted(gone))}))
 
     @property
-    def crowded(self) -> bool:
+    def needs_compaction(self) -> bool:
         """So much lies beside the inverted file, or is gone from it, that `compact` would make searches faster."""
         extra = self._meta.beside + len(self._meta.removed)
         return extra > max(_FEW, _SORTED_AGAIN * self._meta.base)
 
     def compact(self) -> None:
         """Sort everything into a new inverted file, without what was removed."""
-        self._rebuild((), np.zeros((0, DIMENSIONS), np.float32), self._meta.removed)
+        self._rebuild_inverted_file((), np.zeros((0, DIMENSIONS), np.float32), self._meta.removed)
 
     def search(self, query: Vectors, count: int = 20) -> list[tuple[str, float]]:
         """The names whose vectors have the largest product with ``query`` (DIMENSIONS,), the largest first."""
@@ -183,54 +187,58 @@ class AssetIndex:
         found = sorted((one for one in found if one[1] not in gone), key=lambda one: (-one[0], one[1]))[:count]
         return [(self._names[number], value) for value, number in found]
 
-    def _places(self) -> dict[str, int]:
+    def _row_numbers_by_name(self) -> dict[str, int]:
         if self._numbers is None:
             gone = set(self._meta.removed)
             self._numbers = {name: number for number, name in enumerate(self._names) if number not in gone}
         return self._numbers
 
-    def _vectors(self) -> Vectors:
+    def _read_all_vectors(self) -> Vectors:
         if self._base is None:
             return self._beside
         self._base.make_direct_map()
         return np.concatenate([np.asarray(self._base.reconstruct_n(0, self._meta.base), np.float32), self._beside])
 
-    def _rebuild(self, names: Sequence[str], vectors: Vectors, gone: Sequence[int]) -> None:
+    def _rebuild_inverted_file(self, names: Sequence[str], vectors: Vectors, gone: Sequence[int]) -> None:
         """Sort all into a new inverted file; the old one stays until the new one is whole."""
         kept = np.setdiff1d(np.arange(len(self._names)), gone)
-        everything = np.concatenate([self._vectors()[kept], np.asarray(vectors, np.float32)])
+        everything = np.concatenate([self._read_all_vectors()[kept], np.asarray(vectors, np.float32)])
         told = [*(self._names[int(number)] for number in kept), *names]
         old, meta = self._meta, _Meta(generation=self._meta.generation + 1, base=len(told))
         self.folder.mkdir(parents=True, exist_ok=True)
-        write_bytes(self._file("faiss", meta), _sorted(everything))
-        write_text(self._file("names", meta), "\n".join(json.dumps(name, ensure_ascii=False) for name in told))
-        self._commit(meta)
+        write_bytes(self._index_file_path("faiss", meta), _build_inverted_file(everything))
+        write_text(
+            self._index_file_path("names", meta), "\n".join(json.dumps(name, ensure_ascii=False) for name in told)
+        )
+        self._save_metadata_and_reopen(meta)
         for kind in ("faiss", "names", "f32", "beside"):
-            self._file(kind, old).unlink(missing_ok=True)
+            self._index_file_path(kind, old).unlink(missing_ok=True)
 
-    def _commit(self, meta: _Meta) -> None:
+    def _save_metadata_and_reopen(self, meta: _Meta) -> None:
         write_json(self.folder / _META, meta.model_dump(mode="json"))
         self._meta = meta
-        self._open()
+        self._open_index_files()
 
-    def _file(self, kind: str, meta: _Meta | None = None) -> Path:
+    def _index_file_path(self, kind: str, meta: _Meta | None = None) -> Path:
         return self.folder / f"{(meta or self._meta).generation}.{kind}"
 
-    def _open(self) -> None:
+    def _open_index_files(self) -> None:
         meta = self._meta
         self._numbers: dict[str, int] | None = None
-        self._base: Any = _mapped(self._file("faiss")) if meta.base else None
-        self._names = _lines(self._file("names"), meta.base) + _lines(self._file("beside"), meta.beside)
+        self._base: Any = _open_memory_mapped_index(self._index_file_path("faiss")) if meta.base else None
+        self._names = _read_names(self._index_file_path("names"), meta.base) + _read_names(
+            self._index_file_path("beside"), meta.beside
+        )
         size = (meta.beside, DIMENSIONS)
         self._beside: Vectors = np.zeros(size, np.float32)
         if meta.beside:
             try:
-                self._beside = np.memmap(self._file("f32"), dtype="<f4", mode="r", shape=size)
+                self._beside = np.memmap(self._index_file_path("f32"), dtype="<f4", mode="r", shape=size)
             except (OSError, ValueError) as error:
-                raise _broken(self.folder, error) from error
+                raise _broken_index_error(self.folder, error) from error
 
 
-def _faiss() -> Any:
+def _import_faiss() -> Any:
     """The bindings, which come without types."""
     try:
         return import_module("faiss")
@@ -238,9 +246,9 @@ def _faiss() -> Any:
         raise InputError("an index of many assets needs faiss", "pip install 'grs-agents[index]'") from error
 
 
-def _sorted(vectors: Vectors) -> bytes:
+def _build_inverted_file(vectors: Vectors) -> bytes:
     """An inverted file of vectors, as bytes."""
-    faiss = _faiss()
+    faiss = _import_faiss()
     lists = max(1, round(float(np.sqrt(len(vectors)))))
     coarse = faiss.IndexFlatIP(DIMENSIONS)
     index = faiss.IndexIVFFlat(coarse, DIMENSIONS, lists, faiss.METRIC_INNER_PRODUCT)
@@ -251,17 +259,17 @@ def _sorted(vectors: Vectors) -> bytes:
     return bytes(faiss.serialize_index(index))
 
 
-def _mapped(file: Path) -> Any:
-    faiss = _faiss()
+def _open_memory_mapped_index(file: Path) -> Any:
+    faiss = _import_faiss()
     try:
         index = faiss.read_index(str(file), faiss.IO_FLAG_MMAP)
     except RuntimeError as error:
-        raise _broken(file.parent, error) from error
+        raise _broken_index_error(file.parent, error) from error
     index.nprobe = max(1, round(_PROBED * index.nlist))
     return index
 
 
-def _read_meta(folder: Path) -> _Meta:
+def _read_metadata(folder: Path) -> _Meta:
     file = folder / _META
     if not file.exists():
         if folder.is_dir() and any(folder.iterdir()):
@@ -270,29 +278,29 @@ def _read_meta(folder: Path) -> _Meta:
     try:
         meta = _Meta.model_validate_json(file.read_text(encoding="utf-8"))
     except (OSError, ValidationError) as error:
-        raise _broken(folder, error) from error
+        raise _broken_index_error(folder, error) from error
     if (meta.version, meta.dimensions) != (_VERSION, DIMENSIONS):
         raise InputError(f"{folder} holds an index of another version", "delete it and index again")
     return meta
 
 
-def _broken(folder: Path, error: Exception) -> InputError:
+def _broken_index_error(folder: Path, error: Exception) -> InputError:
     return InputError(f"the index in {folder} is broken: {str(error).splitlines()[0]}", "delete it and index again")
 
 
-def _lines(file: Path, count: int) -> list[str]:
+def _read_names(file: Path, count: int) -> list[str]:
     if not count:
         return []
     try:
         names = json.loads("[" + ",".join(file.read_text(encoding="utf-8").splitlines()[:count]) + "]")
     except (OSError, ValueError) as error:
-        raise _broken(file.parent, error) from error
+        raise _broken_index_error(file.parent, error) from error
     if len(names) != count:
-        raise _broken(file.parent, ValueError(f"{len(names)} names of {count}"))
+        raise _broken_index_error(file.parent, ValueError(f"{len(names)} names of {count}"))
     return [str(name) for name in names]
 
 
-def _append(file: Path, data: bytes, begin: int) -> None:
+def _overwrite_file_tail(file: Path, data: bytes, begin: int) -> None:
     """Write at ``begin``: what an interrupted writer left behind it is written over."""
     file.touch()
     with file.open("r+b") as stream:
@@ -301,7 +309,7 @@ def _append(file: Path, data: bytes, begin: int) -> None:
         stream.write(data)
 
 
-def _check(names: Sequence[str], vectors: Vectors) -> None:
+def _check_names_and_vectors(names: Sequence[str], vectors: Vectors) -> None:
     if vectors.shape != (len(names), DIMENSIONS):
         raise InputError(f"{len(names)} names and vectors {vectors.shape}", f"give one of {DIMENSIONS} for each name")
     if len(set(names)) != len(names):

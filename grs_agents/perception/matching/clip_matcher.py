@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import ConfigError, InputError
-from grs_agents.library import Library, asset_views, random_directions
+from grs_agents.library import Library, random_view_directions, render_asset_views
 from grs_agents.perception.matching.feature_matcher import TOLD, matchable_assets
 from grs_agents.perception.matching.types import MatchRequest, MatchResult, Segment
 from grs_agents.perception.types import Array, MatchEvidence, RGBDFrame
@@ -77,17 +77,17 @@ def match_by_clip(request: MatchRequest, library: Library, embedder: Embedder) -
     if not assets or not request.segments:
         return MatchResult({one.id: MatchEvidence(match="no_asset", method="match_clip") for one in request.segments})
     rng = np.random.default_rng(request.seed)
-    views = np.stack([_asset_vector(asset.name, library, embedder, rng) for asset in assets])
-    crops = embedder([crop_of(request.frame, one) for one in request.segments])
+    views = np.stack([_embed_asset_views(asset.name, library, embedder, rng) for asset in assets])
+    crops = embedder([crop_segment(request.frame, one) for one in request.segments])
     return MatchResult(
         {
-            one.id: _answer([asset.name for asset in assets], alike)
+            one.id: _build_match_evidence([asset.name for asset in assets], alike)
             for one, alike in zip(request.segments, crops @ views.T, strict=True)
         }
     )
 
 
-def crop_of(frame: RGBDFrame, segment: Segment) -> Picture:
+def crop_segment(frame: RGBDFrame, segment: Segment) -> Picture:
     """The segment's rectangle of the photo with a margin, as it is."""
     rows, columns = np.nonzero(segment.mask)
     if not len(rows):
@@ -97,17 +97,17 @@ def crop_of(frame: RGBDFrame, segment: Segment) -> Picture:
     return np.ascontiguousarray(frame.rgb[top : int(rows.max()) + pad, left : int(columns.max()) + pad])
 
 
-def _asset_vector(name: str, library: Library, embedder: Embedder, rng: np.random.Generator) -> Array:
+def _embed_asset_views(name: str, library: Library, embedder: Embedder, rng: np.random.Generator) -> Array:
     """The mean (D,) of the vectors of three random views on white, of length 1."""
     pictures: list[Picture] = []
-    for view in asset_views(library, name, random_directions(VIEWS, rng)):
+    for view in render_asset_views(library, name, random_view_directions(VIEWS, rng)):
         cover = view.rgba[:, :, 3:].astype(np.float64) / 255
         pictures.append(np.asarray(view.rgba[:, :, :3] * cover + 255 * (1 - cover), np.uint8))
     mean = embedder(pictures).mean(axis=0)
     return np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-12), np.float64)
 
 
-def _answer(names: Sequence[str], alike: Array) -> MatchEvidence:
+def _build_match_evidence(names: Sequence[str], alike: Array) -> MatchEvidence:
     order: list[int] = np.argsort(-alike, kind="stable")[:TOLD].tolist()
     scores = {names[index]: round(float(alike[index]), 4) for index in order}
     best, similarity = names[order[0]], float(alike[order[0]])

@@ -19,37 +19,37 @@ Arrays = dict[str, npt.NDArray[Any]]
 _VERSION = "3"  # of what is kept; another one makes all anew
 
 
-def key_of(name: str, library: Library) -> str:
+def hash_asset_files(name: str, library: Library) -> str:
     """A hash of the files an asset is drawn from."""
-    whole = hashlib.sha256(_VERSION.encode() + library.path(name).read_bytes())
-    for shape in library.model(name).visuals:
+    whole = hashlib.sha256(_VERSION.encode() + library.asset_path(name).read_bytes())
+    for shape in library.load_object_model(name).visuals:
         for file in (shape.mesh, shape.texture):
-            whole.update(b"\0" if file is None else library.mesh_path(file).read_bytes())
+            whole.update(b"\0" if file is None else library.mesh_or_texture_path(file).read_bytes())
     return whole.hexdigest()
 
 
-def cached(key: str) -> Arrays | None:
+def load_cached_arrays(key: str) -> Arrays | None:
     """The arrays kept under a key; ``None`` where there are none, or broken ones."""
     try:
-        with np.load(_file(key), allow_pickle=False) as found:
+        with np.load(_cache_file_path(key), allow_pickle=False) as found:
             return {name: found[name] for name in found.files}
     except (OSError, ValueError, KeyError, EOFError, BadZipFile, RuntimeError):  # the last: a user without a home
         return None
 
 
-def store(key: str, arrays: Arrays) -> None:
+def save_cached_arrays(key: str, arrays: Arrays) -> None:
     """Keep arrays under a key; where the cache cannot be written they are worked out again next time."""
     data = io.BytesIO()
     np.savez(data, allow_pickle=False, **arrays)
     with suppress(InputError, RuntimeError):
-        write_bytes(_file(key), data.getvalue())
+        write_bytes(_cache_file_path(key), data.getvalue())
 
 
-def folder() -> Path:
+def cache_folder_path() -> Path:
     """The user's cache, as the XDG base directory specification has it."""
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "grs-agents" / "looks"
 
 
-def _file(key: str) -> Path:
-    return folder() / f"{key}.npz"
+def _cache_file_path(key: str) -> Path:
+    return cache_folder_path() / f"{key}.npz"

@@ -5,12 +5,12 @@ from pathlib import Path
 
 from grs_agents.errors import InputError
 from grs_agents.library import Asset, Library
-from grs_agents.perception.matching.asset_appearance import compared_assets
-from grs_agents.perception.matching.asset_index import AssetIndex, embed
+from grs_agents.perception.matching.asset_appearance import load_asset_appearances
+from grs_agents.perception.matching.asset_index import AssetIndex, embed_object
+from grs_agents.perception.matching.asset_ranking import RankedAssets, Use, implausible_reason, rank_assets
 from grs_agents.perception.matching.color_agreement import DAYLIGHT
-from grs_agents.perception.matching.features import RankedAssets, Use, implausible_reason, rank
-from grs_agents.perception.matching.observation import Observation, observe, view_of
-from grs_agents.perception.matching.printed_text import read_words, text_reader
+from grs_agents.perception.matching.observation import Observation, observe_candidate, prepare_view
+from grs_agents.perception.matching.printed_text import load_ocr_reader, read_words
 from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.perception.types import MatchEvidence
 
@@ -30,43 +30,55 @@ def match_by_features(request: MatchRequest, library: Library, method: str) -> M
         InputError: the files of an asset are faulty.
     """
     matches: dict[int, MatchEvidence] = {}
-    for number, (ranked, reason) in rank_candidates(request, library, "all" if request.sized else "no size").items():
-        matches[number] = _answer(ranked, reason, method)
+    for number, (ranked, reason) in rank_assets_per_segment(
+        request, library, "all" if request.sized else "no size"
+    ).items():
+        matches[number] = _build_match_evidence(ranked, reason, method)
     return MatchResult(matches)
 
 
-def rank_candidates(request: MatchRequest, library: Library, use: Use = "all") -> dict[int, tuple[RankedAssets, str]]:
+def rank_assets_per_segment(
+    request: MatchRequest, library: Library, use: Use = "all"
+) -> dict[int, tuple[RankedAssets, str]]:
     """The ranking of each candidate; and why it is no object, if it is none."""
     if not request.segments:
         return {}
-    view = view_of(request.frame, request.table)
-    observed = [observe(view, one.mask, one.upright) for one in request.segments]
-    assets = matchable_assets(library) if request.index is None else _indexed(Path(request.index), observed, library)
+    view = prepare_view(request.frame, request.table)
+    observed = [observe_candidate(view, one.mask, one.upright) for one in request.segments]
+    assets = (
+        matchable_assets(library)
+        if request.index is None
+        else _search_asset_index(Path(request.index), observed, library)
+    )
 
-    reads = request.ocr and text_reader() is not None
+    reads = request.ocr and load_ocr_reader() is not None
 
     def read(seen: Observation) -> list[str]:
         return read_words(request.frame, seen.mask)
 
-    ranked = rank(compared_assets(assets, library), observed, view, use, read if reads else None) if assets else []
+    ranked = (
+        rank_assets(load_asset_appearances(assets, library), observed, view, use, read if reads else None)
+        if assets
+        else []
+    )
     ranked = ranked or [RankedAssets((), (), ()) for _ in observed]
     found = zip(request.segments, ranked, observed, strict=True)
     return {segment.id: (order, implausible_reason(seen)) for segment, order, seen in found}
 
 
-def _indexed(folder: Path, observed: Sequence[Observation], library: Library) -> tuple[Asset, ...]:
+def _search_asset_index(folder: Path, observed: Sequence[Observation], library: Library) -> tuple[Asset, ...]:
     """The assets of an index that look most like one of the candidates, as far as the library still has them."""
     index = AssetIndex(folder)
     if not len(index):
         raise InputError(f"the index in {folder} is empty", "fill it with `grs assets index`")
     names: set[str] = set()
     for seen in observed:
-        query = embed(look=seen.histogram(DAYLIGHT.tint), size=seen.upright.size)
+        query = embed_object(look=seen.untinted_color_histogram(DAYLIGHT.tint), size=seen.upright.size)
         names.update(name for name, _ in index.search(query, _LOOKED_UP))
     return tuple(library.asset(name) for name in sorted(names) if name in library)
 
 
-def _answer(ranked: RankedAssets, nothing: str, method: str) -> MatchEvidence:
+def _build_match_evidence(ranked: RankedAssets, nothing: str, method: str) -> MatchEvidence:
     scores = {name: round(value, 4) for name, value in zip(ranked.names[:TOLD], ranked.likelihoods, strict=False)}
     if nothing:
         return MatchEvidence(match="no_object", method=method, scores=scores, reason=nothing)

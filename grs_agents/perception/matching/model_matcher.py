@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from grs_agents.library import Asset, Library
-from grs_agents.perception.matching.feature_matcher import TOLD, matchable_assets, rank_candidates
+from grs_agents.perception.matching.feature_matcher import TOLD, matchable_assets, rank_assets_per_segment
 from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.perception.types import MatchEvidence, Shown
 
@@ -16,7 +16,7 @@ def match_by_model(
     """Ask the model about each candidate among all assets, with its description (``worded``) or its picture or both."""
     assets = matchable_assets(library)
     matches = {
-        one.id: request.ask(one, in_random_order(assets, request.seed, one.id), worded, pictured).model_copy(
+        one.id: request.ask(one, shuffle_assets_for_prompt(assets, request.seed, one.id), worded, pictured).model_copy(
             update={"method": method}
         )
         for one in request.segments
@@ -27,14 +27,14 @@ def match_by_model(
 def match_by_features_and_model(request: MatchRequest, library: Library, method: str) -> MatchResult:
     """Ask the model about each candidate among the likeliest assets; it may still answer that it is none of them."""
     matches: dict[int, MatchEvidence] = {}
-    ranked = rank_candidates(request, library)
+    ranked = rank_assets_per_segment(request, library)
     for one in request.segments:
         proposed, _ = ranked[one.id]
         scores = {
             name: round(value, 4) for name, value in zip(proposed.names[:TOLD], proposed.likelihoods, strict=False)
         }
         assets = [library.asset(name) for name in scores]
-        said = request.ask(one, in_random_order(assets, request.seed, one.id), True, True)
+        said = request.ask(one, shuffle_assets_for_prompt(assets, request.seed, one.id), True, True)
         others = [name for name in scores if name != said.asset]
         matches[one.id] = said.model_copy(
             update={
@@ -47,7 +47,7 @@ def match_by_features_and_model(request: MatchRequest, library: Library, method:
     return MatchResult(matches)
 
 
-def in_random_order(assets: Sequence[Asset], seed: int, number: int) -> list[Shown]:
+def shuffle_assets_for_prompt(assets: Sequence[Asset], seed: int, number: int) -> list[Shown]:
     """Assets as a model is told of them, in an order drawn for each candidate, so that none gains by its position."""
     order = np.random.default_rng((seed, number)).permutation(len(assets))
     return [

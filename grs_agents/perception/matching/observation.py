@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.perception.matching.asset_appearance import Floats, Indices
-from grs_agents.perception.matching.color_histogram import color_histograms, opponent_colors
-from grs_agents.perception.table import robot_points_at
+from grs_agents.perception.matching.color_histogram import histograms_from_log_colors, to_log_opponent_colors
+from grs_agents.perception.table_finding import pixels_to_robot_frame
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame, UprightBox
 
 POINTS = 160  # so many points are laid on an asset's surface
@@ -28,11 +28,11 @@ class View:
     log_colors: Floats  # (H, W, 3) of the photo without its finest detail (`color_histogram`)
 
     @property
-    def eye(self) -> Array:
+    def camera_position(self) -> Array:
         """Where the camera is, (3,) m, robot frame."""
         return np.asarray(self.table.T_robot_cam)[:3, 3]
 
-    def project(self, placed: Floats) -> tuple[Indices, Indices, Floats, npt.NDArray[np.bool_]]:
+    def project_points(self, placed: Floats) -> tuple[Indices, Indices, Floats, npt.NDArray[np.bool_]]:
         """Where points (K, N, 3) (m, robot frame) are in the picture: rows, columns, depth (m), and whether inside."""
         camera, pose = self.frame.camera, np.asarray(self.table.T_robot_cam, np.float32)
         local = (placed - pose[:3, 3]) @ pose[:3, :3]
@@ -57,37 +57,37 @@ class Observation:
     sharp_log_colors: Array  # (M, 3) tones of its pixels, sharp
     pixels: int  # how many have a depth
 
-    def histogram(self, tint: Array) -> Floats:
+    def untinted_color_histogram(self, tint: Array) -> Floats:
         """(B,) square roots of the shares of tones, once the tint (2,) of the light is taken out."""
         white = self.sharp_log_colors - (0.0, *tint)
-        return color_histograms(white, np.ones((1, len(white))))[0]
+        return histograms_from_log_colors(white, np.ones((1, len(white))))[0]
 
 
-def view_of(frame: RGBDFrame, table: TableFrame) -> View:
+def prepare_view(frame: RGBDFrame, table: TableFrame) -> View:
     """Prepare a photo."""
     smooth = cv2.GaussianBlur(frame.rgb.astype(np.float32) / 255, (0, 0), max(0.7, frame.camera.width / 900))
-    log_colors = opponent_colors(np.asarray(smooth, np.float64).reshape(-1, 3)).astype(np.float32)
+    log_colors = to_log_opponent_colors(np.asarray(smooth, np.float64).reshape(-1, 3)).astype(np.float32)
     return View(frame, table, frame.depth.astype(np.float32), log_colors.reshape(*frame.depth.shape, 3))
 
 
-def observe(view: View, mask: Mask, upright: UprightBox) -> Observation:
+def observe_candidate(view: View, mask: Mask, upright: UprightBox) -> Observation:
     """Take a candidate's pixels out of the photo."""
     inner = np.asarray(cv2.erode(mask.astype(np.uint8), np.ones((_RIM, _RIM), np.uint8)), bool)
     inner = inner if inner.sum() > 0.4 * mask.sum() else mask
     colors = view.frame.rgb[inner][:: max(1, int(inner.sum()) // _COLORS)] / 255
     solid = inner & (view.frame.depth > 0)
     rows, columns = np.nonzero(solid if solid.sum() >= 30 else mask & (view.frame.depth > 0))
-    chosen = [_spread(len(rows), count) for count in (POINTS, PIXELS)]
+    chosen = [_evenly_spread_indices(len(rows), count) for count in (POINTS, PIXELS)]
     points, surface = (
-        robot_points_at(view.frame, view.table, rows[some], columns[some]).astype(np.float32) for some in chosen
+        pixels_to_robot_frame(view.frame, view.table, rows[some], columns[some]).astype(np.float32) for some in chosen
     )
     log_colors = view.log_colors[rows[chosen[1]], columns[chosen[1]]]
-    extents = np.minimum(upright.size, _filled(surface, upright))
+    extents = np.minimum(upright.size, _extents_without_outliers(surface, upright))
     number = int((mask & (view.frame.depth > 0)).sum())
-    return Observation(points, surface, log_colors, mask, upright, extents, opponent_colors(colors), number)
+    return Observation(points, surface, log_colors, mask, upright, extents, to_log_opponent_colors(colors), number)
 
 
-def _filled(surface: Floats, upright: UprightBox) -> Array:
+def _extents_without_outliers(surface: Floats, upright: UprightBox) -> Array:
     """(3,) m, the extents along the box's axes of all but the outermost; downwards to where the box ends."""
     if not len(surface):
         return np.asarray(upright.size)
@@ -99,7 +99,7 @@ def _filled(surface: Floats, upright: UprightBox) -> Array:
     return np.asarray(1.03 * (high - low), np.float64)
 
 
-def _spread(count: int, most: int) -> Indices:
+def _evenly_spread_indices(count: int, most: int) -> Indices:
     """At most so many of ``count`` numbers, evenly; in an order of which every beginning is spread too."""
     chosen = np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64)) if count else np.zeros(0, np.int64)
     return np.random.default_rng(0).permutation(chosen)

@@ -26,7 +26,7 @@ _COMMON = (
 
 
 @lru_cache(maxsize=1)
-def text_reader() -> Any:
+def load_ocr_reader() -> Any:
     """The reader, or ``None`` where none is installed (extra ``ocr``)."""
     try:
         rapidocr = import_module("rapidocr")
@@ -38,22 +38,22 @@ def text_reader() -> Any:
 
 def read_words(frame: RGBDFrame, mask: Mask) -> list[str]:
     """The words printed on an object, in lower case; none where no reader is installed."""
-    read = text_reader()
+    read = load_ocr_reader()
     if read is None:
         return []
     left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
     crop = frame.rgb[max(0, top - 4) : top + height + 4, max(0, left - 4) : left + width + 4, ::-1]
     scale = min(_LARGEST, max(1.0, _EDGE / max(crop.shape[:2])))
-    found = read(_enlarged(crop, scale), use_cls=False)
+    found = read(_enlarge_crop(crop, scale), use_cls=False)
     if found.txts is None:
         return []
     told = " ".join(text for text, score in zip(found.txts, found.scores, strict=True) if score >= _SURE)
     return [word for word in re.findall(r"[a-z]+", told.lower()) if len(word) >= _SHORTEST]
 
 
-def word_support(words: Sequence[str], asset: Asset) -> float:
+def score_word_match(words: Sequence[str], asset: Asset) -> float:
     """How well words that were read fit an asset: 0 where none does, 1 where one is spelt as one of its own."""
-    own = printable_words(asset)
+    own = expected_printed_words(asset)
     best = 0.0
     for word in words:
         for mine in own:
@@ -62,7 +62,7 @@ def word_support(words: Sequence[str], asset: Asset) -> float:
     return best
 
 
-def printable_words(asset: Asset) -> frozenset[str]:
+def expected_printed_words(asset: Asset) -> frozenset[str]:
     """The words that may be printed on an asset: those of its kind, and what its description says besides looks."""
     kind = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", asset.kind).lower()
     described = set(re.findall(r"[a-z]+", asset.description.lower())) - set(_COMMON.split())
@@ -70,6 +70,6 @@ def printable_words(asset: Asset) -> frozenset[str]:
     return frozenset(word for word in words if len(word) >= _SHORTEST)
 
 
-def _enlarged(crop: npt.NDArray[np.uint8], scale: float) -> npt.NDArray[np.uint8]:
+def _enlarge_crop(crop: npt.NDArray[np.uint8], scale: float) -> npt.NDArray[np.uint8]:
     large = cv2.resize(crop, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
     return np.ascontiguousarray(large, np.uint8)

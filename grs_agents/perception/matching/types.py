@@ -47,7 +47,7 @@ class MatchResult:
     notes: tuple[str, ...] = ()
 
 
-def checked(request: Any) -> MatchRequest:
+def require_match_request(request: Any) -> MatchRequest:
     """The request of a match tool as what it is."""
     assert isinstance(request, MatchRequest)
     return request

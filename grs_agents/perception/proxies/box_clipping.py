@@ -6,9 +6,9 @@ from itertools import combinations
 
 import numpy as np
 
-from grs_agents.geometry import about_z, vec3
+from grs_agents.geometry import rotation_about_z, to_vec3
 from grs_agents.perception.image_geometry import THINNEST
-from grs_agents.perception.proxies.proxy_kind import distance_from_solid, in_walls
+from grs_agents.perception.proxies.proxy_kind import inside_walls_mask, mean_distance_to_solid
 from grs_agents.perception.types import Array, Mask, Solid, UprightBox
 
 SLACK = 0.003  # overlaps up to this (m) are left to physics: boxes are measured no better
@@ -37,24 +37,24 @@ class EstimatedVolume:
     hollow: bool = False
 
     @property
-    def volume(self) -> float:
+    def box_volume(self) -> float:
         """Of its box, m^3."""
         return float(np.prod(self.box.size))
 
-    def contains(self, points: Array) -> Mask:
+    def points_inside_mask(self, points: Array) -> Mask:
         """Which of (N, 3) points lie in it, deeper than `SLACK`."""
-        return _inside(self, _in_box_frame(self.box, points))
+        return _inside_volume_mask(self, _transform_to_box_frame(self.box, points))
 
     @property
-    def mean_distance(self) -> float:
+    def mean_surface_distance(self) -> float:
         """How far its points lie from its surface on average, m."""
-        return distance_from_solid(_in_box_frame(self.box, self.points), self.box.size, self.shape)
+        return mean_distance_to_solid(_transform_to_box_frame(self.box, self.points), self.box.size, self.shape)
 
-    def share_inside(self, points: Array) -> float:
+    def fraction_of_points_inside(self, points: Array) -> float:
         """Which share of (N, 3) points lies in it."""
-        return float(self.contains(points).mean()) if len(points) else 0.0
+        return float(self.points_inside_mask(points).mean()) if len(points) else 0.0
 
-    def raised_onto(self, occupied: Callable[[Array], Mask]) -> "EstimatedVolume":
+    def raise_above_occupied_space(self, occupied: Callable[[Array], Mask]) -> "EstimatedVolume":
         """It on what known objects fill of the lowest part of its box: ``occupied`` says which points they do."""
         if self.hollow or not len(self.points):
             return self
@@ -65,29 +65,31 @@ class EstimatedVolume:
         filled = [float(level[2]) for level in levels if occupied(foot + level).mean() > FLOOR]
         if not filled:
             return self
-        low, high = self._sides(self.box)
+        low, high = self._corners_in_frame(self.box)
         low[2] += filled[-1] + STEP - bottom
-        return replace(self, box=_box_between(self.box, low, high))
+        return replace(self, box=_box_from_corners(self.box, low, high))
 
     def measured_box(self, before: UprightBox) -> UprightBox:
         """The box of what was measured: ``before`` it gave way, without what was only guessed of that."""
-        low, high = self._sides(before)
-        first, last = np.percentile(_in_box_frame(before, self.points), (1, 99), axis=0)
+        low, high = self._corners_in_frame(before)
+        first, last = np.percentile(_transform_to_box_frame(before, self.points), (1, 99), axis=0)
         half = np.array(before.size) / 2
-        return _box_between(before, np.minimum(low, np.maximum(first, -half)), np.maximum(high, np.minimum(last, half)))
+        return _box_from_corners(
+            before, np.minimum(low, np.maximum(first, -half)), np.maximum(high, np.minimum(last, half))
+        )
 
-    def extended_by(self, points: Array) -> "EstimatedVolume":
+    def extend_by_points(self, points: Array) -> "EstimatedVolume":
         """It with (N, 3) points that belong to it too."""
-        low, high = self._sides(self.box)
-        first, last = np.percentile(_in_box_frame(self.box, points), (1, 99), axis=0)
+        low, high = self._corners_in_frame(self.box)
+        first, last = np.percentile(_transform_to_box_frame(self.box, points), (1, 99), axis=0)
         wider = bool((first < low)[:2].any() or (last > high)[:2].any())
-        box = _box_between(self.box, np.minimum(low, first), np.maximum(high, last))
+        box = _box_from_corners(self.box, np.minimum(low, first), np.maximum(high, last))
         shape: Solid = "box" if wider else self.shape
         return replace(self, box=box, shape=shape, points=np.concatenate([self.points, points]))
 
-    def _sides(self, frame: UprightBox) -> tuple[Array, Array]:
+    def _corners_in_frame(self, frame: UprightBox) -> tuple[Array, Array]:
         """Its lowest and highest corner about the centre and along the axes of a box of the same yaw."""
-        middle = _in_box_frame(frame, np.array([self.box.center]))[0]
+        middle = _transform_to_box_frame(frame, np.array([self.box.center]))[0]
         return middle - np.array(self.box.size) / 2, middle + np.array(self.box.size) / 2
 
     @property
@@ -100,8 +102,8 @@ class EstimatedVolume:
             grid = grid[np.hypot(grid[:, 0], grid[:, 1]) <= 1]
         local = grid * np.array(self.box.size) / 2
         if self.hollow:
-            local = local[in_walls(local, self.box.size, self.shape == "cylinder", CELL)]
-        return local @ about_z(self.box.yaw).T + self.box.center
+            local = local[inside_walls_mask(local, self.box.size, self.shape == "cylinder", CELL)]
+        return local @ rotation_about_z(self.box.yaw).T + self.box.center
 
 
 @dataclass(frozen=True)
@@ -123,55 +125,55 @@ def clip_boxes(claims: Sequence[EstimatedVolume], occupied: Array) -> list[Estim
     found = list(claims)
     for _ in range(ROUNDS):
         before = list(found)
-        found = [_applied(one, _cut(one, occupied, certain=True)) for one in found]
+        found = [_apply_cut(one, _find_cheapest_cut(one, occupied, certain=True)) for one in found]
         for first, second in combinations(range(len(found)), 2):
             one, other = found[first], found[second]
-            cuts = _cut(one, other.grid_points), _cut(other, one.grid_points)
-            if min(cuts, key=_cost) is cuts[0]:
-                found[first] = _applied(one, cuts[0])
+            cuts = _find_cheapest_cut(one, other.grid_points), _find_cheapest_cut(other, one.grid_points)
+            if min(cuts, key=_cost_of_cut) is cuts[0]:
+                found[first] = _apply_cut(one, cuts[0])
             else:
-                found[second] = _applied(other, cuts[1])
+                found[second] = _apply_cut(other, cuts[1])
         if found == before:
             break
     return found
 
 
-def _cost(cut: _Cut | None) -> float:
+def _cost_of_cut(cut: _Cut | None) -> float:
     return np.inf if cut is None else cut.cost
 
 
-def _in_box_frame(box: UprightBox, points: Array) -> Array:
+def _transform_to_box_frame(box: UprightBox, points: Array) -> Array:
     """Points about the centre of a box and along its axes."""
-    return (points - box.center) @ about_z(box.yaw)
+    return (points - box.center) @ rotation_about_z(box.yaw)
 
 
-def _box_between(frame: UprightBox, low: Array, high: Array) -> UprightBox:
+def _box_from_corners(frame: UprightBox, low: Array, high: Array) -> UprightBox:
     """The box between two corners about the centre and along the axes of another."""
-    center = about_z(frame.yaw) @ ((low + high) / 2) + frame.center
-    return UprightBox(center=vec3(center), size=vec3(high - low), yaw=frame.yaw)
+    center = rotation_about_z(frame.yaw) @ ((low + high) / 2) + frame.center
+    return UprightBox(center=to_vec3(center), size=to_vec3(high - low), yaw=frame.yaw)
 
 
-def _inside(claim: EstimatedVolume, local: Array) -> Mask:
+def _inside_volume_mask(claim: EstimatedVolume, local: Array) -> Mask:
     half = np.maximum(np.array(claim.box.size) / 2 - SLACK, 0)
     inside = (np.abs(local) < half).all(axis=1)
     if claim.shape == "cylinder":
         inside &= np.hypot(local[:, 0], local[:, 1]) < half[0]
     if claim.hollow:
-        inside &= in_walls(local, claim.box.size, claim.shape == "cylinder", CELL)
+        inside &= inside_walls_mask(local, claim.box.size, claim.shape == "cylinder", CELL)
     return np.asarray(inside, np.bool_)
 
 
-def _cut(claim: EstimatedVolume, others: Array, certain: bool = False) -> _Cut | None:
+def _find_cheapest_cut(claim: EstimatedVolume, others: Array, certain: bool = False) -> _Cut | None:
     """The cheapest cut that leaves the ``others`` (M, 3) out; ``None`` if none are inside or every cut is too dear.
 
     Where it is ``certain`` that others are there, what was measured beyond them is theirs; a box may be wrong itself.
     """
     near = others[np.linalg.norm(others - claim.box.center, axis=1) < np.linalg.norm(claim.box.size) / 2]
-    local = _in_box_frame(claim.box, near)
-    local = local[_inside(claim, local)]
+    local = _transform_to_box_frame(claim.box, near)
+    local = local[_inside_volume_mask(claim, local)]
     if not len(local):
         return None
-    own, half = _in_box_frame(claim.box, claim.points), np.array(claim.box.size) / 2
+    own, half = _transform_to_box_frame(claim.box, claim.points), np.array(claim.box.size) / 2
     cuts: list[_Cut] = []
     low, high = np.percentile(local, (100 * STRAY, 100 - 100 * STRAY), axis=0)
     shallow = float(np.minimum(half - low, half + high).min()) < SHIFT
@@ -179,25 +181,27 @@ def _cut(claim: EstimatedVolume, others: Array, certain: bool = False) -> _Cut |
         for side in (-1, 1):
             place = side * float(np.percentile(side * local[:, axis], 100 * STRAY))
             left = side * place + half[axis]
-            if left < THINNEST or not ((certain and not shallow) or _kept(axis, side * place, side, own, half)):
+            if left < THINNEST or not (
+                (certain and not shallow) or _is_extent_mostly_kept(axis, side * place, side, own, half)
+            ):
                 continue
             lost = float((side * own[:, axis] > side * place).mean())
             if lost < LOST:
                 cuts.append(_Cut(axis, side, place, lost + VOLUME * (1 - left / (2 * half[axis]))))
-    return min(cuts, key=_cost, default=None)
+    return min(cuts, key=_cost_of_cut, default=None)
 
 
-def _kept(axis: int, place: float, side: int, own: Array, half: Array) -> bool:
+def _is_extent_mostly_kept(axis: int, place: float, side: int, own: Array, half: Array) -> bool:
     """Whether a cut at ``place`` (m, along ``side`` times the axis) keeps most of the extent of ``own`` points."""
     low, high = np.percentile(side * own[:, axis], (1, 99))
     lost = max(high - place, 0.0) + max(-half[axis] - low, 0.0)
     return bool(lost <= min(SLACK + (1 - KEPT) * (high - low), LONGEST_LOSS))
 
 
-def _applied(claim: EstimatedVolume, cut: _Cut | None) -> EstimatedVolume:
+def _apply_cut(claim: EstimatedVolume, cut: _Cut | None) -> EstimatedVolume:
     if cut is None:
         return claim
     low, high = -np.array(claim.box.size) / 2, np.array(claim.box.size) / 2
     (high if cut.side > 0 else low)[cut.axis] = cut.place
-    box = _box_between(claim.box, low, high)
+    box = _box_from_corners(claim.box, low, high)
     return replace(claim, box=box, shape="box" if cut.axis < 2 else claim.shape)

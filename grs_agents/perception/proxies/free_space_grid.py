@@ -4,18 +4,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grs_agents.geometry import about_z
+from grs_agents.geometry import rotation_about_z
 from grs_agents.perception.proxies.height_blocks import FreeColumns
 from grs_agents.perception.proxies.neighbors import Surroundings
-from grs_agents.perception.table import BEHIND, projected, robot_points_at
+from grs_agents.perception.table_finding import BEHIND, pixels_to_robot_frame, project_to_pixels
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame, UprightBox
 
 FREE = 0.01  # where the photo shows something more than this (m) behind a point, it shows the point to be free
 
 
-def observed_free(points: Array, frame: RGBDFrame, table: TableFrame) -> Mask:
+def observed_free_points_mask(points: Array, frame: RGBDFrame, table: TableFrame) -> Mask:
     """Which of (N, 3) points, m, robot frame, the photo shows to be free: what it shows there is behind them."""
-    x, y, depth = projected(points, frame.camera, table)
+    x, y, depth = project_to_pixels(points, frame.camera, table)
     columns, rows = np.rint(x), np.rint(y)
     height, width = frame.depth.shape
     seen = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width) & (depth > BEHIND)
@@ -40,31 +40,35 @@ def free_space_map(
     It reaches up to where space is shown to be free or another object stands, at least as high as the candidate was
     measured, and 0 where only other objects were.
     """
-    grid = _Grid.over(box)
-    middles = grid.middles() @ about_z(box.yaw).T + box.center
-    free, level = observed_free(middles, frame, table).reshape(grid.counts), box.size[2] / grid.counts[2]
-    taken = np.zeros_like(free) if around is None else around.occupied(middles, grid.cell / 2).reshape(grid.counts)
+    grid = _Grid.from_box(box)
+    middles = grid.cell_centers() @ rotation_about_z(box.yaw).T + box.center
+    free, level = observed_free_points_mask(middles, frame, table).reshape(grid.counts), box.size[2] / grid.counts[2]
+    taken = (
+        np.zeros_like(free)
+        if around is None
+        else around.occupied_points_mask(middles, grid.longest_cell_side / 2).reshape(grid.counts)
+    )
     free |= taken
     heights = np.where(free.any(axis=2), free.argmax(axis=2), grid.counts[2]) * level
     known = frame.depth > 0
-    others = local_points(frame, table, _window(frame, table, box) & known & ~mask, box)
-    own = grid.tops(local_points(frame, table, mask & known, box))
-    heights[grid.tops(others[others[:, 2] > CLEAR - box.size[2] / 2]) > own] = 0
+    others = points_in_box_frame(frame, table, _projected_box_mask(frame, table, box) & known & ~mask, box)
+    own = grid.column_top_heights(points_in_box_frame(frame, table, mask & known, box))
+    heights[grid.column_top_heights(others[others[:, 2] > CLEAR - box.size[2] / 2]) > own] = 0
     below = taken & ((np.arange(grid.counts[2]) + 1) * level < own[..., None])
     floors = np.where(below.any(axis=2), grid.counts[2] - below[..., ::-1].argmax(axis=2), 0) * level
     return FreeColumns(floors, np.maximum(np.maximum(heights, own), floors), np.asarray(taken.any(axis=2), np.bool_))
 
 
-def is_crowded(box: UprightBox, around: Surroundings) -> bool:
+def is_box_crowded(box: UprightBox, around: Surroundings) -> bool:
     """Whether other objects reach deep into a box."""
     inner = np.array(box.size) - 2 * np.minimum(DEEP, np.array(box.size) / 4)
-    middles = _Grid.over(box.model_copy(update={"size": tuple(inner)})).middles()
-    return int(around.occupied(middles @ about_z(box.yaw).T + box.center).sum()) >= FEWEST
+    middles = _Grid.from_box(box.model_copy(update={"size": tuple(inner)})).cell_centers()
+    return int(around.occupied_points_mask(middles @ rotation_about_z(box.yaw).T + box.center).sum()) >= FEWEST
 
 
-def local_points(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox) -> Array:
+def points_in_box_frame(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox) -> Array:
     """(N, 3) points of measured pixels, m, about the centre of the box and along its axes."""
-    return (robot_points_at(frame, table, *np.nonzero(mask)) - box.center) @ about_z(box.yaw)
+    return (pixels_to_robot_frame(frame, table, *np.nonzero(mask)) - box.center) @ rotation_about_z(box.yaw)
 
 
 @dataclass(frozen=True)
@@ -75,20 +79,20 @@ class _Grid:
     size: Array
 
     @classmethod
-    def over(cls, box: UprightBox) -> "_Grid":
+    def from_box(cls, box: UprightBox) -> "_Grid":
         x, y, z = (min(max(int(np.ceil(side / CELL)), 1), MOST) for side in box.size)
         return cls((x, y, z), np.array(box.size))
 
     @property
-    def cell(self) -> float:
+    def longest_cell_side(self) -> float:
         """The longer side of a cell, m: what is thinner stands between the middles of two."""
         return float((self.size / self.counts)[:2].max())
 
-    def middles(self) -> Array:
+    def cell_centers(self) -> Array:
         """(N, 3) of all cells, the last axis fastest."""
         return np.asarray((np.indices(self.counts).reshape(3, -1).T + 0.5) / self.counts - 0.5, np.float64) * self.size
 
-    def tops(self, points: Array) -> Array:
+    def column_top_heights(self, points: Array) -> Array:
         """(R, C) how high above the bottom (N, 3) points reach over each cell, m; 0 where there are too few."""
         columns = self.counts[0] * self.counts[1]
         cells = np.floor((points / self.size + 0.5) * self.counts).astype(np.int64)
@@ -103,10 +107,10 @@ class _Grid:
         return tops.reshape(self.counts[:2])
 
 
-def _window(frame: RGBDFrame, table: TableFrame, box: UprightBox) -> Mask:
+def _projected_box_mask(frame: RGBDFrame, table: TableFrame, box: UprightBox) -> Mask:
     """The pixels (H, W) of the rectangle in which a box is seen."""
-    corners = (np.indices((2, 2, 2)).reshape(3, -1).T - 0.5) * box.size @ about_z(box.yaw).T + box.center
-    columns, rows, _ = projected(corners, frame.camera, table)
+    corners = (np.indices((2, 2, 2)).reshape(3, -1).T - 0.5) * box.size @ rotation_about_z(box.yaw).T + box.center
+    columns, rows, _ = project_to_pixels(corners, frame.camera, table)
     window = np.zeros(frame.depth.shape, np.bool_)
     top, left = max(0, int(rows.min())), max(0, int(columns.min()))
     window[top : max(0, int(rows.max()) + 1), left : max(0, int(columns.max()) + 1)] = True

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
-from grs_agents.library import Library, ObjectModel, Shape, mesh_files, read_vertices, rotation_matrix
+from grs_agents.library import Library, ObjectModel, Shape, matrix_from_quaternion, mesh_files, read_vertices
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -26,58 +26,58 @@ def box_mesh(size: Vec3, center: Vec3 = (0.0, 0.0, 0.0), grid: int = _GRID) -> F
         for side in (0.5, -0.5):
             vertices = np.empty((len(one), 3))
             vertices[:, axis], vertices[:, (axis + 1) % 3], vertices[:, (axis + 2) % 3] = side, one, two
-            faces = _grid_faces(grid + 1, grid + 1)
+            faces = _triangulate_grid(grid + 1, grid + 1)
             parts.append((vertices * size + center, faces if side > 0 else faces[:, ::-1]))
-    return joined(parts)
+    return join_meshes(parts)
 
 
-def turned_mesh(profile: Sequence[tuple[float, float]]) -> Faceted:
+def revolved_mesh(profile: Sequence[tuple[float, float]]) -> Faceted:
     """The solid that a profile of (radius, z) in m makes around z; it runs from the bottom's middle outwards."""
     angles = np.arange(_AROUND + 1) * 2 * np.pi / _AROUND
     radii, heights = np.array(profile).T
     x, y = np.outer(np.cos(angles), radii), np.outer(np.sin(angles), radii)
     vertices = np.stack([x, y, np.broadcast_to(heights, x.shape)], axis=2)
-    return vertices.reshape(-1, 3), _grid_faces(len(angles), len(radii))
+    return vertices.reshape(-1, 3), _triangulate_grid(len(angles), len(radii))
 
 
 def hull_mesh(points: Floats) -> Faceted:
     """About the convex hull of points (N, 3): their farthest point in each of many directions."""
-    directions, faces = _sphere()
+    directions, faces = _icosphere_mesh()
     farthest = points[np.argmax(directions @ points.T, axis=1)]
     return farthest, faces
 
 
-def support(points: Floats, queries: Floats) -> Floats:
+def signed_distance_from_hull(points: Floats, queries: Floats) -> Floats:
     """(M,) signed distance (m, negative inside) of queries (M, 3) from about the convex hull of points (N, 3)."""
-    directions, _ = _sphere()
+    directions, _ = _icosphere_mesh()
     reach = (directions @ points.T).max(axis=1)
     return np.asarray((queries @ directions.T - reach).max(axis=1), np.float64)
 
 
-def joined(parts: Sequence[Faceted]) -> Faceted:
+def join_meshes(parts: Sequence[Faceted]) -> Faceted:
     """Meshes as one."""
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])[:-1]
     faces = [faces + start for (_, faces), start in zip(parts, starts, strict=True)]
     return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces)
 
 
-def obj_text(mesh: Faceted, uvs: Floats | None = None) -> str:
+def mesh_to_obj_text(mesh: Faceted, uvs: Floats | None = None) -> str:
     """Wavefront OBJ; ``uvs`` (V, 2) are texture coordinates, one for each vertex. Faces without area are left out."""
     vertices, faces = mesh
     corners = vertices[faces].round(6)
     crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     kept = faces[np.linalg.norm(crosses, axis=1) > 1e-9]
-    return mesh_files.obj_text(vertices, kept, uvs, kept)
+    return mesh_files.format_obj_text(vertices, kept, uvs, kept)
 
 
-def _grid_faces(rows: int, columns: int) -> Ints:
+def _triangulate_grid(rows: int, columns: int) -> Ints:
     """Two triangles for each cell of a grid of vertices, row by row."""
     start = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     a, b, c, d = start, start + columns, start + columns + 1, start + 1
     return np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
 
 
-def _sphere() -> Faceted:
+def _icosphere_mesh() -> Faceted:
     import trimesh
 
     ball = trimesh.creation.icosphere(3)
@@ -87,17 +87,20 @@ def _sphere() -> Faceted:
 Bools = npt.NDArray[np.bool_]
 
 
-def inside_colliders(model: ObjectModel, library: Library, points: Floats, margin: float = 0.0) -> Bools:
+def inside_colliders_mask(model: ObjectModel, library: Library, points: Floats, margin: float = 0.0) -> Bools:
     """(N,) which of points (N, 3), m, asset's frame, are in or ``margin`` m from a collider; meshes as hulls."""
     found = np.zeros(len(points), np.bool_)
     for shape in model.colliders:
         found |= (
-            _signed_distance(shape, library, (points - shape.position) @ rotation_matrix(shape.quaternion)) < margin
+            _signed_distance_to_shape(
+                shape, library, (points - shape.position) @ matrix_from_quaternion(shape.quaternion)
+            )
+            < margin
         )
     return found
 
 
-def _signed_distance(shape: Shape, library: Library, local: Floats) -> Floats:
+def _signed_distance_to_shape(shape: Shape, library: Library, local: Floats) -> Floats:
     """How far (N, 3) points in the shape's frame are beyond its sides, (N,) m; less than nothing in it."""
     if shape.kind == "box":
         return np.asarray((np.abs(local) - np.array(shape.size) / 2).max(axis=1), np.float64)
@@ -106,4 +109,4 @@ def _signed_distance(shape: Shape, library: Library, local: Floats) -> Floats:
     if shape.kind == "cylinder":
         radius, length = shape.size
         return np.maximum(np.hypot(local[:, 0], local[:, 1]) - radius, np.abs(local[:, 2]) - length / 2)
-    return support(read_vertices(library.mesh_path(shape.mesh or "")) * shape.size, local)
+    return signed_distance_from_hull(read_vertices(library.mesh_or_texture_path(shape.mesh or "")) * shape.size, local)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.library import Library, rotation_matrix
+from grs_agents.library import Library, matrix_from_quaternion
 from grs_agents.perception.proxies.box_clipping import EstimatedVolume
-from grs_agents.perception.proxies.meshes import inside_colliders
+from grs_agents.perception.proxies.meshes import inside_colliders_mask
 from grs_agents.perception.types import Array, Mask
 
 
@@ -21,16 +21,16 @@ class Surroundings:
     claims: Sequence[EstimatedVolume]  # of the others
     library: Library  # where the assets are looked up
 
-    def occupied(self, points: Array, margin: float = 0.0) -> Mask:
+    def occupied_points_mask(self, points: Array, margin: float = 0.0) -> Mask:
         """(N,) which of points (N, 3), m, robot frame, are taken, or less than ``margin`` m from a known object."""
         taken = np.zeros(len(points), np.bool_)
         for asset, (position, orientation) in self.known:
-            model = self.library.model(asset)
+            model = self.library.load_object_model(asset)
             low, high = np.array(model.bounds)
             near = np.flatnonzero(np.linalg.norm(points - position, axis=1) < np.linalg.norm(high - low) / 2 + margin)
             if len(near):
-                local = (points[near] - position) @ rotation_matrix(orientation) + (low + high) / 2
-                taken[near] |= inside_colliders(model, self.library, local, margin)
+                local = (points[near] - position) @ matrix_from_quaternion(orientation) + (low + high) / 2
+                taken[near] |= inside_colliders_mask(model, self.library, local, margin)
         for claim in self.claims:
-            taken |= claim.contains(points)
+            taken |= claim.points_inside_mask(points)
         return taken

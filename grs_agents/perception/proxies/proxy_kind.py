@@ -14,11 +14,11 @@ from grs_agents.base import Vec3
 from grs_agents.perception.proxies.height_blocks import (
     Block,
     FreeColumns,
-    distance_from_blocks,
     fit_height_blocks,
-    signed_distances,
+    mean_distance_to_blocks,
+    signed_distances_from_sides,
 )
-from grs_agents.perception.proxies.meshes import support
+from grs_agents.perception.proxies.meshes import signed_distance_from_hull
 
 Floats = npt.NDArray[np.float64]
 WALL = 0.005  # how thick walls and floors are, m
@@ -37,7 +37,7 @@ def open_box_walls(size: Vec3) -> list[Block]:
 
 def bowl_profile(size: Vec3) -> list[tuple[float, float]]:
     """The profile of a bowl, (radius, z) m, from its bottom's middle outwards and back in."""
-    radius, half, foot = size[0] / 2, size[2] / 2, foot_radius(size)
+    radius, half, foot = size[0] / 2, size[2] / 2, bowl_foot_radius(size)
     outside = [(foot, -half), ((foot + radius) / 2, 0), (radius, half)]
     inside = [(radius - WALL, half), (foot - WALL, WALL - half)]
     return [(0, -half), *outside, *inside, (0, WALL - half)]
@@ -45,7 +45,7 @@ def bowl_profile(size: Vec3) -> list[tuple[float, float]]:
 
 def bowl_wall_pieces(size: Vec3) -> list[Floats]:
     """The corners (8, 3) of each piece of a bowl's wall."""
-    half, foot, radius = size[2] / 2, foot_radius(size), size[0] / 2
+    half, foot, radius = size[2] / 2, bowl_foot_radius(size), size[0] / 2
     angles = np.arange(_SEGMENTS + 1) * 2 * np.pi / _SEGMENTS
     rings = [(foot, -half), (foot - WALL, -half), (radius, half), (radius - WALL, half)]
     return [
@@ -54,23 +54,23 @@ def bowl_wall_pieces(size: Vec3) -> list[Floats]:
     ]
 
 
-def in_walls(points: Floats, size: Vec3, around: bool, wall: float = WALL) -> npt.NDArray[np.bool_]:
+def inside_walls_mask(points: Floats, size: Vec3, around: bool, wall: float = WALL) -> npt.NDArray[np.bool_]:
     """Which of points (N, 3) in the box of an open box or bowl, about its centre, are in its walls or floor, (N,)."""
     x, y, z = (part / 2 for part in size)
     floor = points[:, 2] < wall - z
     if not around:
         return floor | (np.abs(points[:, 0]) > x - wall) | (np.abs(points[:, 1]) > y - wall)
-    foot, radius = foot_radius(size), np.hypot(points[:, 0], points[:, 1])
+    foot, radius = bowl_foot_radius(size), np.hypot(points[:, 0], points[:, 1])
     outer = foot + (x - foot) * (points[:, 2] / z + 1) / 2
     return (radius < outer) & (floor | (radius > outer - wall))
 
 
-def foot_radius(size: Vec3) -> float:
+def bowl_foot_radius(size: Vec3) -> float:
     """The radius of a bowl's foot: what is flat has a small one, a mug is as wide below as above."""
     return size[0] / 2 * (0.65 if size[2] < 0.6 * size[0] else 1.0)
 
 
-def round_size(size: Vec3) -> Vec3:
+def size_with_mean_diameter(size: Vec3) -> Vec3:
     """The extents of a round object whose diameter is the mean of two."""
     diameter = round((size[0] + size[1]) / 2, 5)
     return (diameter, diameter, round(size[2], 5))
@@ -99,7 +99,7 @@ class MeasuredShape:
     crowded: bool = False  # other objects stand in the box
 
 
-def choose_kind(measured: MeasuredShape, size: Vec3, around: bool, hollow: bool) -> ProxyKind:
+def choose_proxy_kind(measured: MeasuredShape, size: Vec3, around: bool, hollow: bool) -> ProxyKind:
     """Which solid fits best an object with a box of ``size`` (m), a round footprint or not, hollow or not."""
     plain: ProxyKind = "cylinder" if around else "box"
     if hollow and min(size) > 4 * WALL:
@@ -107,18 +107,24 @@ def choose_kind(measured: MeasuredShape, size: Vec3, around: bool, hollow: bool)
     points = measured.points
     if plain == "bowl" or len(points) < _FEWEST:
         return plain
-    off = distance_from_solid(points, size, plain)
-    if measured.fillable is not None and _blocks_fit(measured.fillable, measured, size, plain, off):
+    off = mean_distance_to_solid(points, size, plain)
+    if measured.fillable is not None and _is_block_fit_better(measured.fillable, measured, size, plain, off):
         return "height blocks"
     if plain == "open box" or off <= _OFF:
         return plain
-    return "hull" if np.abs(support(with_unseen_side(points, size), points)).mean() < _BETTER * off else plain
+    return (
+        "hull"
+        if np.abs(signed_distance_from_hull(add_unseen_side(points, size), points)).mean() < _BETTER * off
+        else plain
+    )
 
 
-def _blocks_fit(fillable: FreeColumns, measured: MeasuredShape, size: Vec3, plain: ProxyKind, off: float) -> bool:
+def _is_block_fit_better(
+    fillable: FreeColumns, measured: MeasuredShape, size: Vec3, plain: ProxyKind, off: float
+) -> bool:
     """Whether boxes that fill the columns stand for an object better than a solid whose surface is so far off, m."""
     wasted = plain != "open box" and (
-        measured.crowded or _empty_share(fillable.heights, size, plain == "cylinder") > _WASTED
+        measured.crowded or _fraction_in_free_space(fillable.heights, size, plain == "cylinder") > _WASTED
     )
     if wasted or measured.crowded:
         bound = off + (_OFF if wasted else _NEARLY)
@@ -127,21 +133,21 @@ def _blocks_fit(fillable: FreeColumns, measured: MeasuredShape, size: Vec3, plai
     else:
         return False
     blocks = fit_height_blocks(fillable, size)
-    return bool(blocks) and distance_from_blocks(measured.points, blocks) < bound
+    return bool(blocks) and mean_distance_to_blocks(measured.points, blocks) < bound
 
 
-def distance_from_solid(points: Floats, size: Vec3, kind: ProxyKind) -> float:
+def mean_distance_to_solid(points: Floats, size: Vec3, kind: ProxyKind) -> float:
     """Mean distance (m) of points (N, 3) about its centre from the surface of a box, cylinder or open box of a size."""
     if kind == "open box":
-        return distance_from_blocks(points, open_box_walls(size))
+        return mean_distance_to_blocks(points, open_box_walls(size))
     if kind != "cylinder":
-        return distance_from_blocks(points, [(size, (0.0, 0.0, 0.0))])
+        return mean_distance_to_blocks(points, [(size, (0.0, 0.0, 0.0))])
     radius = (size[0] + size[1]) / 4
     beyond = np.column_stack([np.hypot(points[:, 0], points[:, 1]) - radius, np.abs(points[:, 2]) - size[2] / 2])
-    return float(np.abs(signed_distances(beyond)).mean())
+    return float(np.abs(signed_distances_from_sides(beyond)).mean())
 
 
-def with_unseen_side(points: Floats, size: Vec3) -> Floats:
+def add_unseen_side(points: Floats, size: Vec3) -> Floats:
     """(M, 3) points with their unseen side, taken to be like the seen one turned round, in a box of ``size``."""
     half = np.asarray(size) / 2
     kept = np.clip(points, -half, half)
@@ -153,7 +159,7 @@ def with_unseen_side(points: Floats, size: Vec3) -> Floats:
     return whole * half / np.maximum(np.abs(whole).max(axis=0), 1e-9)
 
 
-def _empty_share(heights: Floats, size: Vec3, around: bool) -> float:
+def _fraction_in_free_space(heights: Floats, size: Vec3, around: bool) -> float:
     """Which share of a box or cylinder of a size is higher than it may be; at edges the grid is too coarse to tell."""
     rows, columns = heights.shape
     framed = np.pad(heights, 1, mode="edge")

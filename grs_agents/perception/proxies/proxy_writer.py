@@ -13,20 +13,36 @@ import numpy.typing as npt
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
 from grs_agents.files import write_bytes, write_json, write_text
-from grs_agents.library import MANIFEST, Asset, Manifest, Shape, box_inertia, color_name, png_bytes, read_manifest
-from grs_agents.library.formats import urdf_text
-from grs_agents.perception.proxies.height_blocks import Block, fit_height_blocks, stretched_to
-from grs_agents.perception.proxies.meshes import Faceted, box_mesh, hull_mesh, joined, obj_text, turned_mesh
+from grs_agents.library import (
+    MANIFEST,
+    Asset,
+    Manifest,
+    Shape,
+    box_inertia,
+    color_name_from_rgb,
+    encode_png,
+    read_manifest,
+)
+from grs_agents.library.formats import format_urdf_text
+from grs_agents.perception.proxies.height_blocks import Block, fit_height_blocks, stretch_blocks_to_size
+from grs_agents.perception.proxies.meshes import (
+    Faceted,
+    box_mesh,
+    hull_mesh,
+    join_meshes,
+    mesh_to_obj_text,
+    revolved_mesh,
+)
 from grs_agents.perception.proxies.proxy_kind import (
     WALL,
     MeasuredShape,
     ProxyKind,
+    add_unseen_side,
+    bowl_foot_radius,
     bowl_profile,
     bowl_wall_pieces,
-    foot_radius,
     open_box_walls,
-    round_size,
-    with_unseen_side,
+    size_with_mean_diameter,
 )
 
 Floats = npt.NDArray[np.float64]
@@ -72,38 +88,41 @@ def write_proxy(
     Raises:
         InputError: the slug, size or colour is out of range, or the folder cannot be written.
     """
-    _check(slug, size, color)
+    _check_proxy_arguments(slug, size, color)
     x, y, z = (round(extent, 5) for extent in size)
-    extents = round_size(size) if kind in ("cylinder", "bowl") else (x, y, z)
-    boxes = _boxes(kind, extents, size, measured)
+    extents = size_with_mean_diameter(size) if kind in ("cylinder", "bowl") else (x, y, z)
+    boxes = _build_proxy_boxes(kind, extents, size, measured)
     asset = Asset(
         name=f"proxy/{slug}.urdf",
         kind=slug,
         category="proxy",
         size=extents,
-        mass=_mass(kind, extents, boxes),
+        mass=_estimate_mass(kind, extents, boxes),
         friction=_FRICTION,
-        color=color_name(color),
+        color=color_name_from_rgb(color),
         description=description,
         hollow=kind in ("bowl", "open box"),
     )
-    mesh = _mesh(kind, extents, measured, boxes)
-    write_text(root / f"proxy/{slug}.obj", obj_text(mesh, None if texture is None else _uvs(mesh, texture)))
+    mesh = _build_visible_mesh(kind, extents, measured, boxes)
+    write_text(
+        root / f"proxy/{slug}.obj",
+        mesh_to_obj_text(mesh, None if texture is None else _compute_vertex_uvs(mesh, texture)),
+    )
     red, green, blue = (1.0, 1.0, 1.0) if texture is not None else (round(float(channel), 3) for channel in color)
     update: dict[str, Any] = {"color": (red, green, blue, 1.0)}
     if texture is not None:
         update["texture"] = f"proxy/{slug}.png"
-        write_bytes(root / update["texture"], png_bytes(texture.image))
-    seen = _mesh_shape(f"proxy/{slug}.obj").model_copy(update=update)
-    solids, inertia = _colliders(kind, extents, boxes, root, slug), box_inertia(extents, asset.mass)
-    text = urdf_text(slug, [seen], solids, mass=asset.mass, friction=_FRICTION, inertia=inertia, folder="proxy")
+        write_bytes(root / update["texture"], encode_png(texture.image))
+    seen = _shape_from_mesh_file(f"proxy/{slug}.obj").model_copy(update=update)
+    solids, inertia = _build_collider_shapes(kind, extents, boxes, root, slug), box_inertia(extents, asset.mass)
+    text = format_urdf_text(slug, [seen], solids, mass=asset.mass, friction=_FRICTION, inertia=inertia, folder="proxy")
     write_text(root / asset.name, text)
     others = tuple(old for old in read_manifest(root).assets if old.name != asset.name)
     write_json(root / MANIFEST, Manifest(assets=(*others, asset)).model_dump(mode="json"))
     return asset
 
 
-def _check(slug: str, size: Vec3, color: Vec3) -> None:
+def _check_proxy_arguments(slug: str, size: Vec3, color: Vec3) -> None:
     """Refuse what makes no proxy."""
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", slug):
         raise InputError(f"proxy name {slug!r}", "use letters, digits, '_' and '-', at most 64 of them")
@@ -114,56 +133,56 @@ def _check(slug: str, size: Vec3, color: Vec3) -> None:
         raise InputError(f"proxy {slug} has colour {color}", "give red, green, blue in 0..1")
 
 
-def _boxes(kind: ProxyKind, extents: Vec3, size: Vec3, measured: MeasuredShape | None) -> list[Block]:
+def _build_proxy_boxes(kind: ProxyKind, extents: Vec3, size: Vec3, measured: MeasuredShape | None) -> list[Block]:
     """The boxes that a proxy consists of; none where it is no union of boxes."""
     if kind == "height blocks" and measured is not None and measured.fillable is not None:
-        return stretched_to(fit_height_blocks(measured.fillable, size), extents)
+        return stretch_blocks_to_size(fit_height_blocks(measured.fillable, size), extents)
     return {"box": [(extents, (0.0, 0.0, 0.0))], "open box": open_box_walls(extents)}.get(kind, [])
 
 
-def _mass(kind: ProxyKind, size: Vec3, boxes: list[Block]) -> float:
+def _estimate_mass(kind: ProxyKind, size: Vec3, boxes: list[Block]) -> float:
     """Of what fills a share of its box, kg."""
     share = {"cylinder": math.pi / 4, "hull": 0.7, "bowl": _SHELL, "open box": _SHELL}.get(kind, 1.0)
     volume = sum(math.prod(extents) for extents, _ in boxes) if kind == "height blocks" else math.prod(size) * share
     return round(min(max(volume * _DENSITY, _MASS_RANGE[0]), _MASS_RANGE[1]), 4)
 
 
-def _mesh(kind: ProxyKind, size: Vec3, measured: MeasuredShape | None, boxes: list[Block]) -> Faceted:
+def _build_visible_mesh(kind: ProxyKind, size: Vec3, measured: MeasuredShape | None, boxes: list[Block]) -> Faceted:
     """What is seen of it."""
     if kind == "cylinder":
         radius, half = size[0] / 2, size[2] / 2
         rings = [(radius / 2, -half), (radius, -half), (radius, -half / 3)]  # not too long for a texture
-        return turned_mesh([(0, -half), *rings, *((across, -up) for across, up in reversed(rings)), (0, half)])
+        return revolved_mesh([(0, -half), *rings, *((across, -up) for across, up in reversed(rings)), (0, half)])
     if kind == "bowl":
-        return turned_mesh(bowl_profile(size))
+        return revolved_mesh(bowl_profile(size))
     if kind == "hull" and measured is not None:
-        vertices, faces = hull_mesh(with_unseen_side(measured.points, size))
+        vertices, faces = hull_mesh(add_unseen_side(measured.points, size))
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         return (vertices - (low + high) / 2) * np.asarray(size) / np.maximum(high - low, 1e-9), faces
-    return joined([box_mesh(extents, center, 2 if kind == "height blocks" else 6) for extents, center in boxes])
+    return join_meshes([box_mesh(extents, center, 2 if kind == "height blocks" else 6) for extents, center in boxes])
 
 
-def _mesh_shape(file: str) -> Shape:
+def _shape_from_mesh_file(file: str) -> Shape:
     return Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=file)
 
 
-def _colliders(kind: ProxyKind, size: Vec3, boxes: list[Block], root: Path, slug: str) -> list[Shape]:
+def _build_collider_shapes(kind: ProxyKind, size: Vec3, boxes: list[Block], root: Path, slug: str) -> list[Shape]:
     """What touches; the convex pieces of a bowl's wall are written beside its mesh."""
     if kind == "cylinder":
         return [Shape(kind="cylinder", size=(size[0] / 2, size[2]))]
     if kind == "hull":
-        return [_mesh_shape(f"proxy/{slug}.obj")]
+        return [_shape_from_mesh_file(f"proxy/{slug}.obj")]
     if kind != "bowl":
         return [Shape(kind="box", size=extents, position=center) for extents, center in boxes]
-    pieces = [Shape(kind="cylinder", size=(foot_radius(size), WALL), position=(0.0, 0.0, (WALL - size[2]) / 2))]
+    pieces = [Shape(kind="cylinder", size=(bowl_foot_radius(size), WALL), position=(0.0, 0.0, (WALL - size[2]) / 2))]
     for number, corners in enumerate(bowl_wall_pieces(size)):
         name = f"proxy/{slug}_wall{number:02d}.obj"
-        write_text(root / name, obj_text(hull_mesh(corners)))
-        pieces.append(_mesh_shape(name))
+        write_text(root / name, mesh_to_obj_text(hull_mesh(corners)))
+        pieces.append(_shape_from_mesh_file(name))
     return pieces
 
 
-def _uvs(mesh: Faceted, texture: ProxyTexture) -> Floats:
+def _compute_vertex_uvs(mesh: Faceted, texture: ProxyTexture) -> Floats:
     """Texture coordinates of vertices; what the camera does not see looks like what is seen on the other side."""
     vertices, faces = mesh
     crosses = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any, cast
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import exists, is_folder, names_in, read_json
+from grs_agents.foreign import is_folder, list_folder_names, path_exists, read_json
 from grs_agents.perception.reading.camera import camera_from_matrix
 from grs_agents.perception.reading.frame_assembly import RecordedDepth, Recording
-from grs_agents.perception.reading.picture import SUFFIXES, read_color, read_depth_picture
+from grs_agents.perception.reading.picture import SUFFIXES, read_color_picture, read_depth_picture
 
 PREFIX = "bop:"
 FORM = "bop:ROOT/SPLIT/SCENE/IMAGE, e.g. bop:data/ycbv/test/000048/1"
@@ -24,26 +24,26 @@ class BopImage:
     number: int  # of the image
 
     @property
-    def stem(self) -> str:
+    def file_stem(self) -> str:
         """What its files' names begin with."""
         return f"{self.number:06d}"
 
-    def picture(self, *folders: str) -> Path | None:
+    def find_picture_file(self, *folders: str) -> Path | None:
         """Its file in the first of these folders that holds one."""
         for folder in folders:
             for suffix in SUFFIXES:
-                file = self.scene / folder / f"{self.stem}{suffix}"
-                if exists(file):
+                file = self.scene / folder / f"{self.file_stem}{suffix}"
+                if path_exists(file):
                     return file
         return None
 
 
-def is_bop(source: Path) -> bool:
+def is_bop_source(source: Path) -> bool:
     """Whether ``source`` names an image of a BOP data set."""
     return str(source).startswith(PREFIX)
 
 
-def bop_image(source: Path) -> BopImage:
+def parse_bop_source(source: Path) -> BopImage:
     """The image that ``bop:ROOT/SPLIT/SCENE/IMAGE`` names; leading zeros of SCENE and IMAGE may be left out."""
     path = Path(str(source).removeprefix(PREFIX))
     if len(path.parts) < 2 or not (path.name.isascii() and path.name.isdigit()) or len(path.name) > 9:
@@ -53,30 +53,31 @@ def bop_image(source: Path) -> BopImage:
     for folder in (scene, padded):
         if is_folder(folder):
             return BopImage(folder, number)
-    raise InputError(f"{source}: there is no scene folder {scene}", _other_scenes(scene.parent))
+    raise InputError(f"{source}: there is no scene folder {scene}", _suggest_other_scenes(scene.parent))
 
 
-def _other_scenes(split: Path) -> str:
+def _suggest_other_scenes(split: Path) -> str:
     """What to write instead of a scene that a split has not."""
-    names = [name for name in names_in(split) if is_folder(split / name)] if is_folder(split) else []
+    names = [name for name in list_folder_names(split) if is_folder(split / name)] if is_folder(split) else []
     return f"use one of {', '.join(names[:8])}{', ...' if len(names) > 8 else ''}" if names else f"write {FORM}"
 
 
-def read_bop(source: Path) -> Recording:
+def read_bop_image(source: Path) -> Recording:
     """Read an image with its camera and, if it has one, its depth."""
-    image = bop_image(source)
+    image = parse_bop_source(source)
     file = image.scene / "scene_camera.json"
-    entry = image_entry(read_json(file, "name a scene folder of a data set in the BOP format"), image.number, file)
+    entry = find_image_entry(read_json(file, "name a scene folder of a data set in the BOP format"), image.number, file)
     where = f"{file}, image {image.number}"
-    color = image.picture("rgb", "gray")
+    color = image.find_picture_file("rgb", "gray")
     if color is None:
         raise InputError(
-            f"{source}: {image.scene} holds no rgb/{image.stem} and no gray/{image.stem}", "name another image"
+            f"{source}: {image.scene} holds no rgb/{image.file_stem} and no gray/{image.file_stem}",
+            "name another image",
         )
-    picture = read_color(color)
+    picture = read_color_picture(color)
     size = (picture.rgb.shape[1], picture.rgb.shape[0])
-    depth = image.picture("depth")
-    scale = _scale(entry, where) if depth is not None else METRES_PER_MILLIMETRE
+    depth = image.find_picture_file("depth")
+    scale = _read_depth_scale(entry, where) if depth is not None else METRES_PER_MILLIMETRE
     camera = camera_from_matrix(entry.get("cam_K"), size, f"cam_K of {where}", depth_scale=scale)
     if depth is None:
         return Recording(source, picture, camera)
@@ -86,7 +87,7 @@ def read_bop(source: Path) -> Recording:
     return Recording(source, picture, camera, measured)
 
 
-def image_entry(entries: Mapping[str, Any], number: int, file: Path) -> dict[str, Any]:
+def find_image_entry(entries: Mapping[str, Any], number: int, file: Path) -> dict[str, Any]:
     """What a file of a BOP scene says of an image."""
     entry = entries.get(str(number))
     if entry is None:
@@ -98,7 +99,7 @@ def image_entry(entries: Mapping[str, Any], number: int, file: Path) -> dict[str
     return cast(dict[str, Any], entry)
 
 
-def _scale(entry: Mapping[str, Any], where: str) -> float:
+def _read_depth_scale(entry: Mapping[str, Any], where: str) -> float:
     """Metres per unit of depth; the format tells millimetres."""
     given = entry.get("depth_scale")
     if not isinstance(given, int | float) or not 0 < given < 1e6:

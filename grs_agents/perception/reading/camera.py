@@ -61,7 +61,7 @@ class CameraFile:
     notes: tuple[str, ...] = ()
 
 
-def read_camera(file: Path, unit: DepthUnit | None = None) -> CameraFile:
+def read_camera_file(file: Path, unit: DepthUnit | None = None) -> CameraFile:
     """Read ``camera.json``; ``unit`` is that of the depth where the file says nothing of it.
 
     ``K`` may stand for ``fx fy cx cy``. Keys that are not known go into the notes, unless they seem to mean a key
@@ -72,37 +72,37 @@ def read_camera(file: Path, unit: DepthUnit | None = None) -> CameraFile:
             or a key seems to be another name of one that is missing.
     """
     values = read_json(file, f"put camera.json there, with {KEYS}")
-    values, notes = _known_values(values, str(file))
+    values, notes = _filter_known_keys(values, str(file))
     if unit is not None and "depth_scale" not in values:
         if unit.scale is None:
             raise InputError(f"{file}: depth_scale is missing, and {unit.reason}", DEPTH_SCALE_REMEDY)
         values = {"depth_scale": unit.scale} | values
         notes += [f"camera.json gives no depth_scale: {unit.reason}"] if unit.reason else []
-    return CameraFile(check_camera(values, str(file)), tuple(notes))
+    return CameraFile(camera_from_values(values, str(file)), tuple(notes))
 
 
-def _known_values(values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], list[str]]:
+def _filter_known_keys(values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], list[str]]:
     """The values under the keys of `Camera`, and notes on the keys that say nothing to it."""
     known = {key: value for key, value in values.items() if key in Camera.model_fields}
     unused: list[str] = []
     for key, value in values.items():
         if key.lower() == "k":
-            known |= _of_matrix(value, values, f"{where}: {key}")
-        elif key not in Camera.model_fields and not _is_neutral(key.lower(), value):
-            if problem := _contradiction(key, value, values, where):
+            known |= _read_consistent_intrinsics(value, values, f"{where}: {key}")
+        elif key not in Camera.model_fields and not _is_ignorable_key(key.lower(), value):
+            if problem := _find_unknown_key_error(key, value, values, where):
                 raise problem
             unused.append(f"{key[:40]!a}")
     return known, [f"camera.json: not used: {', '.join(unused[:12])}"] if unused else []
 
 
-def _is_neutral(name: str, value: object) -> bool:
+def _is_ignorable_key(name: str, value: object) -> bool:
     """Whether an unknown key says what is taken for granted: no distortion, OpenCV's axes."""
-    return (name in DISTORTION_KEYS and _is_zero(value)) or (
+    return (name in DISTORTION_KEYS and _is_zero_or_empty(value)) or (
         name in CONVENTION_KEYS and isinstance(value, str) and value.lower() in OPENCV_NAMES
     )
 
 
-def _contradiction(key: str, value: object, values: Mapping[str, Any], where: str) -> InputError | None:
+def _find_unknown_key_error(key: str, value: object, values: Mapping[str, Any], where: str) -> InputError | None:
     """What is wrong with an unknown key, if passing over it would change the result."""
     name = key.lower()
     if name in DISTORTION_KEYS:
@@ -117,7 +117,7 @@ def _contradiction(key: str, value: object, values: Mapping[str, Any], where: st
             "(x right, y down, z forward)",
             f"from OpenGL's axes, negate its second and third columns; then leave {key} out",
         )
-    meant = _intended_key(name)
+    meant = _guess_intended_key(name)
     if meant is None or meant in values or (meant == "K" and "fx" in values):
         return None
     return InputError(
@@ -126,7 +126,7 @@ def _contradiction(key: str, value: object, values: Mapping[str, Any], where: st
     )
 
 
-def _intended_key(name: str) -> str | None:
+def _guess_intended_key(name: str) -> str | None:
     """The key of `Camera` for which a lower-case ``name`` is another spelling."""
     if name in ALIASES:
         return ALIASES[name]
@@ -135,12 +135,12 @@ def _intended_key(name: str) -> str | None:
     return spelt[close[0]] if close else None
 
 
-def _is_zero(value: object) -> bool:
+def _is_zero_or_empty(value: object) -> bool:
     """Whether this is 0, nothing, or a list of zeros."""
-    return value is None or all(type(one) in (int, float) and one == 0 for one in _flat(value))
+    return value is None or all(type(one) in (int, float) and one == 0 for one in _flatten_list(value))
 
 
-def _of_matrix(matrix: object, values: Mapping[str, Any], where: str) -> dict[str, float]:
+def _read_consistent_intrinsics(matrix: object, values: Mapping[str, Any], where: str) -> dict[str, float]:
     """``fx fy cx cy`` of the intrinsic matrix; what ``values`` say of them must agree."""
     intrinsics = intrinsics_from_matrix(matrix, where)
     other = [key for key in intrinsics if key in values and values[key] != intrinsics[key]]
@@ -152,7 +152,7 @@ def _of_matrix(matrix: object, values: Mapping[str, Any], where: str) -> dict[st
     return intrinsics
 
 
-def check_camera(values: Mapping[str, Any], where: str) -> Camera:
+def camera_from_values(values: Mapping[str, Any], where: str) -> Camera:
     """The camera with these values; ``where`` is named in errors."""
     try:
         return Camera.model_validate(dict(values))
@@ -168,14 +168,14 @@ def check_camera(values: Mapping[str, Any], where: str) -> Camera:
 def camera_from_matrix(matrix: object, size: tuple[int, int], where: str, **more: Any) -> Camera:
     """The camera with intrinsic matrix K of a picture of ``size`` (width, height); ``more`` are other fields of it."""
     values = {**intrinsics_from_matrix(matrix, where), "width": size[0], "height": size[1], **more}
-    return check_camera(values, where)
+    return camera_from_values(values, where)
 
 
 def intrinsics_from_matrix(matrix: object, where: str) -> dict[str, float]:
     """``fx fy cx cy`` of the intrinsic matrix K, three rows of three numbers or nine numbers row by row."""
     rows = f"{where} = {str(matrix)[:80]} is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
     remedy = "give the 3x3 intrinsic matrix of a pinhole camera, in pixels"
-    flat = [float(one) for one in _flat(matrix) if isinstance(one, int | float) and abs(one) < LARGEST]
+    flat = [float(one) for one in _flatten_list(matrix) if isinstance(one, int | float) and abs(one) < LARGEST]
     if len(flat) != 9:
         raise InputError(rows, remedy)
     fx, skew, cx, zero, fy, cy, *last = flat
@@ -184,7 +184,7 @@ def intrinsics_from_matrix(matrix: object, where: str) -> dict[str, float]:
     return {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
 
 
-def _flat(value: object) -> list[object]:
+def _flatten_list(value: object) -> list[object]:
     """What is in a list, or in a list of lists, in order; anything else is one item."""
     rows = cast(list[object], value) if isinstance(value, list) else [value]
     return [one for row in rows for one in (cast(list[object], row) if isinstance(row, list) else [row])]
@@ -194,7 +194,7 @@ def camera_from_focal_length(focal: float, size: tuple[int, int], where: str) ->
     """A camera with square pixels that looks through the middle of its picture; ``focal`` in pixels."""
     width, height = size
     values = {"fx": focal, "fy": focal, "cx": (width - 1) / 2, "cy": (height - 1) / 2}
-    return check_camera({**values, "width": width, "height": height, "depth_scale": 0.001}, where)
+    return camera_from_values({**values, "width": width, "height": height, "depth_scale": 0.001}, where)
 
 
 def focal_length_from_35mm(millimetres: float, size: tuple[int, int]) -> float:
@@ -203,7 +203,7 @@ def focal_length_from_35mm(millimetres: float, size: tuple[int, int]) -> float:
     return millimetres / FULL_FRAME_DIAGONAL * (width * width + height * height) ** 0.5
 
 
-def scaled_camera(camera: Camera, width: int, height: int) -> Camera:
+def scale_camera_to_size(camera: Camera, width: int, height: int) -> Camera:
     """The same camera for its picture scaled to another size; pixel centres are at whole numbers."""
     across, down = width / camera.width, height / camera.height
     return camera.model_copy(

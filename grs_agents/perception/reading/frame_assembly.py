@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.perception.reading.camera import DepthUnit, scaled_camera
-from grs_agents.perception.reading.picture import Picture, rotated_by_exif
+from grs_agents.perception.reading.camera import DepthUnit, scale_camera_to_size
+from grs_agents.perception.reading.picture import Picture, rotate_by_exif
 from grs_agents.perception.types import Camera, Image, RGBDFrame
 
 Depth = npt.NDArray[np.float32]
@@ -42,12 +42,12 @@ class RecordedDepth:
     scale_source: str = "depth_scale in camera.json"  # where its scale is told, for the remedy of a wrong one
 
     @property
-    def stored_scale(self) -> float:
+    def uint16_depth_scale(self) -> float:
         """Metres per unit of a 16-bit picture that holds these depths."""
         return self.scale if self.units.dtype == np.uint16 else MILLIMETRE
 
 
-def depth_in_metres(measured: RecordedDepth) -> Depth:
+def convert_depth_to_metres(measured: RecordedDepth) -> Depth:
     """(H, W) float32 metres, 0 where nothing was measured."""
     units, scale, where = measured.units, measured.scale, measured.where
     with np.errstate(over="ignore", invalid="ignore"):  # a forged file's numbers may leave the range
@@ -91,7 +91,7 @@ def guess_depth_unit(units: Units) -> DepthUnit:
     return DepthUnit(None, f"with millimetres the median depth would be {median:.2f} m, {bounds}")
 
 
-def same_aspect(size: tuple[int, int], other: tuple[int, int]) -> bool:
+def have_same_aspect_ratio(size: tuple[int, int], other: tuple[int, int]) -> bool:
     """Whether two pictures (width, height) can show the same at different sizes: to a pixel of the smaller one."""
     (width, height), (other_width, other_height) = sorted((size, other))
     return abs(other_width / width - other_height / height) * max(width, height) <= other_width / width
@@ -110,25 +110,28 @@ def resize_depth(depth: Depth, width: int, height: int) -> Depth:
     corners = np.stack([inverse[:-1, :-1], inverse[:-1, 1:], inverse[1:, :-1], inverse[1:, 1:]])
     low, high = corners.min(axis=0), corners.max(axis=0)
     one_surface = (low > 0) & (high <= low * (1 + JUMP))
-    rows, columns = _below(depth.shape[0], height), _below(depth.shape[1], width)
+    rows, columns = _preceding_pixel_indices(depth.shape[0], height), _preceding_pixel_indices(depth.shape[1], width)
     blend = cv2.resize(inverse, (width, height), interpolation=cv2.INTER_LINEAR)
     return np.where(one_surface[np.ix_(rows, columns)], 1 / np.maximum(blend, np.float32(1e-6)), nearest)
 
 
 def resize_nearest(picture: "npt.NDArray[Scalar]", width: int, height: int) -> "npt.NDArray[Scalar]":
     """A picture (H, W) at another size, each pixel that of the nearest."""
-    rows, columns = _places(picture.shape[0], height), _places(picture.shape[1], width)
+    rows, columns = (
+        _resampled_pixel_centers(picture.shape[0], height),
+        _resampled_pixel_centers(picture.shape[1], width),
+    )
     return picture[np.ix_(np.rint(rows).astype(int), np.rint(columns).astype(int))]
 
 
-def _places(old: int, new: int) -> npt.NDArray[np.float64]:
+def _resampled_pixel_centers(old: int, new: int) -> npt.NDArray[np.float64]:
     """Where the centres of ``new`` pixels lie among ``old`` ones, kept within the picture."""
     return np.clip((np.arange(new) + 0.5) * old / new - 0.5, 0, old - 1)
 
 
-def _below(old: int, new: int) -> npt.NDArray[np.int64]:
+def _preceding_pixel_indices(old: int, new: int) -> npt.NDArray[np.int64]:
     """The pixel before each of those places; the one after it is in the picture too."""
-    return np.minimum(np.floor(_places(old, new)).astype(np.int64), old - 2)
+    return np.minimum(np.floor(_resampled_pixel_centers(old, new)).astype(np.int64), old - 2)
 
 
 MOST_FRAME_PIXELS = 9_000_000
@@ -147,7 +150,7 @@ class Recording:
     notes: tuple[str, ...] = ()  # what a reader of the scene should know about how it was read
 
     @property
-    def size(self) -> tuple[int, int]:
+    def picture_size(self) -> tuple[int, int]:
         """Width and height of the colour picture."""
         height, width = self.picture.rgb.shape[:2]
         return width, height
@@ -160,14 +163,14 @@ class Recording:
 def assemble_frame(recording: Recording, camera: Camera, measured: RecordedDepth) -> RGBDFrame:
     """Put colour, depth and camera on the colour picture's grid."""
     height, width = measured.units.shape
-    if min(*recording.size, width, height) < SMALLEST:
+    if min(*recording.picture_size, width, height) < SMALLEST:
         raise InputError(
-            f"{recording.picture.file} is {recording.size[0]}x{recording.size[1]} and its depth {width}x{height}",
+            f"{recording.picture.file} is {'x'.join(map(str, recording.picture_size))} and its depth {width}x{height}",
             f"give pictures of at least {SMALLEST} pixels a side",
         )
-    recording = apply_orientation(recording, [(camera.width, camera.height), (width, height)])
-    size, file = recording.size, recording.picture.file
-    if not same_aspect(size, (width, height)):
+    recording = apply_exif_orientation(recording, [(camera.width, camera.height), (width, height)])
+    size, file = recording.picture_size, recording.picture.file
+    if not have_same_aspect_ratio(size, (width, height)):
         raise InputError(
             f"{measured.where} is {width}x{height} but {file} is {size[0]}x{size[1]}, of another shape",
             "register depth to colour, or crop both to the same view",
@@ -177,22 +180,22 @@ def assemble_frame(recording: Recording, camera: Camera, measured: RecordedDepth
             f"{file} is {size[0]}x{size[1]} but camera.json says {camera.width}x{camera.height}",
             "give the size, and the numbers that belong to it, of the colour or of the depth picture",
         )
-    depth, rgb = depth_in_metres(measured), recording.picture.rgb
-    target = working_size(*size)
+    depth, rgb = convert_depth_to_metres(measured), recording.picture.rgb
+    target = limit_frame_size(*size)
     if size != (width, height):
         recording = recording.with_note(f"depth of {width}x{height} pixels was brought to {target[0]}x{target[1]}")
     if target != size:
         recording = recording.with_note(
             f"the photo of {size[0]}x{size[1]} pixels was made smaller, {target[0]}x{target[1]}"
         )
-        rgb = shrink_colors(rgb, *target)
+        rgb = downscale_rgb(rgb, *target)
     if target != (width, height):
         depth = resize_depth(depth, *target)
-    camera = scaled_camera(camera, *target).model_copy(update={"depth_scale": measured.stored_scale})
+    camera = scale_camera_to_size(camera, *target).model_copy(update={"depth_scale": measured.uint16_depth_scale})
     return RGBDFrame(rgb, depth, camera, recording.source, recording.notes)
 
 
-def apply_orientation(recording: Recording, sizes: Sequence[tuple[int, int]]) -> Recording:
+def apply_exif_orientation(recording: Recording, sizes: Sequence[tuple[int, int]]) -> Recording:
     """Turn a photo as its EXIF orientation says, where camera and depth show that they belong to the turned photo.
 
     ``sizes`` are width and height of what belongs to the photo; without any it is turned.
@@ -200,9 +203,9 @@ def apply_orientation(recording: Recording, sizes: Sequence[tuple[int, int]]) ->
     picture = recording.picture
     if picture.orientation == 1:
         return recording
-    rgb = rotated_by_exif(picture.rgb, picture.orientation)
-    as_shown = all(same_aspect(one, (rgb.shape[1], rgb.shape[0])) for one in sizes)
-    if sizes and as_shown and all(same_aspect(one, recording.size) for one in sizes):
+    rgb = rotate_by_exif(picture.rgb, picture.orientation)
+    as_shown = all(have_same_aspect_ratio(one, (rgb.shape[1], rgb.shape[0])) for one in sizes)
+    if sizes and as_shown and all(have_same_aspect_ratio(one, recording.picture_size) for one in sizes):
         raise InputError(
             f"{picture.file} has EXIF orientation {picture.orientation}: whether the camera's numbers are those of the "
             "stored or of the turned picture cannot be told",
@@ -211,12 +214,12 @@ def apply_orientation(recording: Recording, sizes: Sequence[tuple[int, int]]) ->
     return replace(recording, picture=Picture(picture.file, rgb, 1, picture.focal_35mm)) if as_shown else recording
 
 
-def working_size(width: int, height: int) -> tuple[int, int]:
+def limit_frame_size(width: int, height: int) -> tuple[int, int]:
     """The size itself, or one of the same shape with at most `MOST_FRAME_PIXELS`."""
     share = (MOST_FRAME_PIXELS / (width * height)) ** 0.5
     return (width, height) if share >= 1 else (int(width * share), int(height * share))
 
 
-def shrink_colors(rgb: Image, width: int, height: int) -> Image:
+def downscale_rgb(rgb: Image, width: int, height: int) -> Image:
     """The colours averaged over the pixels of a smaller picture."""
     return np.asarray(cv2.resize(rgb, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)

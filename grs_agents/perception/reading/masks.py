@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import Numbers, is_folder, names_in, read_npy, read_npz
-from grs_agents.perception.reading.bop import bop_image, is_bop
-from grs_agents.perception.reading.frame_assembly import resize_nearest, same_aspect
+from grs_agents.foreign import Numbers, is_folder, list_folder_names, read_npy, read_npz
+from grs_agents.perception.reading.bop import is_bop_source, parse_bop_source
+from grs_agents.perception.reading.frame_assembly import have_same_aspect_ratio, resize_nearest
 from grs_agents.perception.reading.picture import SUFFIXES, read_label_picture
 
 Labels = npt.NDArray[np.int32]
@@ -30,65 +30,67 @@ def read_masks(source: Path, shape: tuple[int, int]) -> Labels:
     Raises:
         InputError: there are no masks, too many, or they are of another shape than the frame.
     """
-    if is_bop(source):
-        image = bop_image(source)
-        return _overlaid(_pictures(image.scene / "mask_visib", f"{image.stem}_"), shape, str(source))
+    if is_bop_source(source):
+        image = parse_bop_source(source)
+        return _overlay_masks(
+            _read_mask_pictures(image.scene / "mask_visib", f"{image.file_stem}_"), shape, str(source)
+        )
     if is_folder(source):
-        return _of_folder(source, shape)
+        return _labels_from_folder(source, shape)
     if source.suffix.lower() == ".npz":
         arrays = read_npz(source, {"masks": "(H, W) numbers or (N, H, W) masks"}, {})
-        return _of_array(arrays["masks"], shape, f"masks in {source}")
-    return _of_folder(source.parent, shape)
+        return _labels_from_array(arrays["masks"], shape, f"masks in {source}")
+    return _labels_from_folder(source.parent, shape)
 
 
-def _of_folder(folder: Path, shape: tuple[int, int]) -> Labels:
-    names = names_in(folder)
+def _labels_from_folder(folder: Path, shape: tuple[int, int]) -> Labels:
+    names = list_folder_names(folder)
     found = [name for name in names if Path(name).stem.lower() in STEMS]
     chosen = next((name for stem in STEMS for name in found if Path(name).stem.lower() == stem), None)
     if chosen is None:
         raise InputError(f"{folder} has no masks", f"add {FORMS}; or use tools.segment=segment_rgbd")
     file = folder / chosen
     if is_folder(file):
-        return _overlaid(_pictures(file, ""), shape, str(file))
+        return _overlay_masks(_read_mask_pictures(file, ""), shape, str(file))
     if file.suffix.lower() == ".npy":
-        return _of_array(read_npy(file), shape, str(file))
+        return _labels_from_array(read_npy(file), shape, str(file))
     if file.suffix.lower() in SUFFIXES:
-        return _renumbered(_at_frame_size(read_label_picture(file), shape, str(file)), str(file))
+        return _renumber_labels(_resize_mask_to_frame(read_label_picture(file), shape, str(file)), str(file))
     raise InputError(f"{file} holds no masks", f"give {FORMS}")
 
 
-def _pictures(folder: Path, prefix: str) -> list[tuple[str, Numbers]]:
+def _read_mask_pictures(folder: Path, prefix: str) -> list[tuple[str, Numbers]]:
     """The pictures of a folder whose names begin with ``prefix``, as masks: what is not 0 is the object."""
-    names = names_in(folder)
+    names = list_folder_names(folder)
     names = [name for name in names if name.startswith(prefix) and Path(name).suffix.lower() in SUFFIXES]
     if not 0 < len(names) <= MOST_MASKS:
         raise InputError(f"{folder} holds {len(names)} masks {prefix}*", f"give 1 to {MOST_MASKS}")
     return [(str(folder / name), read_label_picture(folder / name) > 0) for name in names]
 
 
-def _of_array(array: Numbers, shape: tuple[int, int], where: str) -> Labels:
+def _labels_from_array(array: Numbers, shape: tuple[int, int], where: str) -> Labels:
     if array.dtype.kind not in "bui" or array.ndim not in (2, 3):
         raise InputError(f"{where} has shape {array.shape} and type {array.dtype}", f"give {FORMS}")
     if array.ndim == 2:
-        return _renumbered(_at_frame_size(array, shape, where), where)
+        return _renumber_labels(_resize_mask_to_frame(array, shape, where), where)
     if not len(array) <= MOST_MASKS:
         raise InputError(f"{where} holds {len(array)} masks", f"give 1 to {MOST_MASKS}")
-    return _overlaid([(where, mask != 0) for mask in array], shape, where)
+    return _overlay_masks([(where, mask != 0) for mask in array], shape, where)
 
 
-def _overlaid(masks: list[tuple[str, Numbers]], shape: tuple[int, int], where: str) -> Labels:
+def _overlay_masks(masks: list[tuple[str, Numbers]], shape: tuple[int, int], where: str) -> Labels:
     """One picture of masks, the smaller ones on top."""
-    sized = [_at_frame_size(mask, shape, name) for name, mask in masks]
+    sized = [_resize_mask_to_frame(mask, shape, name) for name, mask in masks]
     labels = np.zeros(shape, np.int32)
     for number in sorted(range(len(sized)), key=lambda number: -int(sized[number].sum())):
         labels[sized[number] > 0] = number + 1
-    return _renumbered(labels, where)
+    return _renumber_labels(labels, where)
 
 
-def _at_frame_size(mask: Numbers, shape: tuple[int, int], where: str) -> Labels:
+def _resize_mask_to_frame(mask: Numbers, shape: tuple[int, int], where: str) -> Labels:
     """The mask at the frame's size, by the nearest pixel."""
     rows, columns = mask.shape
-    if not same_aspect((columns, rows), (shape[1], shape[0])):
+    if not have_same_aspect_ratio((columns, rows), (shape[1], shape[0])):
         raise InputError(
             f"{where} is {columns}x{rows} but the frame is {shape[1]}x{shape[0]}, of another shape",
             "give masks for the whole photo",
@@ -99,7 +101,7 @@ def _at_frame_size(mask: Numbers, shape: tuple[int, int], where: str) -> Labels:
     return numbers if mask.shape == shape else resize_nearest(numbers, shape[1], shape[0])
 
 
-def _renumbered(labels: Labels, where: str) -> Labels:
+def _renumber_labels(labels: Labels, where: str) -> Labels:
     """The labels renumbered from 1 without gaps, 0 kept."""
     values, inverse = np.unique(labels, return_inverse=True)
     objects = values[values > 0]

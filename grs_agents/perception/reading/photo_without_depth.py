@@ -13,10 +13,10 @@ from grs_agents.perception.reading.camera import camera_from_focal_length, focal
 from grs_agents.perception.reading.frame_assembly import (
     RecordedDepth,
     Recording,
-    apply_orientation,
+    apply_exif_orientation,
     assemble_frame,
-    shrink_colors,
-    working_size,
+    downscale_rgb,
+    limit_frame_size,
 )
 from grs_agents.perception.reading.picture import Picture
 from grs_agents.perception.types import Image, RGBDFrame
@@ -40,18 +40,18 @@ Estimator = Callable[[Image, float | None, str], DepthEstimate]
 """From the picture, its focal length in pixels if known, and what to call it in errors, to its depth."""
 
 
-def assemble_frame_of_photo(recording: Recording, estimate: Estimator, field_of_view: float | None) -> RGBDFrame:
+def assemble_frame_from_photo(recording: Recording, estimate: Estimator, field_of_view: float | None) -> RGBDFrame:
     """Estimate the depth of a photo.
 
     The focal length is that of ``camera.json``, else of ``field_of_view`` (degrees, of the width), else of the photo's
     EXIF, else the model's own.
     """
     camera = recording.camera
-    recording = apply_orientation(recording, [] if camera is None else [(camera.width, camera.height)])
+    recording = apply_exif_orientation(recording, [] if camera is None else [(camera.width, camera.height)])
     name = str(recording.picture.file)
-    size = working_size(*recording.size)
-    rgb = recording.picture.rgb if size == recording.size else shrink_colors(recording.picture.rgb, *size)
-    focal, source_note = _focal(recording, size, field_of_view)
+    size = limit_frame_size(*recording.picture_size)
+    rgb = recording.picture.rgb if size == recording.picture_size else downscale_rgb(recording.picture.rgb, *size)
+    focal, source_note = _find_focal_length(recording, size, field_of_view)
     found = estimate(rgb, focal, name)
     depth = np.asarray(found.depth)
     if depth.ndim != 2 or depth.dtype.kind != "f":
@@ -75,7 +75,9 @@ def assemble_frame_of_photo(recording: Recording, estimate: Estimator, field_of_
     )
 
 
-def _focal(recording: Recording, size: tuple[int, int], field_of_view: float | None) -> tuple[float | None, str]:
+def _find_focal_length(
+    recording: Recording, size: tuple[int, int], field_of_view: float | None
+) -> tuple[float | None, str]:
     """The focal length in pixels of a picture of ``size``, and a note of where it was told."""
     if recording.camera is not None:
         return recording.camera.fx * size[0] / recording.camera.width, "camera.json"

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from PIL import Image as Pillow
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import MALFORMED, opened_picture
+from grs_agents.foreign import MALFORMED, open_picture
 from grs_agents.perception.types import Image
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
@@ -32,9 +32,9 @@ class Picture:
     focal_35mm: float | None = None
 
 
-def read_color(file: Path) -> Picture:
+def read_color_picture(file: Path) -> Picture:
     """Read a picture as 8-bit RGB: grey, palette, 16-bit and CMYK are converted, an alpha channel is dropped."""
-    with _decoded(file) as image:
+    with _open_decoded_picture(file) as image:
         if image.mode in GREY[3:]:
             grey = (np.asarray(image) // 257).astype(np.uint8)
             rgb = np.repeat(grey[..., None], 3, axis=2)
@@ -42,13 +42,13 @@ def read_color(file: Path) -> Picture:
             rgb = np.array(image.convert("RGB"), dtype=np.uint8)
         else:
             raise InputError(f"{file} has pixels of kind {image.mode!r}, no colours", "write it as 8-bit RGB")
-        orientation, focal = _exif(image)
+        orientation, focal = _read_exif_tags(image)
     return Picture(file, rgb, orientation, focal)
 
 
 def read_depth_picture(file: Path) -> "npt.NDArray[np.number[Any]]":
     """Read a depth picture: (H, W) of 16- or 32-bit integers or floats, in the file's own unit."""
-    with _decoded(file) as image:
+    with _open_decoded_picture(file) as image:
         units = np.array(image)
     if units.ndim != 2 or image.mode in ("P", "1") or units.dtype.itemsize < 2:
         channels = 1 if units.ndim == 2 else units.shape[2]
@@ -59,7 +59,7 @@ def read_depth_picture(file: Path) -> "npt.NDArray[np.number[Any]]":
 
 def read_label_picture(file: Path) -> npt.NDArray[np.int32]:
     """Read a picture of numbers, such as labels: (H, W); the index of a palette's colour counts, not the colour."""
-    with _decoded(file) as image:
+    with _open_decoded_picture(file) as image:
         numbers = np.array(image)
     if numbers.ndim == 3 and (numbers[..., :1] == numbers[..., :3]).all():  # grey written as RGB
         numbers = numbers[..., 0]
@@ -68,7 +68,7 @@ def read_label_picture(file: Path) -> npt.NDArray[np.int32]:
     return numbers.astype(np.int32)
 
 
-def rotated_by_exif(rgb: Image, orientation: int) -> Image:
+def rotate_by_exif(rgb: Image, orientation: int) -> Image:
     """The picture as EXIF says it is to be looked at."""
     turned = {
         2: rgb[:, ::-1],
@@ -83,15 +83,15 @@ def rotated_by_exif(rgb: Image, orientation: int) -> Image:
 
 
 @contextmanager
-def _decoded(file: Path) -> Generator[Pillow.Image]:
+def _open_decoded_picture(file: Path) -> Generator[Pillow.Image]:
     """A picture whose size was checked before its pixels were decoded."""
     # warned of would be sizes, where our bound is tighter, and torn EXIF blocks
-    with warnings.catch_warnings(action="ignore"), opened_picture(file, f"put {file.name} there") as (image, _):
+    with warnings.catch_warnings(action="ignore"), open_picture(file, f"put {file.name} there") as (image, _):
         image.load()
         yield image
 
 
-def _exif(image: Pillow.Image) -> tuple[int, float | None]:
+def _read_exif_tags(image: Pillow.Image) -> tuple[int, float | None]:
     """Orientation and focal length on 35 mm film (mm); a torn EXIF block says nothing."""
     orientation, focal = 1, None
     with suppress(*MALFORMED):

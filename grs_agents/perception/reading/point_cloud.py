@@ -10,7 +10,7 @@ import numpy.typing as npt
 from grs_agents.errors import InputError
 from grs_agents.foreign import read_npy
 from grs_agents.perception.reading.frame_assembly import Depth
-from grs_agents.perception.reading.point_files import MOST_POINTS, Points, read_pcd, read_ply
+from grs_agents.perception.reading.point_cloud_files import MOST_POINTS, Points, read_pcd, read_ply
 from grs_agents.perception.types import Camera
 
 SUFFIXES = (".ply", ".pcd", ".npy")
@@ -30,7 +30,7 @@ class Cloud:
     where: str  # what errors call it
 
 
-def read_cloud(file: Path) -> Cloud | npt.NDArray[np.number]:
+def read_point_cloud(file: Path) -> Cloud | npt.NDArray[np.number]:
     """Read a cloud; a ``.npy`` of two dimensions with another width than 3 to 8 is a depth picture, and returned so."""
     if file.suffix.lower() == ".ply":
         return Cloud(*read_ply(file), str(file))
@@ -55,11 +55,11 @@ def depth_from_cloud(cloud: Cloud, camera: Camera) -> tuple[Depth, str]:
 
     It is made by the cloud's own grid if that has one, else by projection.
     """
-    grid = _organised(cloud, camera)
+    grid = _depth_from_organised_cloud(cloud, camera)
     if grid is not None:
         return grid, f"depth is z of the organised cloud {Path(cloud.where).name}"
-    rows, columns, z = _seen(cloud, camera)
-    width = _width_of_points(rows, columns, cloud, camera)
+    rows, columns, z = _project_visible_points(cloud, camera)
+    width = _point_width_in_pixels(rows, columns, cloud, camera)
     depth = np.full((camera.height, camera.width), np.inf, np.float32)
     order = np.argsort(-z, kind="stable")  # the nearest point counts: it is written last
     rows, columns, z = rows[order], columns[order], z[order]
@@ -75,7 +75,7 @@ def depth_from_cloud(cloud: Cloud, camera: Camera) -> tuple[Depth, str]:
     return depth, f"depth is {len(z)} points of {Path(cloud.where).name} as the camera sees them{spread}"
 
 
-def _organised(cloud: Cloud, camera: Camera) -> Depth | None:
+def _depth_from_organised_cloud(cloud: Cloud, camera: Camera) -> Depth | None:
     """The cloud's z on its own grid, if that grid is the camera's."""
     size = (camera.height, camera.width)
     if len(cloud.points) != size[0] * size[1] or cloud.shape not in (size, (1, len(cloud.points))):
@@ -93,7 +93,7 @@ def _organised(cloud: Cloud, camera: Camera) -> Depth | None:
     return np.where(valid, z, 0).astype(np.float32)
 
 
-def _seen(cloud: Cloud, camera: Camera) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Depth]:
+def _project_visible_points(cloud: Cloud, camera: Camera) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Depth]:
     """Row, column and z of the points in the camera's view."""
     points = cloud.points[np.isfinite(cloud.points).all(axis=1)]
     if not len(points):
@@ -112,7 +112,9 @@ def _seen(cloud: Cloud, camera: Camera) -> tuple[npt.NDArray[np.int64], npt.NDAr
     return rows[inside].astype(np.int64), columns[inside].astype(np.int64), ahead[inside, 2]
 
 
-def _width_of_points(rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], cloud: Cloud, camera: Camera) -> int:
+def _point_width_in_pixels(
+    rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], cloud: Cloud, camera: Camera
+) -> int:
     """How many pixels a side a point stands for, so that a sampled surface is closed: 1 for a dense cloud."""
     across = camera.width // CELL + 1
     cells, counts = np.unique(rows // CELL * across + columns // CELL, return_counts=True)

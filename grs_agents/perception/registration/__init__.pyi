@@ -1,9 +1,9 @@
-from .pose_cost import observed_points as observed_points
-from .pose_hypotheses import leaning_axes as leaning_axes
-from .pose_hypotheses import slid_hypotheses as slid_hypotheses
+from .pose_cost import sample_observed_points as sample_observed_points
+from .pose_hypotheses import estimate_leaning_axes as estimate_leaning_axes
+from .pose_hypotheses import propose_shifted_poses as propose_shifted_poses
 from .registration import Registered as Registered
-from .registration import cost_of as cost_of
-from .registration import register as register
+from .registration import register_asset as register_asset
+from .registration import registration_cost as registration_cost
 from .residual_segments import ResidualCandidates as ResidualCandidates
-from .residual_segments import residual_labels as residual_labels
-from .residual_segments import surface_inliers as surface_inliers
+from .residual_segments import label_residual_pixels as label_residual_pixels
+from .residual_segments import match_pieces_to_objects as match_pieces_to_objects

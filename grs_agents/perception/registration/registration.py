@@ -7,13 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from grs_agents.base import Pose, Quat, Vec3
-from grs_agents.geometry import about, about_z, pose_of, vec3
-from grs_agents.library import Library, rotation_matrix
+from grs_agents.geometry import pose_matrix, rotation_about_axis, rotation_about_z, to_vec3
+from grs_agents.library import Library, matrix_from_quaternion
+from grs_agents.perception.asset_surfaces import (
+    Cloud,
+    Surface,
+    Symmetry,
+    Tree,
+    align_point_clouds,
+    find_asset_symmetry,
+    sample_asset_surface,
+)
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.registration.pose_cost import ObservedPoints, costs, observed_points, residuals
-from grs_agents.perception.registration.pose_hypotheses import pose_hypotheses, slid_hypotheses
-from grs_agents.perception.segmentation import place_asset, quaternion
-from grs_agents.perception.surfaces import Cloud, Surface, Symmetry, Tree, align, surface_of, symmetry_of
+from grs_agents.perception.registration.pose_cost import (
+    ObservedPoints,
+    residual_per_pose,
+    sample_observed_points,
+    total_cost_per_pose,
+)
+from grs_agents.perception.registration.pose_hypotheses import propose_initial_poses, propose_shifted_poses
+from grs_agents.perception.segmentation import fit_asset_to_box, quaternion_from_matrix
 from grs_agents.perception.types import Array, Mask, PoseMethod, RGBDFrame, TableFrame, UprightBox
 
 CONFIG = DEFAULT.registration
@@ -47,42 +60,42 @@ class _Search:
     entered: Entered | None = None
 
     @classmethod
-    def of(
+    def from_asset(
         cls, asset: str, library: Library, upright: UprightBox, seen: ObservedPoints, entered: Entered | None = None
     ) -> "_Search":
         """The search for an asset of the library."""
-        surface = surface_of(asset, library)
-        tree, symmetry = Tree(surface.points), symmetry_of(asset, library)
+        surface = sample_asset_surface(asset, library)
+        tree, symmetry = Tree(surface.points), find_asset_symmetry(asset, library)
         return cls(surface, tree, seen, upright, symmetry, entered)
 
     @property
-    def bottom(self) -> float:
+    def measured_box_bottom(self) -> float:
         """Where the measured box begins, m."""
         return self.upright.center[2] - self.upright.size[2] / 2
 
-    def costs(self, poses: Array, factor: int = 1) -> Array:
+    def cost_per_pose(self, poses: Array, factor: int = 1) -> Array:
         """What `pose_cost.costs` says, and what is unlikely about each of (K, 4, 4) poses: (K,) m."""
         if self.entered is None:
-            return self.seen_costs(poses, factor)
-        return self.seen_costs(poses, factor) + CONFIG.entered_weight * np.maximum(
+            return self.cost_without_neighbors(poses, factor)
+        return self.cost_without_neighbors(poses, factor) + CONFIG.entered_weight * np.maximum(
             self.entered(poses) - CONFIG.entered, 0
         )
 
-    def seen_costs(self, poses: Array, factor: int = 1) -> Array:
+    def cost_without_neighbors(self, poses: Array, factor: int = 1) -> Array:
         """The same, whatever stands around."""
         lying = CONFIG.lying * (poses[:, 2, 2] < 0.9)
         tilted = CONFIG.tilted * (np.abs(poses[:, 2, :3]).max(axis=1) < math.cos(math.radians(0.1)))
-        seen = self.seen.coarse(factor)
+        seen = self.seen.subsample_points(factor)
         lowest = (self.surface.points[: seen.samples] @ poses[:, 2, :3].T).min(axis=0) + poses[:, 2, 3]
         sunk = np.maximum(-lowest - CONFIG.sunk, 0)
-        return costs(self.surface, self.tree, poses, seen) + lying + tilted + sunk
+        return total_cost_per_pose(self.surface, self.tree, poses, seen) + lying + tilted + sunk
 
-    def residual(self, pose: Array) -> float:
+    def residual_at_pose(self, pose: Array) -> float:
         """How far the object's points are off the surface at a pose (4, 4), m."""
-        return float(residuals(self.surface, self.tree, pose[None], self.seen)[0])
+        return float(residual_per_pose(self.surface, self.tree, pose[None], self.seen)[0])
 
 
-def register(
+def register_asset(
     asset: str,
     library: Library,
     upright: UprightBox,
@@ -100,77 +113,79 @@ def register(
     Raises:
         UnknownNameError: the library has no such asset.
     """
-    position, orientation, size = place_asset(upright, library.asset(asset).size)
-    begin = pose_of(rotation_matrix(orientation), np.array(position))
-    seen = observed_points(frame, table, mask)
-    search = _Search.of(asset, library, upright, seen, entered)
+    position, orientation, size = fit_asset_to_box(upright, library.asset(asset).size)
+    begin = pose_matrix(matrix_from_quaternion(orientation), np.array(position))
+    seen = sample_observed_points(frame, table, mask)
+    search = _Search.from_asset(asset, library, upright, seen, entered)
     if len(seen.points) < CONFIG.fewest:
-        return Registered(position, orientation, size, 0.0, "box", _is_round(begin, search.symmetry))
-    best = _searched(search)
-    off, (registered, boxed) = search.residual(best), search.costs(np.stack([best, begin]))
+        return Registered(position, orientation, size, 0.0, "box", _is_yaw_symmetric(begin, search.symmetry))
+    best = _find_cheapest_pose(search)
+    off, (registered, boxed) = search.residual_at_pose(best), search.cost_per_pose(np.stack([best, begin]))
     if registered > boxed - CONFIG.better or off > CONFIG.worst:
-        off, cost = search.residual(begin), float(search.seen_costs(begin[None])[0])
-        return Registered(position, orientation, size, off, "box", _is_round(begin, search.symmetry), cost)
+        off, cost = search.residual_at_pose(begin), float(search.cost_without_neighbors(begin[None])[0])
+        return Registered(position, orientation, size, off, "box", _is_yaw_symmetric(begin, search.symmetry), cost)
     return Registered(
-        vec3(best[:3, 3]),
-        quaternion(best[:3, :3]),
-        _extents(best[:3, :3], search.surface),
+        to_vec3(best[:3, 3]),
+        quaternion_from_matrix(best[:3, :3]),
+        _extents_without_yaw(best[:3, :3], search.surface),
         off,
         "registered",
-        _is_round(best, search.symmetry),
-        float(search.seen_costs(best[None])[0]),
+        _is_yaw_symmetric(best, search.symmetry),
+        float(search.cost_without_neighbors(best[None])[0]),
     )
 
 
-def cost_of(
+def registration_cost(
     asset: str, pose: Pose, library: Library, upright: UprightBox, frame: RGBDFrame, table: TableFrame, mask: Mask
 ) -> float:
     """What `Registered` calls its cost, m, of an asset whose bounding box has its centre and rotation at ``pose``."""
-    search = _Search.of(asset, library, upright, observed_points(frame, table, mask))
-    return float(search.seen_costs(pose_of(rotation_matrix(pose[1]), np.array(pose[0]))[None])[0])
+    search = _Search.from_asset(asset, library, upright, sample_observed_points(frame, table, mask))
+    return float(
+        search.cost_without_neighbors(pose_matrix(matrix_from_quaternion(pose[1]), np.array(pose[0]))[None])[0]
+    )
 
 
-def _is_round(pose: Array, symmetry: Symmetry) -> bool:
+def _is_yaw_symmetric(pose: Array, symmetry: Symmetry) -> bool:
     return any(abs(float(pose[2, :3] @ axis)) > math.cos(math.radians(5)) for axis in symmetry.axes)
 
 
-def _extents(turn: Array, surface: Surface) -> Vec3:
+def _extents_without_yaw(turn: Array, surface: Surface) -> Vec3:
     """Extents along the world's axes once the yaw is taken back, for a turn that may lean."""
     up = int(np.argmax(np.abs(turn[2])))
     side = turn[:, (up + 1) % 3]
     yaw = math.atan2(side[1], side[0])
     yaw -= round(yaw / (math.pi / 2)) * math.pi / 2
-    x, y, z = (float(value) for value in 2 * np.abs(about_z(-yaw) @ turn) @ surface.half)
+    x, y, z = (float(value) for value in 2 * np.abs(rotation_about_z(-yaw) @ turn) @ surface.half)
     return (x, y, z)
 
 
-def _searched(search: _Search) -> Array:
+def _find_cheapest_pose(search: _Search) -> Array:
     """The pose (4, 4) that costs least."""
     half = search.surface.half
-    seen = search.seen.coarse(CONFIG.medium)
+    seen = search.seen.subsample_points(CONFIG.medium)
     source = Cloud(seen.points)
-    every = pose_hypotheses(half, search.symmetry, search.upright, seen, source.normals)
-    good = every[np.argsort(search.costs(every, CONFIG.coarse), kind="stable")[: CONFIG.slid]]
-    more = np.concatenate([good, slid_hypotheses(good, half, search.seen)])
-    chosen = _distinct(more[np.argsort(search.costs(more, CONFIG.coarse), kind="stable")], search)
+    every = propose_initial_poses(half, search.symmetry, search.upright, seen, source.normals)
+    good = every[np.argsort(search.cost_per_pose(every, CONFIG.coarse), kind="stable")[: CONFIG.slid]]
+    more = np.concatenate([good, propose_shifted_poses(good, half, search.seen)])
+    chosen = _select_distinct_poses(more[np.argsort(search.cost_per_pose(more, CONFIG.coarse), kind="stable")], search)
     poses = [chosen[0]]
     for start in chosen:
-        aligned = _aligned(search, start, source)
-        straight = _straight(aligned, search)
+        aligned = _align_to_visible_surface(search, start, source)
+        straight = _straighten_pose(aligned, search)
         poses += [aligned] if straight is None else [aligned, straight]
     stack = np.stack(poses)
-    best = stack[np.argsort(search.costs(stack, CONFIG.medium), kind="stable")[: CONFIG.refined]]
-    refined = np.stack([_refined(pose, search, CONFIG.steps, CONFIG.medium) for pose in best])
-    return _refined(refined[int(search.costs(refined).argmin())], search, CONFIG.steps[-2:], 1)
+    best = stack[np.argsort(search.cost_per_pose(stack, CONFIG.medium), kind="stable")[: CONFIG.refined]]
+    refined = np.stack([_refine_pose(pose, search, CONFIG.steps, CONFIG.medium) for pose in best])
+    return _refine_pose(refined[int(search.cost_per_pose(refined).argmin())], search, CONFIG.steps[-2:], 1)
 
 
-def _distinct(poses: Array, search: _Search) -> list[Array]:
+def _select_distinct_poses(poses: Array, search: _Search) -> list[Array]:
     """The first few of (K, 4, 4) poses that are neither near each other nor look alike."""
     chosen: list[Array] = []
     for pose in poses:
         if all(
             np.linalg.norm(pose[:3, 3] - other[:3, 3]) > CONFIG.apart
-            or search.symmetry.angle(pose[:3, :3], other[:3, :3]) > CONFIG.look_angle
+            or search.symmetry.rotation_error_degrees(pose[:3, :3], other[:3, :3]) > CONFIG.look_angle
             for other in chosen
         ):
             chosen.append(pose)
@@ -179,7 +194,7 @@ def _distinct(poses: Array, search: _Search) -> list[Array]:
     return chosen
 
 
-def _aligned(search: _Search, start: Array, source: Cloud) -> Array:
+def _align_to_visible_surface(search: _Search, start: Array, source: Cloud) -> Array:
     """Align the points with the part of the surface that the camera sees at the pose before, twice."""
     pose = start
     for reach in (CONFIG.partner_distance, CONFIG.partner_distance / 2):
@@ -187,19 +202,21 @@ def _aligned(search: _Search, start: Array, source: Cloud) -> Array:
         points, normals = (
             part[: len(part) // CONFIG.medium] for part in (search.surface.points, search.surface.normals)
         )
-        facing = np.einsum("ni,ni->n", normals @ turn.T, points @ turn.T + pose[:3, 3] - search.seen.eye) < 0
+        facing = (
+            np.einsum("ni,ni->n", normals @ turn.T, points @ turn.T + pose[:3, 3] - search.seen.camera_position) < 0
+        )
         if facing.sum() < CONFIG.fewest:
             return pose
         target = Cloud(points[facing])
-        pose = _inverse(align(target, source, _inverse(pose), reach))
+        pose = _invert_pose(align_point_clouds(target, source, _invert_pose(pose), reach))
     return pose
 
 
-def _inverse(pose: Array) -> Array:
+def _invert_pose(pose: Array) -> Array:
     return np.asarray(np.linalg.inv(pose), np.float64)
 
 
-def _straight(pose: Array, search: _Search) -> Array | None:
+def _straighten_pose(pose: Array, search: _Search) -> Array | None:
     """The pose on the side it nearly rests on, at the height of what it rests on; ``None`` where it leans."""
     turn = pose[:3, :3]
     up = int(np.argmax(np.abs(turn[2])))
@@ -207,24 +224,29 @@ def _straight(pose: Array, search: _Search) -> Array | None:
     angle = math.acos(min(1.0, float(axis[2])))
     if angle > CONFIG.leaning:
         return None
-    whole = about(np.cross(axis, (0.0, 0.0, 1.0)), angle) @ turn
+    whole = rotation_about_axis(np.cross(axis, (0.0, 0.0, 1.0)), angle) @ turn
     height = float(np.abs(whole[2]) @ search.surface.half)
     bottom = float(pose[2, 3]) - height
-    rests = abs(bottom - search.bottom) < CONFIG.rests
-    return pose_of(whole, np.array([pose[0, 3], pose[1, 3], (search.bottom if rests else bottom) + height]))
+    rests = abs(bottom - search.measured_box_bottom) < CONFIG.rests
+    return pose_matrix(
+        whole, np.array([pose[0, 3], pose[1, 3], (search.measured_box_bottom if rests else bottom) + height])
+    )
 
 
-def _refined(pose: Array, search: _Search, steps: Sequence[tuple[float, float]], factor: int) -> Array:
+def _refine_pose(pose: Array, search: _Search, steps: Sequence[tuple[float, float]], factor: int) -> Array:
     """Shift and turn about z in ever smaller steps for as long as it costs less, by one of ``factor`` samples."""
-    best, least = pose, float(search.costs(pose[None], factor)[0])
+    best, least = pose, float(search.cost_per_pose(pose[None], factor)[0])
     for shift, angle in steps:
         for _ in range(3):
             tried = np.stack([best] * 8)
             for axis in range(3):
                 tried[2 * axis, axis, 3] += shift
                 tried[2 * axis + 1, axis, 3] -= shift
-            tried[6, :3, :3], tried[7, :3, :3] = about_z(angle) @ best[:3, :3], about_z(-angle) @ best[:3, :3]
-            values = search.costs(tried, factor)
+            tried[6, :3, :3], tried[7, :3, :3] = (
+                rotation_about_z(angle) @ best[:3, :3],
+                rotation_about_z(-angle) @ best[:3, :3],
+            )
+            values = search.cost_per_pose(tried, factor)
             first = int(values.argmin())
             if values[first] >= least:
                 break

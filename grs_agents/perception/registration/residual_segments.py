@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
+from grs_agents.perception.asset_surfaces import Surface
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.image_geometry import Index, Labels, components
-from grs_agents.perception.segmentation import candidates_of
-from grs_agents.perception.surfaces import Surface
-from grs_agents.perception.table import measured_depth, robot_points_at
+from grs_agents.perception.image_geometry import Index, Labels, label_connected_components
+from grs_agents.perception.segmentation import measure_candidates
+from grs_agents.perception.table_finding import measured_depth_at_points, pixels_to_robot_frame
 from grs_agents.perception.types import Array, Candidate, Mask, RGBDFrame, TableFrame
 
 CONFIG = DEFAULT.explanation
@@ -21,10 +21,10 @@ Picture = npt.NDArray[np.uint8]
 KERNEL = np.ones((3, 3), np.uint8)
 
 
-def _is_shown(surface: Surface, frame: RGBDFrame, table: TableFrame) -> bool:
+def _is_consistent_with_depth(surface: Surface, frame: RGBDFrame, table: TableFrame) -> bool:
     """Whether an asset is the right one, as far as can be seen: its surface is where the photo shows one."""
     facing = ((surface.points - np.asarray(table.T_robot_cam)[:3, 3]) * surface.normals).sum(axis=1) < 0
-    measured, depth = measured_depth(surface.points[facing], frame, table)
+    measured, depth = measured_depth_at_points(surface.points[facing], frame, table)
     before = (measured - depth)[measured > 0]
     if not len(before):
         return False
@@ -41,30 +41,36 @@ class ResidualCandidates:
     divided: tuple[int, ...] = ()
 
 
-def residual_candidates(
+def find_residual_candidates(
     masks: Sequence[Mask], surfaces: Sequence[Surface | None], frame: RGBDFrame, table: TableFrame, first: int
 ) -> ResidualCandidates:
-    """What `residual_labels` finds, measured and numbered from ``first``."""
-    labels, divided = residual_labels(masks, surfaces, frame, table)
+    """What `label_residual_pixels` finds, measured and numbered from ``first``."""
+    labels, divided = label_residual_pixels(masks, surfaces, frame, table)
     try:
-        found = candidates_of(frame, table, labels)
+        found = measure_candidates(frame, table, labels)
     except InputError:  # nothing, or nothing that could be an object
         return ResidualCandidates(divided=divided)
     return ResidualCandidates(tuple(replace(one, id=first + index) for index, one in enumerate(found)), divided)
 
 
-def residual_labels(
+def label_residual_pixels(
     masks: Sequence[Mask], surfaces: Sequence[Surface | None], frame: RGBDFrame, table: TableFrame
 ) -> tuple[Labels, tuple[int, ...]]:
     """(H, W) labels from 1 of what segments leave over once their assets stand, 0 elsewhere; and which it divides."""
     known = [surface for surface in surfaces if surface is not None]
     labels, divided = np.zeros(frame.depth.shape, np.int32), list[int]()
     for index, (mask, surface) in enumerate(zip(masks, surfaces, strict=True)):
-        cloud = _Cloud.of(mask, frame, table)
-        rest = _without(cloud, known) if surface is None else _unexplained(cloud, surface, frame, table)
+        cloud = _Cloud.from_mask(mask, frame, table)
+        rest = (
+            _off_other_surfaces_mask(cloud, known)
+            if surface is None
+            else _unexplained_pixel_mask(cloud, surface, frame, table)
+        )
         if rest is None:
             continue
-        pieces = components(cv2.morphologyEx(rest, cv2.MORPH_OPEN, KERNEL), int(CONFIG.smallest * rest.size))
+        pieces = label_connected_components(
+            cv2.morphologyEx(rest, cv2.MORPH_OPEN, KERNEL), int(CONFIG.smallest * rest.size)
+        )
         labels = np.where(pieces > 0, pieces + labels.max(), labels)
         divided += [index] if surface is None else []
     return labels, tuple(divided)
@@ -80,35 +86,39 @@ class _Cloud:
     shape: tuple[int, ...]
 
     @classmethod
-    def of(cls, mask: Mask, frame: RGBDFrame, table: TableFrame) -> "_Cloud":
+    def from_mask(cls, mask: Mask, frame: RGBDFrame, table: TableFrame) -> "_Cloud":
         rows, columns = np.nonzero(mask & (frame.depth > 0))
-        return cls(rows, columns, robot_points_at(frame, table, rows, columns), frame.depth.shape)
+        return cls(rows, columns, pixels_to_robot_frame(frame, table, rows, columns), frame.depth.shape)
 
-    def picture(self, chosen: Mask) -> Picture:
+    def draw_pixel_mask(self, chosen: Mask) -> Picture:
         """(H, W) where those are of which ``chosen`` (N,) is true."""
         drawn = np.zeros(self.shape, np.uint8)
         drawn[self.rows[chosen], self.columns[chosen]] = 1
         return drawn
 
 
-def _unexplained(cloud: _Cloud, surface: Surface, frame: RGBDFrame, table: TableFrame) -> Picture | None:
+def _unexplained_pixel_mask(cloud: _Cloud, surface: Surface, frame: RGBDFrame, table: TableFrame) -> Picture | None:
     """(H, W) what of a segment is not on the surface of its asset; ``None`` where that says nothing."""
-    off = (surface.distances(cloud.points) > CONFIG.off) & (cloud.points[:, 2] > CONFIG.off)  # the table is no object
-    if not len(off) or off.mean() > 1 - CONFIG.explained or not _is_shown(surface, frame, table):
+    off = (surface.distances_to_points(cloud.points) > CONFIG.off) & (
+        cloud.points[:, 2] > CONFIG.off
+    )  # the table is no object
+    if not len(off) or off.mean() > 1 - CONFIG.explained or not _is_consistent_with_depth(surface, frame, table):
         return None
-    return cloud.picture(off)
+    return cloud.draw_pixel_mask(off)
 
 
-def _without(cloud: _Cloud, surfaces: Sequence[Surface]) -> Picture | None:
+def _off_other_surfaces_mask(cloud: _Cloud, surfaces: Sequence[Surface]) -> Picture | None:
     """(H, W) what of a segment is not on the surfaces of other objects; ``None`` where little of it is."""
     near = np.full(len(cloud.points), np.inf)
     for surface in surfaces:
-        near = np.minimum(near, surface.near(cloud.points, CONFIG.off))
-    theirs = cv2.morphologyEx(cloud.picture(near < CONFIG.on), cv2.MORPH_OPEN, KERNEL)  # a thin strip touches them
-    return cloud.picture(near > CONFIG.off) if theirs.sum() > CONFIG.joined * len(near) else None
+        near = np.minimum(near, surface.distances_within_reach(cloud.points, CONFIG.off))
+    theirs = cv2.morphologyEx(
+        cloud.draw_pixel_mask(near < CONFIG.on), cv2.MORPH_OPEN, KERNEL
+    )  # a thin strip touches them
+    return cloud.draw_pixel_mask(near > CONFIG.off) if theirs.sum() > CONFIG.joined * len(near) else None
 
 
-def surface_inliers(clouds: Sequence[Array], surfaces: Sequence[Surface | None]) -> dict[int, int]:
+def match_pieces_to_objects(clouds: Sequence[Array], surfaces: Sequence[Surface | None]) -> dict[int, int]:
     """Which objects are pieces of which, by index: their (N, 3) points (m, robot frame) are on that one's surface."""
     pieces: dict[int, int] = {}
     for piece, cloud in enumerate(clouds):
@@ -116,7 +126,7 @@ def surface_inliers(clouds: Sequence[Array], surfaces: Sequence[Surface | None])
             larger = whole != piece and len(clouds[whole]) > len(cloud) and whole not in pieces
             if surface is None or not larger or not len(cloud):
                 continue
-            if (surface.near(cloud, CONFIG.on) < CONFIG.on).mean() >= CONFIG.piece:
+            if (surface.distances_within_reach(cloud, CONFIG.on) < CONFIG.on).mean() >= CONFIG.piece:
                 pieces[piece] = whole
                 break
     return pieces

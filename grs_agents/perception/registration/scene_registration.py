@@ -4,17 +4,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from grs_agents.library import Library
-from grs_agents.perception.pictures import add_candidates, load_mask
-from grs_agents.perception.registration.registration import Registered, register
-from grs_agents.perception.registration.residual_segments import residual_candidates
-from grs_agents.perception.surfaces import asset_surface_at
+from grs_agents.perception.asset_surfaces import asset_surface_at_pose
+from grs_agents.perception.picture_files import load_mask, save_additional_candidates
+from grs_agents.perception.registration.registration import Registered, register_asset
+from grs_agents.perception.registration.residual_segments import find_residual_candidates
 from grs_agents.perception.types import (
     CandidateRecord,
     DroppedCandidate,
     RGBDFrame,
     SceneObject,
     TableFrame,
-    reachable,
+    is_reachable_position,
 )
 
 
@@ -36,18 +36,20 @@ def register_objects(
         update: dict[str, object] = {}
         if item.matched:
             mask = load_mask(folder / item.mask)
-            update = pose_fields(register(item.asset, library, by_number[item.id].upright, frame, table, mask))
+            update = registered_object_fields(
+                register_asset(item.asset, library, by_number[item.id].upright, frame, table, mask)
+            )
         placed.append(item.model_copy(update=update))
     return tuple(placed)
 
 
-def pose_fields(registered: Registered) -> dict[str, object]:
+def registered_object_fields(registered: Registered) -> dict[str, object]:
     """The fields of a ``SceneObject`` that registration sets."""
     return {
         "position": registered.position,
         "orientation": registered.orientation,
         "size": registered.size,
-        "reachable": reachable(registered.position),
+        "reachable": is_reachable_position(registered.position),
         "method": registered.method,
         "residual": registered.residual,
         "round": registered.round,
@@ -70,11 +72,11 @@ def add_residual_candidates(
         return (), ()
     masks = [load_mask(folder / item.mask) for item in objects]
     surfaces = [
-        asset_surface_at(item.asset, (item.position, item.orientation), library) if item.matched else None
+        asset_surface_at_pose(item.asset, (item.position, item.orientation), library) if item.matched else None
         for item in objects
     ]
-    residual = residual_candidates(masks, surfaces, frame, table, max(record.id for record in records) + 1)
-    added = add_candidates(frame, residual.candidates, records, folder) if residual.candidates else ()
+    residual = find_residual_candidates(masks, surfaces, frame, table, max(record.id for record in records) + 1)
+    added = save_additional_candidates(frame, residual.candidates, records, folder) if residual.candidates else ()
     return added, tuple(
         DroppedCandidate(id=objects[index].id, reason="much of it belongs to known things; the rest is looked at again")
         for index in residual.divided

@@ -13,20 +13,20 @@ from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (
     THINNEST,
     Labels,
-    hull_of,
-    inside_hull,
-    percentiles,
-    pixels_of,
-    rectangle_of,
-    turns,
-    values_at,
-    window_of,
-    within,
+    axes_from_yaws,
+    compute_percentiles,
+    convex_footprint_hull,
+    fit_smallest_rectangle,
+    mask_bounding_slices,
+    pixels_by_label,
+    points_in_box_mask,
+    points_in_hull_mask,
+    values_in_mask,
 )
-from grs_agents.perception.segmentation.ellipse_fit import Ellipse, ellipse_of, view_of
-from grs_agents.perception.segmentation.hollow_shapes import is_open
-from grs_agents.perception.segmentation.rim import rim_of
-from grs_agents.perception.table import as_matrix, doubts, robot_points_at
+from grs_agents.perception.segmentation.ellipse_fit import Ellipse, compute_object_view, fit_elliptic_footprint
+from grs_agents.perception.segmentation.hollow_shapes import is_open_at_top
+from grs_agents.perception.segmentation.rim_fit import fit_bowl_rim
+from grs_agents.perception.table_finding import describe_table_doubts, matrix_to_tuples, pixels_to_robot_frame
 from grs_agents.perception.types import Aabb, Array, Candidate, Mask, RGBDFrame, Solid, TableFrame, UprightBox
 
 CONFIG = DEFAULT.measuring
@@ -34,21 +34,26 @@ CONFIG = DEFAULT.measuring
 DIMMED = (np.arange(256) * 0.35).astype(np.uint8)  # what each brightness is outside of a segment's crop
 
 
-def candidates_of(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[Candidate, ...]:
+def measure_candidates(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[Candidate, ...]:
     """Measure each segment.
 
     Raises:
         InputError: nothing stands on the table, or one object fills it.
     """
-    clouds = {label: cloud for label, cloud in _clouds(frame, table, labels).items() if len(cloud) >= CONFIG.fewest}
+    clouds = {
+        label: cloud
+        for label, cloud in _point_clouds_by_label(frame, table, labels).items()
+        if len(cloud) >= CONFIG.fewest
+    }
     supports = {
-        label: (hull_of(cloud[::5]), float(percentiles(cloud[::5, 2], [95])[0])) for label, cloud in clouds.items()
+        label: (convex_footprint_hull(cloud[::5]), float(compute_percentiles(cloud[::5, 2], [95])[0]))
+        for label, cloud in clouds.items()
     }
     candidates: list[Candidate] = []
     too_large: Vec3 | None = None
     for label, cloud in clouds.items():
         others = [support for key, support in supports.items() if key != label]
-        candidate = _measure(len(candidates) + 1, frame, table, labels == label, cloud, others)
+        candidate = _measure_candidate(len(candidates) + 1, frame, table, labels == label, cloud, others)
         if max(candidate.upright.size) > CONFIG.largest:
             too_large = candidate.upright.size
         else:
@@ -59,18 +64,18 @@ def candidates_of(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[
     if too_large is not None:
         problem = "one thing of {:.2f} x {:.2f} x {:.2f} m fills the table".format(*too_large)
         remedy = f"photograph objects of at most {CONFIG.largest} m"
-    raise InputError("; ".join([f"{frame.source}: {problem}", *doubts(table)]), remedy)
+    raise InputError("; ".join([f"{frame.source}: {problem}", *describe_table_doubts(table)]), remedy)
 
 
-def _clouds(frame: RGBDFrame, table: TableFrame, labels: Labels) -> dict[int, Array]:
+def _point_clouds_by_label(frame: RGBDFrame, table: TableFrame, labels: Labels) -> dict[int, Array]:
     """The (N, 3) measured points of each label from 1, row by row, robot frame."""
-    pixels = pixels_of(np.where(frame.depth > 0, labels, 0))
+    pixels = pixels_by_label(np.where(frame.depth > 0, labels, 0))
     eye = np.asarray(table.T_robot_cam)[:3, 3]
-    clouds = (robot_points_at(frame, table, *divmod(own, labels.shape[1])) for own in pixels)
-    return {label: cloud.compress(_at_one_range(cloud, eye), axis=0) for label, cloud in enumerate(clouds, 1)}
+    clouds = (pixels_to_robot_frame(frame, table, *divmod(own, labels.shape[1])) for own in pixels)
+    return {label: cloud.compress(_range_inlier_mask(cloud, eye), axis=0) for label, cloud in enumerate(clouds, 1)}
 
 
-def _at_one_range(cloud: Array, eye: Array) -> Mask:
+def _range_inlier_mask(cloud: Array, eye: Array) -> Mask:
     """(N,) which of (N, 3) points are not few and far behind or before all others: a sensor may see past an object."""
     ranges = np.linalg.norm(cloud - eye, axis=1)
     order = np.argsort(ranges, kind="stable")
@@ -79,16 +84,16 @@ def _at_one_range(cloud: Array, eye: Array) -> Mask:
     return np.asarray((np.bincount(group, minlength=1) >= CONFIG.few * len(cloud))[group], np.bool_)
 
 
-def _measure(
+def _measure_candidate(
     number: int, frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array, others: Sequence[tuple[Array, float]]
 ) -> Candidate:
     count, cloud = len(cloud), cloud[:: len(cloud) // (2 * CONFIG.samples) + 1]
-    low, high = percentiles(cloud, (1, 99))
-    inner = cloud.compress(within(cloud, low, high), axis=0)
-    bottom = _bottom(inner[::5], others)
+    low, high = compute_percentiles(cloud, (1, 99))
+    inner = cloud.compress(points_in_box_mask(cloud, low, high), axis=0)
+    bottom = _find_bottom_height(inner[::5], others)
     top = max(float(high[2]), bottom + THINNEST)
-    hollow = is_open(inner[:: len(inner) // CONFIG.samples + 1], np.zeros((0, 3)))
-    shape, (x, y), (length, width), yaw, rounded = _footprint(frame, table, mask, cloud, hollow)
+    hollow = is_open_at_top(inner[:: len(inner) // CONFIG.samples + 1], np.zeros((0, 3)))
+    shape, (x, y), (length, width), yaw, rounded = _fit_footprint(frame, table, mask, cloud, hollow)
     cosine, sine = abs(math.cos(yaw)), abs(math.sin(yaw))
     sides = np.array([[length * cosine, width * sine], [length * sine, width * cosine]]) / 2
     reach = np.hypot(*sides.T) if rounded else sides.sum(axis=1)
@@ -97,79 +102,83 @@ def _measure(
     return Candidate(
         id=number,
         mask=mask,
-        crop=_crop(frame, mask),
-        box=Aabb(low=_vec((*least, bottom)), high=_vec((*most, top))),
+        crop=_crop_segment(frame, mask),
+        box=Aabb(low=_to_vec3((*least, bottom)), high=_to_vec3((*most, top))),
         upright=UprightBox(center=(x, y, (bottom + top) / 2), size=(length, width, top - bottom), yaw=yaw),
-        color=_vec(values_at(frame.rgb, mask).mean(axis=0) / 255),
+        color=_to_vec3(values_in_mask(frame.rgb, mask).mean(axis=0) / 255),
         shape=shape,
         points=count,
         hollow=hollow,
     )
 
 
-def _footprint(
+def _fit_footprint(
     frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array, hollow: bool
 ) -> tuple[Solid, tuple[float, float], tuple[float, float], float, bool]:
     """Shape, centre, sides (m), yaw (rad) of a footprint, and whether it is round: then with its unseen back."""
-    low, high = percentiles(cloud, (CONFIG.outliers, 100 - CONFIG.outliers))
-    inner = cloud.compress(within(cloud, low, high), axis=0)
+    low, high = compute_percentiles(cloud, (CONFIG.outliers, 100 - CONFIG.outliers))
+    inner = cloud.compress(points_in_box_mask(cloud, low, high), axis=0)
     inner = inner[:: len(inner) // CONFIG.samples + 1]
-    if hollow and (rim := rim_of(inner)) is not None:
+    if hollow and (rim := fit_bowl_rim(inner)) is not None:
         return "cylinder", rim[0], (rim[1], rim[1]), 0.0, True
-    view = view_of(frame, table, mask, inner)
-    ellipse = None if view is None else ellipse_of(inner, view)
-    ellipse = ellipse if ellipse is not None and _reaches_all(ellipse, inner, CONFIG.overhang) else None
+    view = compute_object_view(frame, table, mask, inner)
+    ellipse = None if view is None else fit_elliptic_footprint(inner, view)
+    ellipse = ellipse if ellipse is not None and _ellipse_covers_points(ellipse, inner, CONFIG.overhang) else None
     if ellipse is not None and ellipse.diameters[1] < CONFIG.round.round * ellipse.diameters[0]:
         return "box", ellipse.center, ellipse.diameters, ellipse.yaw, True
     if ellipse is not None:
         diameter = sum(ellipse.diameters) / 2
         return "cylinder", ellipse.center, (diameter, diameter), 0.0, True
-    if (circle := _circle(inner)) is not None:
+    if (circle := _detect_circular_footprint(inner)) is not None:
         return "cylinder", circle[0], (circle[1], circle[1]), 0.0, True
-    return "box", *rectangle_of(inner), False
+    return "box", *fit_smallest_rectangle(inner), False
 
 
-def _reaches_all(ellipse: Ellipse, cloud: Array, overhang: float) -> bool:
+def _ellipse_covers_points(ellipse: Ellipse, cloud: Array, overhang: float) -> bool:
     """Whether a footprint reaches as far as the points do: a half-hidden object may look round, a mug has a handle."""
-    axes = turns(np.array([ellipse.yaw]))[0]
-    low, high = percentiles((cloud[:, :2] - ellipse.center) @ axes.T, (1, 99))
+    axes = axes_from_yaws(np.array([ellipse.yaw]))[0]
+    low, high = compute_percentiles((cloud[:, :2] - ellipse.center) @ axes.T, (1, 99))
     return bool((np.maximum(-low, high) < (0.5 + overhang) * np.array(ellipse.diameters)).all())
 
 
-def _circle(cloud: Array) -> tuple[tuple[float, float], float] | None:
+def _detect_circular_footprint(cloud: Array) -> tuple[tuple[float, float], float] | None:
     """Centre and diameter (m) of a footprint whose four corners are missing and whose sides are alike."""
     footprint = cloud[:, :2].astype(np.float32)
     (x, y), (length, width), _ = cv2.minAreaRect(footprint)
-    area = cv2.contourArea(hull_of(cloud).astype(np.float32))
+    area = cv2.contourArea(convex_footprint_hull(cloud).astype(np.float32))
     if min(length, width) < THINNEST or not 0.68 < area / (length * width) < 0.87 or not 0.75 < length / width < 1.33:
         return None
     return (float(x), float(y)), (float(length) + float(width)) / 2
 
 
-def _bottom(cloud: Array, others: Sequence[tuple[Array, float]]) -> float:
+def _find_bottom_height(cloud: Array, others: Sequence[tuple[Array, float]]) -> float:
     """0 for what stands on the table; the top of what it lies on for what is stacked.
 
     ``others`` are the hull of the footprint and the top of each other object.
     """
-    lowest = float(percentiles(cloud[:, 2], [2])[0])
+    lowest = float(compute_percentiles(cloud[:, 2], [2])[0])
     if lowest < 0.025:
         return 0.0
     for hull, top in others:
-        if abs(top - lowest) < 0.04 and inside_hull(cloud[:, :2], hull, margin=0.005).mean() > 0.4:
+        if abs(top - lowest) < 0.04 and points_in_hull_mask(cloud[:, :2], hull, margin=0.005).mean() > 0.4:
             return lowest
     return 0.0
 
 
-def _crop(frame: RGBDFrame, mask: Mask, margin: float = 0.15) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
+def _crop_segment(
+    frame: RGBDFrame, mask: Mask, margin: float = 0.15
+) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
     """The segment's rectangle with a margin; what does not belong to it is dimmed."""
-    rows, columns = window_of(mask)
+    rows, columns = mask_bounding_slices(mask)
     pad = int(margin * (max(rows.stop - rows.start, columns.stop - columns.start) - 1)) + 4
     wide = np.s_[max(0, rows.start - pad) : rows.stop + pad, max(0, columns.start - pad) : columns.stop + pad]
     crop = frame.rgb[wide]
     return np.where(mask[wide][..., None], crop, DIMMED[crop])
 
 
-def place_robot(table: TableFrame, candidates: Sequence[Candidate]) -> tuple[TableFrame, tuple[Candidate, ...]]:
+def center_objects_in_workspace(
+    table: TableFrame, candidates: Sequence[Candidate]
+) -> tuple[TableFrame, tuple[Candidate, ...]]:
     """Move a frame that is on the table so that the middle of the objects is in the arm's workspace.
 
     A calibrated frame is left as it is.
@@ -182,41 +191,41 @@ def place_robot(table: TableFrame, candidates: Sequence[Candidate]) -> tuple[Tab
     shift = np.array([CONFIG.workspace_center[0] - middle[0], CONFIG.workspace_center[1] - middle[1], 0.0])
     transform = np.array(table.T_robot_cam)
     transform[:3, 3] += shift
-    moved = table.model_copy(update={"T_robot_cam": as_matrix(transform)})
-    return moved, tuple(_moved(candidate, shift) for candidate in candidates)
+    moved = table.model_copy(update={"T_robot_cam": matrix_to_tuples(transform)})
+    return moved, tuple(_translate_candidate(candidate, shift) for candidate in candidates)
 
 
-def _moved(candidate: Candidate, shift: Array) -> Candidate:
+def _translate_candidate(candidate: Candidate, shift: Array) -> Candidate:
     def move(point: Vec3) -> Vec3:
-        return _vec(np.array(point) + shift)
+        return _to_vec3(np.array(point) + shift)
 
     box = Aabb(low=move(candidate.box.low), high=move(candidate.box.high))
     upright = candidate.upright.model_copy(update={"center": move(candidate.upright.center)})
     return replace(candidate, box=box, upright=upright)
 
 
-def place_asset(upright: UprightBox, size: Vec3) -> tuple[Vec3, Quat, Vec3]:
+def fit_asset_to_box(upright: UprightBox, size: Vec3) -> tuple[Vec3, Quat, Vec3]:
     """Lay an asset of ``size`` (upright extents, m) into a measured box: the axis-aligned turn that fits best.
 
     Returns:
         Its centre, its rotation (xyzw), and its extents after the turn, before the yaw.
     """
     best: tuple[float, Array, Vec3] | None = None
-    for turn in _turns():
+    for turn in _axis_aligned_rotations():
         extents = np.abs(turn @ np.array(size))
         misfit = float(np.abs(np.log(extents / np.array(upright.size))).sum())
         misfit += 0.0 if turn[2, 2] > 0.5 else 0.05  # upright unless another way fits better
         if best is None or misfit < best[0] - 1e-9:
-            best = misfit, turn, _vec(extents)
+            best = misfit, turn, _to_vec3(extents)
     assert best is not None
     _, turn, extents = best
     bottom = upright.center[2] - upright.size[2] / 2
     cosine, sine = math.cos(upright.yaw), math.sin(upright.yaw)
     rotation = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]]) @ turn
-    return (upright.center[0], upright.center[1], bottom + extents[2] / 2), quaternion(rotation), extents
+    return (upright.center[0], upright.center[1], bottom + extents[2] / 2), quaternion_from_matrix(rotation), extents
 
 
-def _turns() -> list[Array]:
+def _axis_aligned_rotations() -> list[Array]:
     """Upright, a quarter about z, and each of the four ways to lie."""
     quarter = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
     about_x = np.array([[1, 0, 0], [0, 0, -1], [0, 1.0, 0]])
@@ -224,7 +233,7 @@ def _turns() -> list[Array]:
     return [np.eye(3), quarter, about_x, about_y, quarter @ about_x, quarter @ about_y]
 
 
-def quaternion(rotation: Array) -> Quat:
+def quaternion_from_matrix(rotation: Array) -> Quat:
     """A rotation matrix as (x, y, z, w) with w >= 0."""
     w = math.sqrt(max(0.0, 1 + float(np.trace(rotation)))) / 2
     xyz = [
@@ -242,6 +251,6 @@ def quaternion(rotation: Array) -> Quat:
     return (xyz[0] / norm, xyz[1] / norm, xyz[2] / norm, w / norm)
 
 
-def _vec(values: "Array | Sequence[float]") -> Vec3:
+def _to_vec3(values: "Array | Sequence[float]") -> Vec3:
     x, y, z = (float(value) for value in values)
     return (x, y, z)

@@ -4,38 +4,46 @@ import cv2
 import numpy as np
 
 from grs_agents.perception.configuration import DEFAULT, HollowShape
-from grs_agents.perception.image_geometry import hull_of, inside_hull, percentiles, within
+from grs_agents.perception.image_geometry import (
+    compute_percentiles,
+    convex_footprint_hull,
+    points_in_box_mask,
+    points_in_hull_mask,
+)
 from grs_agents.perception.types import Array
 
 HOLLOW = DEFAULT.segmentation.hollow
 LEAST_AREA = 5e-4  # of a footprint, m^2: a smaller one is too small to have an inside or a middle
 
 
-def is_open(cloud: Array, table: Array, config: HollowShape = HOLLOW) -> bool:
+def is_open_at_top(cloud: Array, table: Array, config: HollowShape = HOLLOW) -> bool:
     """Whether an object is hollow: its highest points (N, 3), m above the table, surround an inside that lies deeper.
 
     Some of the table's points (M, 3) may be seen through it or taken for its floor.
     """
-    top = float(percentiles(cloud[:, 2], [98])[0])
+    top = float(compute_percentiles(cloud[:, 2], [98])[0])
     if top < 2 * config.deep:
         return False
-    hull = hull_of(cloud)
+    hull = convex_footprint_hull(cloud)
     area = float(cv2.contourArea(hull.astype(np.float32)))
     rim = cloud.compress(cloud[:, 2] > top - config.rim, axis=0)
-    if area < LEAST_AREA or float(cv2.contourArea(hull_of(rim).astype(np.float32))) < config.surrounded * area:
+    if (
+        area < LEAST_AREA
+        or float(cv2.contourArea(convex_footprint_hull(rim).astype(np.float32))) < config.surrounded * area
+    ):
         return False
-    near = table.compress(within(table[:, :2], hull.min(axis=0), hull.max(axis=0)), axis=0)
+    near = table.compress(points_in_box_mask(table[:, :2], hull.min(axis=0), hull.max(axis=0)), axis=0)
     points = np.concatenate([cloud, near])
-    inner = points[inside_hull(points[:, :2], hull, -min(config.rim, 0.15 * area**0.5))]
+    inner = points[points_in_hull_mask(points[:, :2], hull, -min(config.rim, 0.15 * area**0.5))]
     return float((inner[:, 2] > top - config.deep).sum()) < config.shallow * len(inner) or len(inner) < 10
 
 
-def is_solid(cloud: Array, config: HollowShape = HOLLOW) -> bool:
+def is_solid_object(cloud: Array, config: HollowShape = HOLLOW) -> bool:
     """Whether (N, 3) points are the top of an object of its own: all of its footprint is seen, highest in its middle.
 
     The inside of a hollow object is lowest there, a wall is too thin to have a middle, and a floor lies on the table.
     """
-    hull = hull_of(cloud)
+    hull = convex_footprint_hull(cloud)
     area = float(cv2.contourArea(hull.astype(np.float32)))
     if area < LEAST_AREA:
         return False
@@ -45,10 +53,10 @@ def is_solid(cloud: Array, config: HollowShape = HOLLOW) -> bool:
     np.maximum.at(tops, (columns, rows), cloud[:, 2])
     centers = (np.indices(tops.shape).reshape(2, -1).T + 0.5) * cell + low
     heights = tops.ravel()
-    inside, middle = inside_hull(centers, hull, 0.0), inside_hull(centers, hull, -1.5 * cell)
+    inside, middle = points_in_hull_mask(centers, hull, 0.0), points_in_hull_mask(centers, hull, -1.5 * cell)
     seen = np.isfinite(heights)
     if not (middle & seen).any() or seen[inside].mean() < config.filled or seen[middle].mean() < config.filled:
         return False
     inner = float(np.median(heights[middle & seen]))
-    outer = float(percentiles(heights[inside & seen & ~middle], [80])[0])  # a slope is higher on one side
+    outer = float(compute_percentiles(heights[inside & seen & ~middle], [80])[0])  # a slope is higher on one side
     return inner > max(config.raised, outer - config.sag)

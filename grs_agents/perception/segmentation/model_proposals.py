@@ -8,13 +8,21 @@ import cv2
 import numpy as np
 
 from grs_agents.perception.configuration import DEFAULT, MaskProposals, Segmentation
-from grs_agents.perception.image_geometry import Labels, components
-from grs_agents.perception.segmentation.merging import merge_parts
-from grs_agents.perception.segmentation.patch_cutting import bends, borders, foreground, grown, joined, jumps, smoothed
-from grs_agents.perception.segmentation.segmentation import objects_of
-from grs_agents.perception.table import robot_points
+from grs_agents.perception.image_geometry import Labels, label_connected_components
+from grs_agents.perception.segmentation.part_merging import merge_parts
+from grs_agents.perception.segmentation.patch_cutting import (
+    compute_concavity_map,
+    find_depth_jumps,
+    foreground_pixel_mask,
+    grow_labels,
+    join_smooth_neighbors,
+    measure_label_borders,
+    smooth_frame_depth,
+)
+from grs_agents.perception.segmentation.segmentation import filter_object_segments
+from grs_agents.perception.table_finding import robot_frame_point_map
 from grs_agents.perception.types import Array, Image, Mask, RGBDFrame, TableFrame
-from grs_agents.perception.working_resolution import reduced, restored
+from grs_agents.perception.working_resolution import downscale_frame, upscale_labels
 
 
 @dataclass(frozen=True)
@@ -30,25 +38,27 @@ Proposer = Callable[[Image, Mask], Iterable[Proposal]]
 (h, w) masks."""
 
 
-def segment_proposed(
+def segment_from_proposals(
     frame: RGBDFrame, table: TableFrame, proposer: Proposer, config: Segmentation = DEFAULT.segmentation
 ) -> Labels:
     """(H, W) labels: 0 for table and background, 1..N for what the proposals make of the objects on the table."""
-    small, factor = reduced(frame)
+    small, factor = downscale_frame(frame)
     rows, columns = small.depth.shape
-    smooth = smoothed(small)
-    points = robot_points(smooth, table)
-    above = foreground(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3], config.foreground)
+    smooth = smooth_frame_depth(small)
+    points = robot_frame_point_map(smooth, table)
+    above = foreground_pixel_mask(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3], config.foreground)
     unknown = smooth.depth <= 0
     asked = proposer(frame.rgb[: rows * factor, : columns * factor], above | unknown)
-    kept = distinct(on_table(asked, above, points, config), config.proposals.alike)
-    labels = painted(kept, smooth, int(config.filter.smallest * smooth.depth.size))
-    labels = merge_parts(_one_surface(labels, kept, smooth, config), points, config)
-    labels = objects_of(labels, smooth, points, table, config)
-    return labels if factor == 1 else restored(labels, small, frame, factor)
+    kept = suppress_duplicate_masks(filter_proposals_on_table(asked, above, points, config), config.proposals.alike)
+    labels = paint_proposal_labels(kept, smooth, int(config.filter.smallest * smooth.depth.size))
+    labels = merge_parts(_join_continuous_parts(labels, kept, smooth, config), points, config)
+    labels = filter_object_segments(labels, smooth, points, table, config)
+    return labels if factor == 1 else upscale_labels(labels, small, frame, factor)
 
 
-def on_table(proposals: Iterable[Proposal], above: Mask, points: Array, config: Segmentation) -> list[Proposal]:
+def filter_proposals_on_table(
+    proposals: Iterable[Proposal], above: Mask, points: Array, config: Segmentation
+) -> list[Proposal]:
     """The proposals of which most stands on the table (``above``), without islands, holes, and the table around them.
 
     What is longer than an object may be is a group, or all that is in the picture. ``points`` are (H, W, 3) in the
@@ -69,14 +79,14 @@ def on_table(proposals: Iterable[Proposal], above: Mask, points: Array, config: 
             > DEFAULT.measuring.largest
         ):
             continue
-        mask: Mask = components((one.mask & near).astype(np.uint8), smallest) > 0
-        mask = components((~mask).astype(np.uint8), smallest) == 0
+        mask: Mask = label_connected_components((one.mask & near).astype(np.uint8), smallest) > 0
+        mask = label_connected_components((~mask).astype(np.uint8), smallest) == 0
         if int((mask & above).sum()) >= smallest:
             kept.append(Proposal(mask, one.score))
     return kept
 
 
-def distinct(proposals: Sequence[Proposal], alike: float) -> list[Proposal]:
+def suppress_duplicate_masks(proposals: Sequence[Proposal], alike: float) -> list[Proposal]:
     """Non-maximum suppression: the best first, without those that are like a better one; the earlier of equals."""
     order = sorted(range(len(proposals)), key=lambda number: (-proposals[number].score, number))
     packed = [np.packbits(proposals[number].mask) for number in order]
@@ -94,7 +104,7 @@ def distinct(proposals: Sequence[Proposal], alike: float) -> list[Proposal]:
     return [proposals[order[one]] for one in kept]
 
 
-def painted(proposals: Sequence[Proposal], frame: RGBDFrame, smallest: int) -> Labels:
+def paint_proposal_labels(proposals: Sequence[Proposal], frame: RGBDFrame, smallest: int) -> Labels:
     """(H, W) one label for each proposal, the smaller on top; slivers that are left of one go to what they touch."""
     labels = np.zeros(frame.depth.shape, np.int32)
     for number in sorted(range(len(proposals)), key=lambda one: -int(proposals[one].mask.sum())):
@@ -102,11 +112,13 @@ def painted(proposals: Sequence[Proposal], frame: RGBDFrame, smallest: int) -> L
     whole = np.zeros_like(labels)
     for number in range(1, len(proposals) + 1):
         left = cv2.morphologyEx((labels == number).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-        whole[components(left, smallest) > 0] = number
-    return grown(whole, labels > 0, frame.depth)
+        whole[label_connected_components(left, smallest) > 0] = number
+    return grow_labels(whole, labels > 0, frame.depth)
 
 
-def _one_surface(labels: Labels, proposals: Sequence[Proposal], frame: RGBDFrame, config: Segmentation) -> Labels:
+def _join_continuous_parts(
+    labels: Labels, proposals: Sequence[Proposal], frame: RGBDFrame, config: Segmentation
+) -> Labels:
     """Join the parts that one proposal covers where the depth between them neither jumps nor creases.
 
     A print on a box, or its faces, are parts of it; so the depth says, and a mask of the whole that is no worse than
@@ -114,19 +126,20 @@ def _one_surface(labels: Labels, proposals: Sequence[Proposal], frame: RGBDFrame
     """
     measured = np.where(frame.depth > 0, labels, 0)
     around = np.ones((2 * config.proposals.blur + 1,) * 2, np.uint8)
-    below, right = jumps(frame.depth)
+    below, right = find_depth_jumps(frame.depth)
     jump = cv2.dilate((below | right).astype(np.uint8), around) > 0
-    bend = np.minimum(bends(frame, measured > 0, config.patches), config.patches.jump)
+    bend = np.minimum(compute_concavity_map(frame, measured > 0, config.patches), config.patches.jump)
     strength: Array = np.asarray(cv2.dilate(bend, around), np.float64)
     count = int(labels.max()) + 1
     length, total = (
-        np.pad(one, (0, count - len(one))) for one in borders(measured, strength, jump, jump, config.patches.jump)
+        np.pad(one, (0, count - len(one)))
+        for one in measure_label_borders(measured, strength, jump, jump, config.patches.jump)
     )
-    together = _covered_together(labels, proposals, config.proposals)
-    return joined(labels, length, total, together, config.patches)
+    together = _jointly_covered_labels(labels, proposals, config.proposals)
+    return join_smooth_neighbors(labels, length, total, together, config.patches)
 
 
-def _covered_together(labels: Labels, proposals: Sequence[Proposal], config: MaskProposals) -> Mask:
+def _jointly_covered_labels(labels: Labels, proposals: Sequence[Proposal], config: MaskProposals) -> Mask:
     """(N+1, N+1) which two labels a proposal covers whose score is not below that of both."""
     count = int(labels.max()) + 1
     areas = np.maximum(np.bincount(labels.ravel(), minlength=count), 1)

@@ -6,7 +6,13 @@ import cv2
 import numpy as np
 
 from grs_agents.perception.configuration import DEFAULT, OccludedPieces
-from grs_agents.perception.image_geometry import Labels, hull_of, outline_of, percentiles, values_at
+from grs_agents.perception.image_geometry import (
+    Labels,
+    compute_percentiles,
+    convex_footprint_hull,
+    mask_outline_pixels,
+    values_in_mask,
+)
 from grs_agents.perception.segmentation.patch_cutting import Depth
 from grs_agents.perception.types import Array, Mask, RGBDFrame
 
@@ -22,31 +28,31 @@ class Piece:
     footprint: Array
 
 
-def join_occluded(
+def join_occluded_pieces(
     labels: Labels, frame: RGBDFrame, points: Array, config: OccludedPieces = DEFAULT.segmentation.occluded
 ) -> Labels:
     """(H, W) labels, 1..N, with the occluded pieces joined; ``points`` are (H, W, 3) in the robot frame."""
     numbers = np.arange(int(labels.max()) + 1, dtype=np.int32)
-    pieces = {label: _piece(labels == label, frame, points, config) for label in range(1, len(numbers))}
+    pieces = {label: _measure_piece(labels == label, frame, points, config) for label in range(1, len(numbers))}
     for one, first in pieces.items():
         for other, second in pieces.items():
-            if one >= other or not _are_alike(first, second, config):
+            if one >= other or not _are_similar_pieces(first, second, config):
                 continue
-            if _are_separated(first, second, labels, frame.depth, config.between):
+            if _are_separated_by_occluder(first, second, labels, frame.depth, config.between):
                 numbers[numbers == numbers[other]] = numbers[one]
     return np.unique(numbers, return_inverse=True)[1].astype(np.int32)[labels]
 
 
-def _piece(mask: Mask, frame: RGBDFrame, points: Array, config: OccludedPieces) -> Piece:
-    cloud = values_at(points, mask)
+def _measure_piece(mask: Mask, frame: RGBDFrame, points: Array, config: OccludedPieces) -> Piece:
+    cloud = values_in_mask(points, mask)
     cloud = cloud.compress(np.isfinite(cloud[:, 2]), axis=0)[::5]
-    top = float(percentiles(cloud[:, 2], [90])[0])
+    top = float(compute_percentiles(cloud[:, 2], [90])[0])
     flat = float((np.abs(cloud[:, 2] - top) < config.level).mean())
-    outline = outline_of(mask)[::3].astype(np.float64)
-    return Piece(top, flat, values_at(frame.rgb, mask).mean(axis=0), outline, hull_of(cloud))
+    outline = mask_outline_pixels(mask)[::3].astype(np.float64)
+    return Piece(top, flat, values_in_mask(frame.rgb, mask).mean(axis=0), outline, convex_footprint_hull(cloud))
 
 
-def _are_alike(one: Piece, other: Piece, config: OccludedPieces) -> bool:
+def _are_similar_pieces(one: Piece, other: Piece, config: OccludedPieces) -> bool:
     if abs(one.top - other.top) > config.level or min(one.flat, other.flat) < config.flat:
         return False
     bright, dark = max(one.color.sum(), other.color.sum()), min(one.color.sum(), other.color.sum())
@@ -56,7 +62,7 @@ def _are_alike(one: Piece, other: Piece, config: OccludedPieces) -> bool:
     return bool(hue < config.hue and bright < config.brightness * dark and max(sides) < config.longest)
 
 
-def _are_separated(one: Piece, other: Piece, labels: Labels, depth: Depth, share: float) -> bool:
+def _are_separated_by_occluder(one: Piece, other: Piece, labels: Labels, depth: Depth, share: float) -> bool:
     """Whether the shortest way between two pieces leads over an object that is nearer than they are."""
     squares = ((one.outline[:, None] - other.outline[None]) ** 2).sum(axis=2)
     start, end = np.unravel_index(int(squares.argmin()), squares.shape)

@@ -30,31 +30,31 @@ class OcclusionEdges:
         members = np.split(order, first)[1:]
         self.pairs = {divmod(int(kind), count): own for kind, own in zip(kinds, members, strict=True)}
 
-    def rename(self, old: int, new: int) -> None:
+    def relabel_part(self, old: int, new: int) -> None:
         """Part ``old`` has become a piece of ``new``."""
         for near, far in [pair for pair in self.pairs if old in pair]:
             pair = (new if near == old else near), (new if far == old else far)
             renamed = self.pairs.pop((near, far))
             self.pairs[pair] = np.sort(np.concatenate([self.pairs.get(pair, NOWHERE), renamed]))
 
-    def spans(self, near: int, far: int, width: int) -> bool:
+    def is_seen_over_edge(self, near: int, far: int, width: int) -> bool:
         """Whether ``far`` is seen over most of the edge of ``near``; the narrower of them is ``width`` columns wide.
 
         What stands in a hollow object has its far wall behind it, and a whole hollow object its own inside: these are
         no edges of a wall.
         """
-        pair = self._pair(near, far)
+        pair = self._edge_indices_of_pair(near, far)
         if len(pair) < max(self.config.span * width, self.config.fewest):
             return False
-        own = np.isin(self.columns[pair], self.columns[self._pair(near, near)]).sum()
-        return max(int(own), len(self._pair(far, near))) <= self.config.span * len(pair)
+        own = np.isin(self.columns[pair], self.columns[self._edge_indices_of_pair(near, near)]).sum()
+        return max(int(own), len(self._edge_indices_of_pair(far, near))) <= self.config.span * len(pair)
 
-    def _pair(self, near: int, far: int) -> Index:
+    def _edge_indices_of_pair(self, near: int, far: int) -> Index:
         return self.pairs.get((near, far), NOWHERE)
 
-    def closes(self, near: int, far: int, top: float) -> bool:
+    def reaches_rim_at_ends(self, near: int, far: int, top: float) -> bool:
         """Whether what is seen of ``far`` over ``near`` comes up at both ends to about ``top``, their height (m)."""
-        pairs = self._pair(near, far)
+        pairs = self._edge_indices_of_pair(near, far)
         pairs = pairs[np.argsort(self.columns[pairs], kind="stable")]
         edges, seen = self.edges[pairs], self.seen[pairs]
         known = np.isfinite(edges[:, 2]) & np.isfinite(seen[:, 2])

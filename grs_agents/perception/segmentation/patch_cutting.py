@@ -12,21 +12,21 @@ import numpy.typing as npt
 from grs_agents.perception.configuration import DEFAULT, Foreground, PatchCutting
 from grs_agents.perception.image_geometry import (
     Labels,
-    components,
-    hull_of,
-    inside_hull,
-    pixels_of,
-    values_at,
-    window_of,
+    convex_footprint_hull,
+    label_connected_components,
+    mask_bounding_slices,
+    pixels_by_label,
+    points_in_hull_mask,
+    values_in_mask,
 )
-from grs_agents.perception.table import tolerance
+from grs_agents.perception.table_finding import depth_tolerance
 from grs_agents.perception.types import Array, Mask, RGBDFrame
 
 Depth = npt.NDArray[np.float32]
 CROSS = cv2.getStructuringElement(cv2.MORPH_RECT, (3, 3))
 
 
-def smoothed(frame: RGBDFrame) -> RGBDFrame:
+def smooth_frame_depth(frame: RGBDFrame) -> RGBDFrame:
     """The frame with small holes of its depth filled and noise smoothed without crossing edges."""
     depth = frame.depth.copy()
     closed = cv2.morphologyEx(depth, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
@@ -37,7 +37,7 @@ def smoothed(frame: RGBDFrame) -> RGBDFrame:
     return RGBDFrame(frame.rgb, soft, frame.camera, frame.source)
 
 
-def jumps(depth: Depth) -> tuple[Mask, Mask]:
+def find_depth_jumps(depth: Depth) -> tuple[Mask, Mask]:
     """Where a pixel and its lower, and its right, neighbour lie on different surfaces: two (H, W) masks."""
     bound = 0.008 + 0.008 * depth
     below, right = np.zeros(depth.shape, np.bool_), np.zeros(depth.shape, np.bool_)
@@ -46,49 +46,51 @@ def jumps(depth: Depth) -> tuple[Mask, Mask]:
     return below, right
 
 
-def jump_edges(depth: Depth) -> Mask:
+def depth_jump_mask(depth: Depth) -> Mask:
     """(H, W) pixels on either side of a jump."""
-    below, right = jumps(depth)
+    below, right = find_depth_jumps(depth)
     edges = below | right
     edges[1:] |= below[:-1]
     edges[:, 1:] |= right[:, :-1]
     return edges
 
 
-def foreground(points: Array, depth: Depth, eye: Array, config: Foreground = DEFAULT.segmentation.foreground) -> Mask:
+def foreground_pixel_mask(
+    points: Array, depth: Depth, eye: Array, config: Foreground = DEFAULT.segmentation.foreground
+) -> Mask:
     """(H, W) pixels that are above the table and over it, or stand on it.
 
     ``points`` are (H, W, 3) in the robot frame, NaN where unknown; ``eye`` (3,) is where the camera is, robot frame.
     """
     height = points[..., 2]
-    bound = tolerance(depth.astype(np.float64))
+    bound = depth_tolerance(depth.astype(np.float64))
     flat = np.abs(height) < bound
-    hull = _table_hull(points, flat, eye, config)
+    hull = _find_table_hull(points, flat, eye, config)
     if hull is None:
         return np.zeros(depth.shape, np.bool_)
     above = (height > np.maximum(bound, config.lowest)) & (height < config.tallest)
     above = cv2.morphologyEx(above.astype(np.uint8), cv2.MORPH_OPEN, CROSS).astype(np.bool_)
     inside = np.zeros(depth.shape, np.bool_)
-    inside[above] = _is_over_table(values_at(points, above), hull, eye, config.beyond_table)
-    return _standing(above, inside, depth)
+    inside[above] = _points_over_table_mask(values_in_mask(points, above), hull, eye, config.beyond_table)
+    return _keep_surfaces_over_table(above, inside, depth)
 
 
-def _is_over_table(points: Array, hull: Array, eye: Array, beyond: float) -> Mask:
+def _points_over_table_mask(points: Array, hull: Array, eye: Array, beyond: float) -> Mask:
     """Which of (N, 3) points are over the table, or near it and hide it from the camera's ``eye``.
 
     The near part of the table may be out of the picture, below the objects that stand on it.
     """
-    over = inside_hull(points[:, :2], hull, margin=0.02)
+    over = points_in_hull_mask(points[:, :2], hull, margin=0.02)
     rest = points.compress(~over, axis=0)
     share = rest[:, 2:] / np.minimum(rest[:, 2:] - eye[2], -1e-6)
     hidden = rest[:, :2] - share * (rest[:, :2] - eye[:2])
-    over[~over] = inside_hull(rest[:, :2], hull, beyond) & inside_hull(hidden, hull, 0.0)
+    over[~over] = points_in_hull_mask(rest[:, :2], hull, beyond) & points_in_hull_mask(hidden, hull, 0.0)
     return over
 
 
-def _standing(above: Mask, inside: Mask, depth: Depth) -> Mask:
+def _keep_surfaces_over_table(above: Mask, inside: Mask, depth: Depth) -> Mask:
     """Whole surfaces of which most is over the table: objects reach beyond what is seen of it."""
-    blobs = components((above & ~jump_edges(depth)).astype(np.uint8), 1)
+    blobs = label_connected_components((above & ~depth_jump_mask(depth)).astype(np.uint8), 1)
     total = np.bincount(blobs.ravel())
     over = np.bincount(blobs[inside], minlength=len(total))
     keep = over > 0.4 * total
@@ -96,31 +98,31 @@ def _standing(above: Mask, inside: Mask, depth: Depth) -> Mask:
     return keep[blobs] | inside & (blobs == 0)
 
 
-def _table_hull(points: Array, flat: Mask, eye: Array, config: Foreground) -> Array | None:
+def _find_table_hull(points: Array, flat: Mask, eye: Array, config: Foreground) -> Array | None:
     """(M, 2) corners of the visible table, over the gaps that objects make in it.
 
     The largest piece of plane is table, and so is every other piece, unless the camera sees something lower between
     them: then that one is a chair, a shelf or a floor of the same height.
     """
-    labels = components(cv2.erode(flat.astype(np.uint8), np.ones((5, 5), np.uint8)), 50)
+    labels = label_connected_components(cv2.erode(flat.astype(np.uint8), np.ones((5, 5), np.uint8)), 50)
     if labels.max() == 0:
         return None
-    found = pixels_of(labels)
+    found = pixels_by_label(labels)
     areas = np.array([0, *map(len, found)])
     order = [int(label) for label in np.argsort(-areas)[:20] if areas[label] > 0.005 * areas.max()]
     pieces = [points.reshape(-1, 3).take(found[label - 1][::7], axis=0)[:, :2] for label in order]
-    hull = hull_of(pieces.pop(0))
-    crossings, lower = _crossings(points, eye, config.lower)
+    hull = convex_footprint_hull(pieces.pop(0))
+    crossings, lower = _intersect_rays_with_table(points, eye, config.lower)
     while True:
-        shares = [_seen_through(hull, piece, crossings, lower) for piece in pieces]
+        shares = [_share_seen_below_table(hull, piece, crossings, lower) for piece in pieces]
         near = [piece for piece, share in zip(pieces, shares, strict=True) if share <= config.most_seen_through]
         if not near:
             return hull
         pieces = [piece for piece, share in zip(pieces, shares, strict=True) if share > config.most_seen_through]
-        hull = hull_of(np.concatenate([hull, *near]))
+        hull = convex_footprint_hull(np.concatenate([hull, *near]))
 
 
-def _crossings(points: Array, eye: Array, below: float) -> tuple[Array, Mask]:
+def _intersect_rays_with_table(points: Array, eye: Array, below: float) -> tuple[Array, Mask]:
     """(N, 2) where the rays of some pixels cross the table's plane, m, and (N,) whether they end below it."""
     cloud = points[::4, ::4].reshape(-1, 3)
     cloud = cloud.compress(cloud[:, 2] < eye[2] - below, axis=0)
@@ -128,44 +130,52 @@ def _crossings(points: Array, eye: Array, below: float) -> tuple[Array, Mask]:
     return eye[:2] + share * (cloud[:, :2] - eye[:2]), cloud[:, 2] < -below
 
 
-def _seen_through(hull: Array, piece: Array, crossings: Array, lower: Mask) -> float:
+def _share_seen_below_table(hull: Array, piece: Array, crossings: Array, lower: Mask) -> float:
     """The share that is lower of what is seen between the table's ``hull`` (M, 2) and a piece of plane (N, 2)."""
-    both = hull_of(np.concatenate([hull, piece]))
-    between = inside_hull(crossings, both, 0.0) & ~inside_hull(crossings, hull, 0.0)
+    both = convex_footprint_hull(np.concatenate([hull, piece]))
+    between = points_in_hull_mask(crossings, both, 0.0) & ~points_in_hull_mask(crossings, hull, 0.0)
     return np.count_nonzero(between & lower) / max(np.count_nonzero(between), 1)
 
 
 DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
-def patches(frame: RGBDFrame, foreground: Mask, config: PatchCutting = DEFAULT.segmentation.patches) -> Labels:
+def cut_smooth_patches(
+    frame: RGBDFrame, foreground: Mask, config: PatchCutting = DEFAULT.segmentation.patches
+) -> Labels:
     """(H, W) labels of the smooth, jump-free surfaces in the foreground; 0 elsewhere."""
-    bend = bends(frame, foreground, config)
-    cut = (bend > config.bend) | jump_edges(frame.depth)
+    bend = compute_concavity_map(frame, foreground, config)
+    cut = (bend > config.bend) | depth_jump_mask(frame.depth)
     cores = cv2.morphologyEx((foreground & ~cut).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    labels = grown(components(cores, 12), foreground, frame.depth)
-    length, total = borders(labels, np.minimum(bend, config.jump), *jumps(frame.depth), config.jump)
-    return joined(labels, length, total, np.ones(length.shape, np.bool_), config)
+    labels = grow_labels(label_connected_components(cores, 12), foreground, frame.depth)
+    length, total = measure_label_borders(
+        labels, np.minimum(bend, config.jump), *find_depth_jumps(frame.depth), config.jump
+    )
+    return join_smooth_neighbors(labels, length, total, np.ones(length.shape, np.bool_), config)
 
 
-def bends(frame: RGBDFrame, foreground: Mask, config: PatchCutting = DEFAULT.segmentation.patches) -> Array:
+def compute_concavity_map(
+    frame: RGBDFrame, foreground: Mask, config: PatchCutting = DEFAULT.segmentation.patches
+) -> Array:
     """(H, W) how much the surface bends inwards at each pixel: sagitta over chord, the most of four directions.
 
     0 where the chord would cross a depth jump: that is no bend of one surface; and far from the foreground.
     """
     middle = float(np.median(frame.depth[foreground])) if foreground.any() else 1.0
     step = int(np.clip(np.rint(config.reach * frame.camera.fx / middle), 3, 24))
-    rows, columns = window_of(foreground)
+    rows, columns = mask_bounding_slices(foreground)
     around = tuple(slice(max(0, side.start - 2 * step), side.stop + 2 * step) for side in (rows, columns))
-    x, y, z = np.ascontiguousarray(np.moveaxis(frame.points()[around], -1, 0))  # many times as fast as rows of three
-    below, right = jumps(frame.depth)
+    x, y, z = np.ascontiguousarray(
+        np.moveaxis(frame.camera_frame_point_map()[around], -1, 0)
+    )  # many times as fast as rows of three
+    below, right = find_depth_jumps(frame.depth)
     jump = (below | right | (frame.depth <= 0))[around].astype(np.uint8)
     whole = np.zeros(frame.depth.shape)
     part = whole[around]
     for down, across in DIRECTIONS:
         length = max(2, round(step / float(np.hypot(down, across))))
-        smooth = cv2.dilate(jump, _line(down, across, length)) == 0
-        before, here, after = _along(jump.shape, down * length, across * length)
+        smooth = cv2.dilate(jump, _line_kernel(down, across, length)) == 0
+        before, here, after = _chord_pixel_slices(jump.shape, down * length, across * length)
         chord = np.sqrt((x[after] - x[before]) ** 2 + (y[after] - y[before]) ** 2 + (z[after] - z[before]) ** 2)
         sag = z[here] - (z[before] + z[after]) / 2
         bend = np.where(smooth[here] & (chord < 6 * config.reach), sag / np.maximum(chord, 1e-6), 0.0)
@@ -173,7 +183,7 @@ def bends(frame: RGBDFrame, foreground: Mask, config: PatchCutting = DEFAULT.seg
     return whole
 
 
-def _along(shape: tuple[int, ...], down: int, across: int) -> list[tuple[slice, slice]]:
+def _chord_pixel_slices(shape: tuple[int, ...], down: int, across: int) -> list[tuple[slice, slice]]:
     """The pixels before, at and after each pixel that has others so far ``down`` and ``across`` on both sides."""
     side = abs(across)
     tall, wide = max(0, shape[0] - 2 * down), max(0, shape[1] - 2 * side)
@@ -181,7 +191,7 @@ def _along(shape: tuple[int, ...], down: int, across: int) -> list[tuple[slice, 
     return [np.s_[top : top + tall, left : left + wide] for top, left in corners]
 
 
-def _line(down: int, across: int, length: int) -> npt.NDArray[np.uint8]:
+def _line_kernel(down: int, across: int, length: int) -> npt.NDArray[np.uint8]:
     """A kernel that is a line through its middle, ``length`` pixels to both sides."""
     kernel = np.zeros((2 * length + 1, 2 * length + 1), np.uint8)
     steps = np.arange(-length, length + 1)
@@ -189,9 +199,9 @@ def _line(down: int, across: int, length: int) -> npt.NDArray[np.uint8]:
     return kernel
 
 
-def grown(labels: Labels, foreground: Mask, depth: Depth, rounds: int = 14) -> Labels:
+def grow_labels(labels: Labels, foreground: Mask, depth: Depth, rounds: int = 14) -> Labels:
     """Give the foreground's other pixels to the segment they touch, step by step and never across a depth jump."""
-    below, right = (np.pad(jump, 1) for jump in jumps(depth))
+    below, right = (np.pad(jump, 1) for jump in find_depth_jumps(depth))
     result, row = np.pad(labels, 1), labels.shape[1] + 2
     empty = np.flatnonzero(np.pad(foreground, 1) & (result == 0))
     ways = ((below, 0, row), (below, -row, -row), (right, 0, 1), (right, -1, -1))
@@ -208,12 +218,12 @@ def grown(labels: Labels, foreground: Mask, depth: Depth, rounds: int = 14) -> L
     return result[1:-1, 1:-1].copy()
 
 
-def joined(labels: Labels, length: Array, total: Array, allowed: Mask, config: PatchCutting) -> Labels:
+def join_smooth_neighbors(labels: Labels, length: Array, total: Array, allowed: Mask, config: PatchCutting) -> Labels:
     """Join neighbours, the smoothest border first, until every border that is left is a crease or a jump.
 
     Args:
         labels: (H, W), 0..N.
-        length: (N+1, N+1) of the border of every two labels, pixels; see `borders`.
+        length: (N+1, N+1) of the border of every two labels, pixels; see `measure_label_borders`.
         total: (N+1, N+1) their summed strength.
         allowed: (N+1, N+1) which may be joined at all; what one may be joined with, what it is joined with may too.
     """
@@ -236,7 +246,9 @@ def joined(labels: Labels, length: Array, total: Array, allowed: Mask, config: P
     return numbers.astype(np.int32)[labels]
 
 
-def borders(labels: Labels, strength: Array, below: Mask, right: Mask, jump: float) -> tuple[Array, Array]:
+def measure_label_borders(
+    labels: Labels, strength: Array, below: Mask, right: Mask, jump: float
+) -> tuple[Array, Array]:
     """Length (pixels) and summed strength of the border of every two labels 0..N, as (N+1, N+1) symmetric tables.
 
     Args:

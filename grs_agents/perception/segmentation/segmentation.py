@@ -12,34 +12,40 @@ from grs_agents.perception.configuration import DEFAULT, Segmentation
 from grs_agents.perception.image_geometry import (
     Index,
     Labels,
-    hull_of,
-    inside_hull,
-    outline_of,
-    pixels_of,
-    values_at,
-    window_of,
+    convex_footprint_hull,
+    mask_bounding_slices,
+    mask_outline_pixels,
+    pixels_by_label,
+    points_in_hull_mask,
+    values_in_mask,
 )
-from grs_agents.perception.segmentation.hollow_shapes import is_open
-from grs_agents.perception.segmentation.merging import merge_parts
-from grs_agents.perception.segmentation.occluded_pieces import join_occluded
-from grs_agents.perception.segmentation.patch_cutting import foreground, patches, smoothed
-from grs_agents.perception.table import robot_points
+from grs_agents.perception.segmentation.hollow_shapes import is_open_at_top
+from grs_agents.perception.segmentation.occluded_pieces import join_occluded_pieces
+from grs_agents.perception.segmentation.part_merging import merge_parts
+from grs_agents.perception.segmentation.patch_cutting import (
+    cut_smooth_patches,
+    foreground_pixel_mask,
+    smooth_frame_depth,
+)
+from grs_agents.perception.table_finding import robot_frame_point_map
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
-from grs_agents.perception.working_resolution import reduced, restored
+from grs_agents.perception.working_resolution import downscale_frame, upscale_labels
 
 
-def segment(frame: RGBDFrame, table: TableFrame, config: Segmentation = DEFAULT.segmentation) -> Labels:
+def segment_objects_on_table(
+    frame: RGBDFrame, table: TableFrame, config: Segmentation = DEFAULT.segmentation
+) -> Labels:
     """(H, W) labels: 0 for table and background, 1..N for the segments."""
-    small, factor = reduced(frame)
-    smooth = smoothed(small)
-    points = robot_points(smooth, table)
-    above = foreground(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3], config.foreground)
-    labels = merge_parts(patches(smooth, above, config.patches), points, config)
-    labels = objects_of(labels, smooth, points, table, config)
-    return labels if factor == 1 else restored(labels, small, frame, factor)
+    small, factor = downscale_frame(frame)
+    smooth = smooth_frame_depth(small)
+    points = robot_frame_point_map(smooth, table)
+    above = foreground_pixel_mask(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3], config.foreground)
+    labels = merge_parts(cut_smooth_patches(smooth, above, config.patches), points, config)
+    labels = filter_object_segments(labels, smooth, points, table, config)
+    return labels if factor == 1 else upscale_labels(labels, small, frame, factor)
 
 
-def objects_of(
+def filter_object_segments(
     labels: Labels, smooth: RGBDFrame, points: Array, table: TableFrame, config: Segmentation = DEFAULT.segmentation
 ) -> Labels:
     """(H, W) labels without what is no object, numbered anew; occluded pieces are joined, floors of hollow ones added.
@@ -48,28 +54,28 @@ def objects_of(
     """
     smallest = int(config.filter.smallest * labels.size)
     flattest = float(np.clip(config.filter.deviations * table.residual, *config.filter.flattest))
-    segments = pixels_of(labels)
+    segments = pixels_by_label(labels)
     heights = [points[..., 2].take(pixels) for pixels in segments]
     kept = [label for label, own in enumerate(heights, 1) if len(own) >= smallest]
     if "sensor_noise" in config.rules:
         kept = [label for label in kept if not _is_sensor_noise(heights[label - 1], 4 * smallest, flattest)]
     if "flying_pixels" in config.rules:
-        mixed = _flying_pixels(smooth, segments, 4 * smallest, config.filter.flying)
+        mixed = _find_flying_pixel_labels(smooth, segments, 4 * smallest, config.filter.flying)
         kept = sorted(set(kept) - mixed)
     if "entering" in config.rules:
-        kept = [label for label in kept if not enters_from_outside(labels == label, points, config)]
+        kept = [label for label in kept if not enters_from_outside_view(labels == label, points, config)]
     numbers = np.zeros(len(heights) + 1, np.int32)
     numbers[kept] = np.arange(1, len(kept) + 1)
     labels = numbers[labels]
     if "occluded" in config.rules:
-        labels = join_occluded(labels, smooth, points, config.occluded)
-    return _with_hollow_floors(labels, points, config)
+        labels = join_occluded_pieces(labels, smooth, points, config.occluded)
+    return _add_hollow_floors(labels, points, config)
 
 
-def enters_from_outside(mask: Mask, points: Array, config: Segmentation) -> bool:
+def enters_from_outside_view(mask: Mask, points: Array, config: Segmentation) -> bool:
     """Whether a segment, (H, W), comes in from above or from beyond the picture; ``points`` are as in `foreground`."""
     bounds = config.filter
-    whole = _known(points[mask][::5])
+    whole = _drop_unknown_points(points[mask][::5])
     if len(whole) < bounds.fewest:
         return False
     lowest, highest = np.percentile(whole[:, 2], (2, 99))
@@ -77,10 +83,10 @@ def enters_from_outside(mask: Mask, points: Array, config: Segmentation) -> bool
         return True
     sides = np.ones_like(mask)
     sides[bounds.border :, bounds.border : -bounds.border] = False
-    if lowest > bounds.clear and len(_known(points[mask & sides])) >= bounds.fewest:
+    if lowest > bounds.clear and len(_drop_unknown_points(points[mask & sides])) >= bounds.fewest:
         return True  # only below the picture could it have a foot
     sides[-bounds.border :] = True
-    cut = _known(points[mask & sides])
+    cut = _drop_unknown_points(points[mask & sides])
     if len(cut) < bounds.fewest:
         return False
     low, high = np.percentile(cut[:, 2], (5, 95))
@@ -88,7 +94,7 @@ def enters_from_outside(mask: Mask, points: Array, config: Segmentation) -> bool
     return bool(low > bounds.clear and high - low > bounds.round and np.percentile(reach, 98) > bounds.long)
 
 
-def _known(points: Array) -> Array:
+def _drop_unknown_points(points: Array) -> Array:
     return points[np.isfinite(points[:, 2])]
 
 
@@ -98,7 +104,7 @@ def _is_sensor_noise(heights: Array, small: int, flattest: float) -> bool:
     return top < flattest or (top < 2 * flattest and len(heights) < small)
 
 
-def _flying_pixels(frame: RGBDFrame, segments: Sequence[Index], small: int, bound: float) -> set[int]:
+def _find_flying_pixel_labels(frame: RGBDFrame, segments: Sequence[Index], small: int, bound: float) -> set[int]:
     """The labels, from 1, of small segments that mix two surfaces: much deeper than they look large."""
     mixed: set[int] = set()
     for label, pixels in enumerate(segments, 1):
@@ -110,21 +116,21 @@ def _flying_pixels(frame: RGBDFrame, segments: Sequence[Index], small: int, boun
     return mixed
 
 
-def _with_hollow_floors(labels: Labels, points: Array, config: Segmentation) -> Labels:
+def _add_hollow_floors(labels: Labels, points: Array, config: Segmentation) -> Labels:
     """The labels, with the table that is seen inside a hollow object given to it: that is its floor."""
     if "hollow_floor" not in config.rules:
         return labels
     result = labels.copy()
     low = (labels == 0) & (np.abs(points[..., 2]) < config.filter.floor)
     for label in range(1, int(labels.max()) + 1):
-        window = window_of(labels == label)
+        window = mask_bounding_slices(labels == label)
         mask: Mask = labels[window] == label
         near, filled = points[window], result[window]
-        whole = cv2.fillConvexPoly(np.zeros(mask.shape, np.uint8), cv2.convexHull(outline_of(mask)), 1)
+        whole = cv2.fillConvexPoly(np.zeros(mask.shape, np.uint8), cv2.convexHull(mask_outline_pixels(mask)), 1)
         lies = low[window] & (whole > 0)
-        floor, cloud = values_at(near, lies), values_at(near, mask)[::3]
+        floor, cloud = values_in_mask(near, lies), values_in_mask(near, mask)[::3]
         cloud = cloud.compress(np.isfinite(cloud[:, 2]), axis=0)
-        if len(cloud) >= 3 and is_open(cloud, floor[::3], config.hollow):
-            inside = inside_hull(floor[:, :2], hull_of(cloud), -config.filter.floor_margin)
+        if len(cloud) >= 3 and is_open_at_top(cloud, floor[::3], config.hollow):
+            inside = points_in_hull_mask(floor[:, :2], convex_footprint_hull(cloud), -config.filter.floor_margin)
             filled[lies] = np.where(inside, label, filled[lies])
     return result

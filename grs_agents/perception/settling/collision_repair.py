@@ -11,13 +11,18 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.engine import mujoco
 from grs_agents.library import Library
+from grs_agents.mujoco_import import mujoco
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.registration import Registered, cost_of, register
-from grs_agents.perception.segmentation import quaternion
-from grs_agents.perception.settling.depenetration import depth_of, overlaps
-from grs_agents.perception.settling.settling import PlacedObject, instances, on_table, world_of
+from grs_agents.perception.registration import Registered, register_asset, registration_cost
+from grs_agents.perception.segmentation import quaternion_from_matrix
+from grs_agents.perception.settling.depenetration import overlap_depth_by_pair, overlap_depth_of_object
+from grs_agents.perception.settling.settling import (
+    PlacedObject,
+    build_settling_world,
+    is_over_table,
+    to_instance_objects,
+)
 from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, UprightBox
 from grs_agents.sim.world import World
 
@@ -53,33 +58,35 @@ def repair_collisions(
     Of two that are in each other, that one is registered again of which this contradicts less of what was seen. Where
     it contradicts too much of either, both stay; but if they are deep in each other, the one that fits worse is wrong.
     """
-    on = [index for index, known in enumerate(objects) if on_table(known.placed)]
-    scene = _CollisionScene.of([objects[index] for index in on], (frame, table), library)
+    on = [index for index, known in enumerate(objects) if is_over_table(known.placed)]
+    scene = _CollisionScene.from_objects([objects[index] for index in on], (frame, table), library)
     compared: set[tuple[int, int]] = set()
     moved: dict[int, Registered] = {}
     wrong: set[int] = set()
     while len(compared) < CONFIG.most:
-        pair, depth = scene.deepest_pair(compared)
+        pair, depth = scene.deepest_overlapping_pair(compared)
         if depth < CONFIG.deep:
             break
         compared.add(pair)
         if wrong & set(pair):
             continue
-        repair = _better_pose(scene, pair, depth)
+        repair = _find_collision_repair(scene, pair, depth)
         if repair is not None:
-            scene.move(*repair)
+            scene.move_object(*repair)
             moved[repair[0]] = repair[1]
         elif depth > CONFIG.deepest:
-            wrong.add(max(pair, key=scene.cost))
+            wrong.add(max(pair, key=scene.object_fit_cost))
     return CollisionRepairs(
         {on[number]: pose for number, pose in moved.items() if number not in wrong},
         frozenset(on[number] for number in wrong),
     )
 
 
-def _better_pose(scene: "_CollisionScene", pair: tuple[int, int], depth: float) -> tuple[int, Registered] | None:
+def _find_collision_repair(
+    scene: "_CollisionScene", pair: tuple[int, int], depth: float
+) -> tuple[int, Registered] | None:
     """Which of two objects goes where, so that they are half as deep in each other and it still shows what was seen."""
-    tried = [(number, *scene.registered_again(number)) for number in pair]
+    tried = [(number, *scene.register_object_again(number)) for number in pair]
     better = [
         (left + cost, number, pose) for number, pose, left, cost in tried if left < depth / 2 and cost < CONFIG.worse
     ]
@@ -97,54 +104,61 @@ class _CollisionScene:
     world: World
 
     @classmethod
-    def of(
+    def from_objects(
         cls, objects: Sequence[KnownObject], photo: tuple[RGBDFrame, TableFrame], library: Library
     ) -> "_CollisionScene":
-        world = world_of(instances([known.placed for known in objects], library), library)
+        world = build_settling_world(to_instance_objects([known.placed for known in objects], library), library)
         return cls(objects, [known.placed.pose for known in objects], photo, library, world)
 
-    def deepest_pair(self, compared: Collection[tuple[int, int]]) -> tuple[tuple[int, int], float]:
+    def deepest_overlapping_pair(self, compared: Collection[tuple[int, int]]) -> tuple[tuple[int, int], float]:
         """The two that are deepest in each other, lower number first, and how deep, m."""
         mujoco.mj_forward(self.world.model, self.world.data)
         found = {
             pair: depth
-            for pair, depth in overlaps(self.world).items()
+            for pair, depth in overlap_depth_by_pair(self.world).items()
             if pair not in compared and all(number in self.world.addresses for number in pair)
         }
         return max(found.items(), key=lambda one: one[1], default=((0, 0), 0.0))
 
-    def registered_again(self, number: int) -> tuple[Registered, float, float]:
+    def register_object_again(self, number: int) -> tuple[Registered, float, float]:
         """Where an object is registered beside the others, how deep it is in them then, and how much dearer that is."""
         one, (frame, table) = self.objects[number], self.photo
         asset, pose = one.placed.asset, self.poses[number]
 
         def entered(poses: Floats) -> Floats:
-            return np.array([self._depth(number, ((x, y, z), quaternion(turn))) for (x, y, z), turn in _parts(poses)])
+            return np.array(
+                [
+                    self._place_and_measure_overlap(number, ((x, y, z), quaternion_from_matrix(turn)))
+                    for (x, y, z), turn in _positions_and_rotations(poses)
+                ]
+            )
 
-        found = register(asset, self.library, one.upright, frame, table, one.mask, entered)
-        left = self._depth(number, (found.position, found.orientation))
-        self._depth(number, pose)
-        return found, left, found.cost - self.cost(number)
+        found = register_asset(asset, self.library, one.upright, frame, table, one.mask, entered)
+        left = self._place_and_measure_overlap(number, (found.position, found.orientation))
+        self._place_and_measure_overlap(number, pose)
+        return found, left, found.cost - self.object_fit_cost(number)
 
-    def cost(self, number: int) -> float:
+    def object_fit_cost(self, number: int) -> float:
         """How badly an object where it stands fits what was seen, m."""
         one, (frame, table) = self.objects[number], self.photo
-        return cost_of(one.placed.asset, self.poses[number], self.library, one.upright, frame, table, one.mask)
+        return registration_cost(
+            one.placed.asset, self.poses[number], self.library, one.upright, frame, table, one.mask
+        )
 
-    def move(self, number: int, found: Registered) -> None:
+    def move_object(self, number: int, found: Registered) -> None:
         """Put an object where it was registered."""
         self.poses[number] = (found.position, found.orientation)
-        self._depth(number, self.poses[number])
+        self._place_and_measure_overlap(number, self.poses[number])
 
-    def _depth(self, number: int, pose: Pose) -> float:
+    def _place_and_measure_overlap(self, number: int, pose: Pose) -> float:
         """How deep an object is in others at a pose, where it stays, m."""
         placed, start = PlacedObject(self.objects[number].placed.asset, pose), self.world.addresses[number]
-        position, (x, y, z, w) = instances([placed], self.library)[0].pose
+        position, (x, y, z, w) = to_instance_objects([placed], self.library)[0].pose
         self.world.data.qpos[start : start + 7] = (*position, w, x, y, z)
-        return depth_of(self.world, number)
+        return overlap_depth_of_object(self.world, number)
 
 
-def _parts(poses: Floats) -> Iterator[tuple[Vec3, Floats]]:
+def _positions_and_rotations(poses: Floats) -> Iterator[tuple[Vec3, Floats]]:
     """Positions, m, and rotations (3, 3) of (K, 4, 4) poses."""
     for pose in poses:
         x, y, z = (float(value) for value in pose[:3, 3])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.engine import mujoco
+from grs_agents.mujoco_import import mujoco
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.sim.world import World
 
@@ -33,52 +33,52 @@ class Separation:
     steps: tuple[float, ...] = DEFAULT.settling.depenetration.steps  # how far an object may be moved, m
 
 
-def deepest_overlap(world: World) -> float:
+def deepest_overlap_depth(world: World) -> float:
     """The deepest overlap, m."""
     return max(0.0, float(-np.asarray(world.data.contact.dist).min(initial=0.0)))
 
 
-def separate(world: World, guessed: Collection[int], way: Separation) -> None:
+def separate_objects(world: World, guessed: Collection[int], way: Separation) -> None:
     """Move one object after the other until none overlaps deeply, or none can be moved free of others.
 
     Of two that overlap the one that has to move least is moved; what is ``guessed`` rather than what is known.
     """
     if way.lift:
-        _lift(world, way.deep)
+        _lift_out_of_table(world, way.deep)
     stuck: set[tuple[int, int]] = set()
     for _ in range(CONFIG.most):
         mujoco.mj_forward(world.model, world.data)
-        pair = _deepest_pair(world, stuck, way.deep)
+        pair = _deepest_overlapping_pair(world, stuck, way.deep)
         if pair is None:
             return
-        if not _move_apart(world, pair, guessed, way):
+        if not _move_pair_apart(world, pair, guessed, way):
             stuck.add(pair)
     mujoco.mj_forward(world.model, world.data)
 
 
-def _move_apart(world: World, pair: tuple[int, int], guessed: Collection[int], way: Separation) -> bool:
+def _move_pair_apart(world: World, pair: tuple[int, int], guessed: Collection[int], way: Separation) -> bool:
     """Move one of two objects, or each half the way; whether one of them can be moved free of others."""
     free = CONFIG.free * way.deep
     moves = {
         number: move
         for number in pair
-        if number in world.addresses and (move := _move_out(world, number, way.steps, free)) is not None
+        if number in world.addresses and (move := _find_shortest_free_move(world, number, way.steps, free)) is not None
     }
     if not moves:
         return False
     number = min(moves, key=lambda moved: _move_cost(moves[moved], moved in guessed))
     other, move = pair[number == pair[0]], moves[number]
     far = np.linalg.norm(move) >= CONFIG.far and other in world.addresses and set(pair) <= set(guessed)
-    if not (far and _move_both(world, number, other, move, free)):
+    if not (far and _move_both_halfway(world, number, other, move, free)):
         start = world.addresses[number]
         world.data.qpos[start : start + 3] += move
     return True
 
 
-def _lift(world: World, deep: float) -> None:
+def _lift_out_of_table(world: World, deep: float) -> None:
     """Lift what is deeper than ``deep`` m in the table straight out of it."""
     mujoco.mj_forward(world.model, world.data)
-    for (lower, number), depth in overlaps(world).items():
+    for (lower, number), depth in overlap_depth_by_pair(world).items():
         if lower == TABLE and depth > deep:
             world.data.qpos[world.addresses[number] + 2] += depth
 
@@ -89,7 +89,7 @@ def _move_cost(move: Floats, guessed: bool) -> float:
     return far / CONFIG.guessed if guessed and far < CONFIG.far else far
 
 
-def overlaps(world: World) -> dict[tuple[int, int], float]:
+def overlap_depth_by_pair(world: World) -> dict[tuple[int, int], float]:
     """How deep any two objects are in each other, m, by their numbers, the lower first."""
     found: dict[tuple[int, int], float] = {}
     for geoms, distance in zip(world.data.contact.geom, world.data.contact.dist, strict=True):
@@ -98,17 +98,17 @@ def overlaps(world: World) -> dict[tuple[int, int], float]:
     return found
 
 
-def _deepest_pair(world: World, stuck: set[tuple[int, int]], deep: float) -> tuple[int, int] | None:
+def _deepest_overlapping_pair(world: World, stuck: set[tuple[int, int]], deep: float) -> tuple[int, int] | None:
     """The objects, lower number first, that overlap most, if by more than ``deep`` m."""
     found = {
         pair: depth
-        for pair, depth in overlaps(world).items()
+        for pair, depth in overlap_depth_by_pair(world).items()
         if depth > deep and pair not in stuck and any(number in world.addresses for number in pair)
     }
     return max(found, key=lambda pair: found[pair], default=None)
 
 
-def _move_out(world: World, number: int, steps: Sequence[float], free: float) -> Floats | None:
+def _find_shortest_free_move(world: World, number: int, steps: Sequence[float], free: float) -> Floats | None:
     """The shortest of the tried moves, (3,) m, after which an object overlaps nothing by more than ``free`` m."""
     start = world.addresses[number]
     here = world.data.qpos[start : start + 3].copy()
@@ -117,7 +117,7 @@ def _move_out(world: World, number: int, steps: Sequence[float], free: float) ->
         depths: list[float] = []
         for direction in DIRECTIONS:
             world.data.qpos[start : start + 3] = here + step * direction
-            depths.append(depth_of(world, number))
+            depths.append(overlap_depth_of_object(world, number))
         best = int(np.argmin(depths))
         if depths[best] < free:
             shortest = step * DIRECTIONS[best]
@@ -127,13 +127,13 @@ def _move_out(world: World, number: int, steps: Sequence[float], free: float) ->
     return shortest
 
 
-def _move_both(world: World, number: int, other: int, move: Floats, free: float) -> bool:
+def _move_both_halfway(world: World, number: int, other: int, move: Floats, free: float) -> bool:
     """Move two objects half the way each, apart, if they overlap nothing by more than ``free`` m then."""
     starts = [world.addresses[moved] for moved in (number, other)]
     before = [world.data.qpos[start : start + 3].copy() for start in starts]
     for start, half in zip(starts, (move / 2, -move / 2), strict=True):
         world.data.qpos[start : start + 3] += half
-    if max(depth_of(world, number), depth_of(world, other)) < free:
+    if max(overlap_depth_of_object(world, number), overlap_depth_of_object(world, other)) < free:
         return True
     for start, here in zip(starts, before, strict=True):
         world.data.qpos[start : start + 3] = here
@@ -141,7 +141,7 @@ def _move_both(world: World, number: int, other: int, move: Floats, free: float)
     return False
 
 
-def depth_of(world: World, number: int) -> float:
+def overlap_depth_of_object(world: World, number: int) -> float:
     """How deep an object overlaps others where it has been put, m."""
     model, data = world.model, world.data
     mujoco.mj_kinematics(model, data)

@@ -6,20 +6,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.engine import mujoco
-from grs_agents.geometry import vec3
-from grs_agents.library import Library, rotation_matrix
+from grs_agents.geometry import to_vec3
+from grs_agents.library import Library, matrix_from_quaternion
+from grs_agents.mujoco_import import mujoco
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.settling.depenetration import Separation, deepest_overlap, separate
+from grs_agents.perception.settling.depenetration import Separation, deepest_overlap_depth, separate_objects
 from grs_agents.sim.instance import InstanceObject
-from grs_agents.sim.world import World, build, place
+from grs_agents.sim.world import World, build_world, reset_world_to_poses
 
 CONFIG = DEFAULT.settling
 
 CHUNK = 25  # so many steps of the simulation are made between two looks at the speeds
 
 
-def prepare(world: World) -> None:
+def prepare_world_for_settling(world: World) -> None:
     """Take the robot out of the way, and let nothing roll."""
     model, owners = world.model, np.asarray(world.owners)
     # What is eased apart never moves by itself, falls asleep at once, and would sleep through gravity.
@@ -31,7 +31,7 @@ def prepare(world: World) -> None:
     model.geom_friction[owners >= 0, 2] = CONFIG.rolling
 
 
-def ease(world: World) -> None:
+def push_overlaps_apart(world: World) -> None:
     """Push overlaps apart, without gravity and without speed, so that nothing is thrown.
 
     And without friction: what sticks to what it is pushed out of goes farther.
@@ -42,13 +42,13 @@ def ease(world: World) -> None:
     for _ in range(CONFIG.easing_steps):
         data.qvel[:] = 0
         mujoco.mj_step(model, data)
-        if deepest_overlap(world) < CONFIG.eased:
+        if deepest_overlap_depth(world) < CONFIG.eased:
             break
     model.opt.gravity[:], model.geom_condim[:] = gravity, dimensions
     data.qvel[:] = 0
 
 
-def fall(world: World) -> bool:
+def simulate_until_rest(world: World) -> bool:
     """Let gravity act until everything rests; whether it does in time."""
     model, data = world.model, world.data
     first, still = world.arm.dof, 0
@@ -94,36 +94,40 @@ class RestState:
     still: bool  # everything came to rest
 
     @property
-    def farthest(self) -> float:
+    def largest_drift(self) -> float:
         """How far anything moved at most, m."""
         return max((placed.drift for placed in self.placed if placed is not None), default=0.0)
 
 
-def on_table(placed: PlacedObject) -> bool:
+def is_over_table(placed: PlacedObject) -> bool:
     """Whether the object is over the simulated table."""
     x, y, z = placed.pose[0]
     away = float(np.hypot(x - CONFIG.table_center[0], y - CONFIG.table_center[1]))
     return away < CONFIG.table_reach and abs(z) < CONFIG.table_reach
 
 
-def instances(objects: Sequence[PlacedObject], library: Library) -> list[InstanceObject]:
+def to_instance_objects(objects: Sequence[PlacedObject], library: Library) -> list[InstanceObject]:
     """The objects as those of a simulation; ids count from 0."""
     return [
-        InstanceObject(id=number, asset=placed.asset, pose=_shifted(placed.pose, -_middle(placed.asset, library)))
+        InstanceObject(
+            id=number,
+            asset=placed.asset,
+            pose=_translate_in_own_frame(placed.pose, -_bounding_box_center(placed.asset, library)),
+        )
         for number, placed in enumerate(objects)
     ]
 
 
-def world_of(items: Sequence[InstanceObject], library: Library) -> World:
+def build_settling_world(items: Sequence[InstanceObject], library: Library) -> World:
     """A world of these objects without the robot, in which nothing rolls."""
-    world = build(items, library)
-    place(world, items)
-    prepare(world)
+    world = build_world(items, library)
+    reset_world_to_poses(world, items)
+    prepare_world_for_settling(world)
     mujoco.mj_forward(world.model, world.data)
     return world
 
 
-def settle(
+def settle_objects(
     objects: Sequence[PlacedObject], library: Library, unseen: Callable[[PlacedObject], bool] | None = None
 ) -> RestState:
     """Let objects come to rest, without the robot.
@@ -140,8 +144,8 @@ def settle(
     ways.append(Separation(bounds.depths[0], lift=True, steps=(*bounds.steps, *bounds.last_steps)))
     rests: list[RestState] = []
     for way in ways:
-        rest = _Settler(objects, library, way).rest(unseen)
-        if rest.penetration < CONFIG.overlap and rest.farthest < CONFIG.fallen:
+        rest = _Settler(objects, library, way).compute_rest_state(unseen)
+        if rest.penetration < CONFIG.overlap and rest.largest_drift < CONFIG.fallen:
             return rest
         rests.append(rest)
 
@@ -170,62 +174,66 @@ class _Settler:
 
     def __init__(self, objects: Sequence[PlacedObject], library: Library, way: Separation) -> None:
         self.objects, self.library, self.way = objects, library, way
-        self.here = [number for number, placed in enumerate(objects) if on_table(placed)]
-        self.items = instances([objects[number] for number in self.here], library)
+        self.here = [number for number, placed in enumerate(objects) if is_over_table(placed)]
+        self.items = to_instance_objects([objects[number] for number in self.here], library)
         self.guessed = {item.id for item, number in zip(self.items, self.here, strict=True) if objects[number].guessed}
 
-    def rest(self, unseen: Callable[[PlacedObject], bool] | None) -> RestState:
-        """The scene at rest; ``unseen`` as in `settle`."""
-        first = self._drop(self.items, set())
-        last, held = (first, set[int]()) if unseen is None else self._held(first, unseen)
+    def compute_rest_state(self, unseen: Callable[[PlacedObject], bool] | None) -> RestState:
+        """The scene at rest; ``unseen`` as in `settle_objects`."""
+        first = self._separate_and_drop(self.items, set())
+        last, held = (first, set[int]()) if unseen is None else self._hold_falling_objects(first, unseen)
         placed: list[Placed | None] = [None] * len(self.objects)
         for item, resting, number in zip(self.items, last.poses, self.here, strict=True):
-            pose = _shifted(resting, _middle(item.asset, self.library))
-            drift = _distance(pose, self.objects[number].pose)
+            pose = _translate_in_own_frame(resting, _bounding_box_center(item.asset, self.library))
+            drift = _position_distance(pose, self.objects[number].pose)
             placed[number] = Placed(pose, drift, item.id in held, item.id in last.fell)
         return RestState(tuple(placed), first.found, last.penetration, last.still)
 
-    def _held(self, first: _Drop, unseen: Callable[[PlacedObject], bool]) -> tuple[_Drop, set[int]]:
+    def _hold_falling_objects(self, first: _Drop, unseen: Callable[[PlacedObject], bool]) -> tuple[_Drop, set[int]]:
         """The scene dropped again, with what may stand on something unseen held in the air: the lowest first."""
         last, held, tried = first, set[int](), set[int]()
         while len(held) < CONFIG.most_held and (fell := [number for number in last.fell if number not in tried]):
-            lowest = min(fell, key=lambda number: _bottom(first.apart[number], self.library))
+            lowest = min(fell, key=lambda number: _lowest_corner_height(first.apart[number], self.library))
             tried.add(lowest)
             asset = self.items[lowest].asset
-            if unseen(PlacedObject(asset, _shifted(first.apart[lowest].pose, _middle(asset, self.library)))):
+            if unseen(
+                PlacedObject(
+                    asset, _translate_in_own_frame(first.apart[lowest].pose, _bounding_box_center(asset, self.library))
+                )
+            ):
                 held.add(lowest)
-                last = self._drop(first.apart, held)
+                last = self._separate_and_drop(first.apart, held)
         return last, held
 
-    def _drop(self, items: Sequence[InstanceObject], held: Collection[int]) -> _Drop:
+    def _separate_and_drop(self, items: Sequence[InstanceObject], held: Collection[int]) -> _Drop:
         """Move objects apart and let all fall but those that are held."""
         items = [item.model_copy(update={"category": "fixed"}) if item.id in held else item for item in items]
-        world = world_of(items, self.library)
-        found, still = deepest_overlap(world), False
+        world = build_settling_world(items, self.library)
+        found, still = deepest_overlap_depth(world), False
         first: list[Pose] = []
         apart: list[Pose] = []
         for attempt in range(CONFIG.tries):
-            separate(world, self.guessed, self._separation(attempt, deepest_overlap(world)))
-            ease(world)
-            apart = _poses(world, items)
+            separate_objects(world, self.guessed, self._choose_separation(attempt, deepest_overlap_depth(world)))
+            push_overlaps_apart(world)
+            apart = _read_body_poses(world, items)
             first = first or apart
-            still = fall(world)
+            still = simulate_until_rest(world)
             mujoco.mj_forward(world.model, world.data)
-            if deepest_overlap(world) < CONFIG.overlap:
+            if deepest_overlap_depth(world) < CONFIG.overlap:
                 break
-        poses = _poses(world, items)
+        poses = _read_body_poses(world, items)
         fell = [
             item.id
             for item, before, after in zip(items, first, poses, strict=True)
-            if _distance(before, after) > CONFIG.fallen
+            if _position_distance(before, after) > CONFIG.fallen
         ]
         moved = [
             item.model_copy(update={"pose": before if item.id in fell else after})
             for item, before, after in zip(items, first, apart, strict=True)
         ]
-        return _Drop(moved, poses, fell, found, deepest_overlap(world), still)
+        return _Drop(moved, poses, fell, found, deepest_overlap_depth(world), still)
 
-    def _separation(self, attempt: int, overlap: float) -> Separation:
+    def _choose_separation(self, attempt: int, overlap: float) -> Separation:
         """How objects that overlap by ``overlap`` (m) are moved apart: what is wedged after a fall, by little first."""
         if attempt == 0 or overlap >= CONFIG.wedged:
             return self.way
@@ -234,31 +242,31 @@ class _Settler:
         return replace(self.way, deep=CONFIG.overlap, steps=steps)
 
 
-def _distance(one: Pose, other: Pose) -> float:
+def _position_distance(one: Pose, other: Pose) -> float:
     """Between two positions, m."""
     return float(np.linalg.norm(np.subtract(one[0], other[0])))
 
 
-def _bottom(item: InstanceObject, library: Library) -> float:
+def _lowest_corner_height(item: InstanceObject, library: Library) -> float:
     """The height of the lowest corner of its box, m."""
-    corners = np.array(np.meshgrid(*np.array(library.model(item.asset).bounds).T)).reshape(3, -1)
-    return float((rotation_matrix(item.pose[1]) @ corners)[2].min() + item.pose[0][2])
+    corners = np.array(np.meshgrid(*np.array(library.load_object_model(item.asset).bounds).T)).reshape(3, -1)
+    return float((matrix_from_quaternion(item.pose[1]) @ corners)[2].min() + item.pose[0][2])
 
 
-def _middle(asset: str, library: Library) -> "np.ndarray[tuple[int, ...], np.dtype[np.float64]]":
+def _bounding_box_center(asset: str, library: Library) -> "np.ndarray[tuple[int, ...], np.dtype[np.float64]]":
     """The centre of the bounding box in the asset's frame, (3,) m."""
-    return np.array(library.model(asset).bounds, np.float64).mean(axis=0)
+    return np.array(library.load_object_model(asset).bounds, np.float64).mean(axis=0)
 
 
-def _shifted(pose: Pose, offset: "np.ndarray[tuple[int, ...], np.dtype[np.float64]]") -> Pose:
+def _translate_in_own_frame(pose: Pose, offset: "np.ndarray[tuple[int, ...], np.dtype[np.float64]]") -> Pose:
     """A pose moved along its own axes."""
-    return vec3(rotation_matrix(pose[1]) @ offset + pose[0]), pose[1]
+    return to_vec3(matrix_from_quaternion(pose[1]) @ offset + pose[0]), pose[1]
 
 
-def _poses(world: World, items: Sequence[InstanceObject]) -> list[Pose]:
+def _read_body_poses(world: World, items: Sequence[InstanceObject]) -> list[Pose]:
     """Where the objects are by now."""
     bodies = [world.bodies[item.id] for item in items]
     return [
-        (vec3(world.data.xpos[body]), (float(i), float(j), float(k), float(w)))
+        (to_vec3(world.data.xpos[body]), (float(i), float(j), float(k), float(w)))
         for body, (w, i, j, k) in ((body, world.data.xquat[body]) for body in bodies)
     ]

@@ -2,10 +2,10 @@ from . import channel as channel
 from . import suite_runner as suite_runner
 from .assertion_count import COUNTER as COUNTER
 from .assertion_count import Counter as Counter
-from .assertion_count import called_name as called_name
-from .assertion_count import is_assertion as is_assertion
-from .assertion_count import with_counter_calls as with_counter_calls
+from .assertion_count import called_function_name as called_function_name
+from .assertion_count import insert_counter_calls as insert_counter_calls
+from .assertion_count import is_assertion_name as is_assertion_name
 from .captured_error import CapturedError as CapturedError
-from .tampering import Integrity as Integrity
-from .tampering import overridden as overridden
-from .tampering import shadowed as shadowed
+from .tamper_detection import Integrity as Integrity
+from .tamper_detection import find_overridden_method as find_overridden_method
+from .tamper_detection import find_shadowed_method as find_shadowed_method

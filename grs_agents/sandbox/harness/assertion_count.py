@@ -25,22 +25,22 @@ class Counter:
     def __init__(self) -> None:
         self.count = 0
 
-    def reached(self) -> None:
+    def increment(self) -> None:
         """One more."""
         self.count += 1
 
 
-def with_counter_calls(tree: ast.Module) -> ast.Module:
+def insert_counter_calls(tree: ast.Module) -> ast.Module:
     """``tree`` with a call of ``COUNTER`` before each statement that asserts; what ``setUp`` asserts is no test's."""
     return ast.fix_missing_locations(_Marker().visit(tree))
 
 
-def is_assertion(name: str) -> bool:
+def is_assertion_name(name: str) -> bool:
     """Whether a function called ``name`` asserts something."""
     return name.lower().startswith("assert") or name in ("fail", "raises")
 
 
-def called_name(call: ast.Call) -> str:
+def called_function_name(call: ast.Call) -> str:
     """The last part of the name that a call is made by."""
     return call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
 
@@ -56,13 +56,15 @@ class _Marker(ast.NodeTransformer):
             body = getattr(node, name, None)
             if isinstance(body, list):
                 statements = cast(list[ast.stmt], body)
-                setattr(node, name, [marked for statement in statements for marked in self._marked(statement)])
+                setattr(
+                    node, name, [marked for statement in statements for marked in self._prepend_counter_call(statement)]
+                )
         for part in (*getattr(node, "handlers", ()), *getattr(node, "cases", ())):
             self.visit(part)
         return node
 
-    def _marked(self, statement: ast.stmt) -> Iterator[ast.stmt]:
-        asserts = _asserts(statement)
+    def _prepend_counter_call(self, statement: ast.stmt) -> Iterator[ast.stmt]:
+        asserts = _is_asserting_statement(statement)
         self.visit(statement)
         if asserts:
             call = ast.Call(ast.Name(COUNTER, ast.Load()), [], [])
@@ -70,37 +72,39 @@ class _Marker(ast.NodeTransformer):
         yield statement
 
 
-def _asserts(statement: ast.stmt) -> bool:
+def _is_asserting_statement(statement: ast.stmt) -> bool:
     """Whether a statement asserts something by itself, without what is inside it."""
     if isinstance(statement, _Compound):
-        return any(map(_fails_test, _branches(statement))) or any(map(_calls_assertion, _headers(statement)))
-    return isinstance(statement, ast.Assert) or _calls_assertion(statement)
+        return any(map(_is_fail_or_raise, _branch_statements(statement))) or any(
+            map(_contains_assertion_call, _header_expressions(statement))
+        )
+    return isinstance(statement, ast.Assert) or _contains_assertion_call(statement)
 
 
-def _branches(statement: ast.AST) -> Iterator[ast.stmt]:
+def _branch_statements(statement: ast.AST) -> Iterator[ast.stmt]:
     for name in _BODIES:
         yield from getattr(statement, name, ())
     for part in (*getattr(statement, "handlers", ()), *getattr(statement, "cases", ())):
         yield from part.body
 
 
-def _headers(statement: _Compound) -> Iterator[ast.expr]:
+def _header_expressions(statement: _Compound) -> Iterator[ast.expr]:
     for name in ("test", "iter", "subject"):
         if hasattr(statement, name):
             yield getattr(statement, name)
     yield from (item.context_expr for item in getattr(statement, "items", ()))
 
 
-def _fails_test(statement: ast.stmt) -> bool:
+def _is_fail_or_raise(statement: ast.stmt) -> bool:
     """Whether a statement ends the test as failed."""
     if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Call):
-        return called_name(statement.value) == "fail"
+        return called_function_name(statement.value) == "fail"
     return isinstance(statement, ast.Raise)
 
 
-def _calls_assertion(node: ast.AST) -> bool:
+def _contains_assertion_call(node: ast.AST) -> bool:
     if isinstance(node, _Scope):
         return False
-    if isinstance(node, ast.Call) and is_assertion(called_name(node)):
+    if isinstance(node, ast.Call) and is_assertion_name(called_function_name(node)):
         return True
-    return any(map(_calls_assertion, ast.iter_child_nodes(node)))
+    return any(map(_contains_assertion_call, ast.iter_child_nodes(node)))

@@ -3,9 +3,9 @@
 Frames are sealed with a key that the host made for this call and sent along with the request. The key lies in a
 closure, not in a module or in the request that a tool sees, so code that writes to the pipe, or keeps a copy of a
 frame, is found out. It is no secret from code in the same interpreter that looks for it with enough effort, through
-``gc`` or the frames of callers, and such code may call ``progress`` itself. So a result can be forged, and may mislead
-whoever routes by it. What decides whether a task is accepted reads task instances only, in a process that never ran
-generated code.
+``gc`` or the frames of callers, and such code may call ``report_progress`` itself. So a result can be forged, and may
+mislead whoever routes by it. What decides whether a task is accepted reads task instances only, in a process that
+never ran generated code.
 """
 
 import os
@@ -31,7 +31,7 @@ def connect(descriptor: int, key: str | None = None) -> None:
     def write(frame: Frame) -> None:
         # Only what could be encoded is counted: a frame that was not plain JSON leaves no gap.
         plain = wire.encode(frame)
-        data = memoryview(plain if secret is None else wire.seal(plain, secret, next(numbers)))
+        data = memoryview(plain if secret is None else wire.sign_frame(plain, secret, next(numbers)))
         while data:
             data = data[os.write(descriptor, data) :]
 
@@ -45,7 +45,7 @@ def send(frame: Frame) -> None:
     _sender[0](frame)
 
 
-def progress(event: Frame) -> None:
+def report_progress(event: Frame) -> None:
     """Report ``event`` (plain JSON) at once; the host keeps it even if this process dies right after."""
     sys.stdout.flush()  # what was printed before belongs before
     send({"kind": "event", "event": event})

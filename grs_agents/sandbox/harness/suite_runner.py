@@ -21,10 +21,10 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, TextIO, cast
 
-from grs_agents.sandbox.harness.assertion_count import COUNTER, Counter, with_counter_calls
+from grs_agents.sandbox.harness.assertion_count import COUNTER, Counter, insert_counter_calls
 from grs_agents.sandbox.harness.captured_error import CapturedError
-from grs_agents.sandbox.harness.channel import progress
-from grs_agents.sandbox.harness.tampering import Integrity, overridden, shadowed
+from grs_agents.sandbox.harness.channel import report_progress
+from grs_agents.sandbox.harness.tamper_detection import Integrity, find_overridden_method, find_shadowed_method
 from grs_agents.sandbox.protocol import SIMULATION_FILE, TESTS_FILE, RaisedIn, describe_error
 
 _KEPT_OUTPUT = 4000
@@ -49,10 +49,10 @@ class TamperedError(RuntimeError):
     """The machinery that gives the verdicts was tampered with."""
 
 
-def report(item: str, **facts: Any) -> None:
+def report_unrun_test(item: str, **facts: Any) -> None:
     """Report the start and the end of a test that did not run."""
-    progress({"item": item, "phase": "start"})
-    progress({"item": item, "phase": "end", **facts})
+    report_progress({"item": item, "phase": "start"})
+    report_progress({"item": item, "phase": "end", **facts})
 
 
 class Result(unittest.TestResult):
@@ -69,11 +69,11 @@ class Result(unittest.TestResult):
 
     def startTest(self, test: unittest.TestCase) -> None:
         name = self._session.names.get(id(test), type(test).__name__)
-        self._case = {"item": name, "phase": "end", "line": _line(test)}
+        self._case = {"item": name, "phase": "end", "line": _line_number_of_test(test)}
         self._printed = io.StringIO()
         self._streams.enter_context(contextlib.redirect_stdout(_Tee(sys.stdout, self._printed)))
         self._streams.enter_context(contextlib.redirect_stderr(_Tee(sys.stderr, self._printed)))
-        progress({"item": name, "phase": "start"})
+        report_progress({"item": name, "phase": "start"})
         self._session.begin()
         self._session.counter.count = 0
         self._started = time.perf_counter()
@@ -84,48 +84,50 @@ class Result(unittest.TestResult):
             return
         self._streams.close()
         if "outcome" not in case:  # an exception that unittest lets through, or no verdict at all
-            self._record("error", sys.exception() or RuntimeError("unittest gave no verdict"), test)
+            self._record_error("error", sys.exception() or RuntimeError("unittest gave no verdict"), test)
         seconds, session = time.perf_counter() - self._started, self._session
         case.update(seconds=seconds, output=self._printed.getvalue(), assertions=session.counter.count)
         if session.spoilt is None:
-            case["episode"] = _plain_object(session.episode)
-            case.update(self._reached_limit(case))
-            case.update(self._tampering(test))
-        progress(case)
+            case["episode"] = _call_for_json_object(session.episode)
+            case.update(self._find_reached_limit(case))
+            case.update(self._find_tampering(test))
+        report_progress(case)
         session.ended.add(case["item"])
         self._case = None
 
     def addSuccess(self, test: unittest.TestCase) -> None:
-        self._set(test, outcome="passed")
+        self._set_outcome(test, outcome="passed")
 
     def addError(self, test: Any, err: Any) -> None:
-        self._record("error", err[1], test)
+        self._record_error("error", err[1], test)
 
     def addFailure(self, test: unittest.TestCase, err: Any) -> None:
-        self._record("failed", err[1], test)
+        self._record_error("failed", err[1], test)
 
     def addSubTest(self, test: Any, subtest: Any, err: Any) -> None:
         if err is not None:
-            self._record("failed" if issubclass(err[0], test.failureException) else "error", err[1], test)
+            self._record_error("failed" if issubclass(err[0], test.failureException) else "error", err[1], test)
         del subtest
 
     def addSkip(self, test: unittest.TestCase, reason: str) -> None:
-        self._set(test, outcome="skipped", message=str(reason)[:1000] or "skipped", raised_in="tests")
+        self._set_outcome(test, outcome="skipped", message=str(reason)[:1000] or "skipped", raised_in="tests")
 
     def addExpectedFailure(self, test: unittest.TestCase, err: Any) -> None:
         del err
-        self._set(test, outcome="expected_failure", message="marked expectedFailure and fails", raised_in="tests")
+        self._set_outcome(
+            test, outcome="expected_failure", message="marked expectedFailure and fails", raised_in="tests"
+        )
 
     def addUnexpectedSuccess(self, test: unittest.TestCase) -> None:
-        self._set(test, outcome="failed", message="marked expectedFailure but it succeeds", raised_in="tests")
+        self._set_outcome(test, outcome="failed", message="marked expectedFailure but it succeeds", raised_in="tests")
 
-    def blame_fixture(self, items: Sequence[str]) -> None:
+    def report_fixture_failure(self, items: Sequence[str]) -> None:
         """End ``items``, which could not start because of a class or module fixture."""
         if self._fixture is not None:
             for item in items:
-                report(item, **self._fixture)
+                report_unrun_test(item, **self._fixture)
 
-    def _reached_limit(self, case: dict[str, Any]) -> dict[str, Any]:
+    def _find_reached_limit(self, case: dict[str, Any]) -> dict[str, Any]:
         """What a limit that the test reached makes of its case, however it dealt with the error."""
         with CapturedError():
             said = self._session.limit()
@@ -133,16 +135,20 @@ class Result(unittest.TestResult):
                 return {"outcome": "limit", "message": said[:1000], "raised_in": case.get("raised_in") or "simulation"}
         return {}
 
-    def _tampering(self, test: unittest.TestCase) -> dict[str, Any]:
+    def _find_tampering(self, test: unittest.TestCase) -> dict[str, Any]:
         """What is found out of order now; nothing else may run in this process then."""
-        own = shadowed(test, self)
-        broken = (f"{own} was replaced on the test or its result", "tests") if own else self._session.integrity.broken()
+        own = find_shadowed_method(test, self)
+        broken = (
+            (f"{own} was replaced on the test or its result", "tests")
+            if own
+            else self._session.integrity.find_violation()
+        )
         if broken is None:
             return {}
         self._session.spoilt, self.shouldStop = TamperedError(broken[0]), True
         return {"outcome": "tampered", "message": broken[0], "raised_in": broken[1] or "tests"}
 
-    def _record(self, outcome: str, error: BaseException, test: Any) -> None:
+    def _record_error(self, outcome: str, error: BaseException, test: Any) -> None:
         if isinstance(error, MemoryError):
             traceback.clear_frames(error.__traceback__)  # the memory hangs on their local variables
             self._session.spoilt, self.shouldStop = MemoryError(), True
@@ -151,9 +157,9 @@ class Result(unittest.TestResult):
             outcome = "exited"
         trace = describe_error(error)
         facts = {"message": trace.message, "traceback": trace.text, "raised_in": trace.raised_in}
-        self._set(test, outcome=outcome, **facts)
+        self._set_outcome(test, outcome=outcome, **facts)
 
-    def _set(self, test: Any, **facts: Any) -> None:
+    def _set_outcome(self, test: Any, **facts: Any) -> None:
         if self._case is None:
             where = str(getattr(test, "description", "")) or "a fixture"
             self._fixture = {**facts, "message": f"{where}: {facts.get('message', '')}"[:1000]}
@@ -177,7 +183,7 @@ class _Tee(io.TextIOBase):
         self._stream.flush()
 
 
-def _plain_object(source: Callable[[], Any]) -> dict[str, Any] | None:
+def _call_for_json_object(source: Callable[[], Any]) -> dict[str, Any] | None:
     """What ``source`` returns if that is a plain JSON object, else None."""
     with CapturedError():
         plain = json.loads(json.dumps(source(), allow_nan=False))
@@ -185,7 +191,7 @@ def _plain_object(source: Callable[[], Any]) -> dict[str, Any] | None:
     return None
 
 
-def _line(test: unittest.TestCase) -> int | None:
+def _line_number_of_test(test: unittest.TestCase) -> int | None:
     """Where the code of a test begins in the test program; None if it is from elsewhere."""
     with CapturedError():
         method: Any = getattr(type(test), getattr(test, "_testMethodName", ""), None)
@@ -208,23 +214,25 @@ def run_tests_inside(request: dict[str, Any]) -> dict[str, Any]:
     integrity = Integrity(with_numpy="testing" in request["simulation"] + request["tests"])
     with CapturedError() as captured:
         load_program(request["simulation"], request["simulation_name"])
-        _check(integrity, "simulation")
-        code = compile(with_counter_calls(ast.parse(request["tests"], TESTS_FILE)), TESTS_FILE, "exec")
-        tests = _execute(code, request["tests"], "", TESTS_FILE, {COUNTER: counter.reached})
-        _check(integrity, "tests")
+        _check_integrity(integrity, "simulation")
+        code = compile(insert_counter_calls(ast.parse(request["tests"], TESTS_FILE)), TESTS_FILE, "exec")
+        tests = _execute_as_module(code, request["tests"], "", TESTS_FILE, {COUNTER: counter.increment})
+        _check_integrity(integrity, "tests")
         test_ids = _test_ids(tests)
     if isinstance(captured.error, MemoryError):
         raise captured.error
     if captured.error is not None:
-        return {"load_error": _load_error(captured.error)}
-    clear = _hook(request["clear"])
+        return {"load_error": _describe_load_error(captured.error)}
+    clear = _load_hook_function(request["clear"])
 
     def begin() -> None:
         seed_everything(seed)
         clear()
 
-    session = Session(begin, _hook(request["episode"]), _hook(request["limit"]), counter, integrity)
-    _run(tests, list(request["items"]), session)
+    session = Session(
+        begin, _load_hook_function(request["episode"]), _load_hook_function(request["limit"]), counter, integrity
+    )
+    _run_pending_tests(tests, list(request["items"]), session)
     if session.spoilt is not None:
         raise session.spoilt
     return {"load_error": None, "found": test_ids}
@@ -236,7 +244,7 @@ def load_program(source: str, alias: str = "", file: str = SIMULATION_FILE) -> M
     The file is written to the working folder, where programs that read their own source find it. Whatever the program
     raises is raised.
     """
-    return _execute(compile(source, file, "exec"), source, alias, file, {})
+    return _execute_as_module(compile(source, file, "exec"), source, alias, file, {})
 
 
 def seed_everything(seed: int) -> None:
@@ -247,7 +255,7 @@ def seed_everything(seed: int) -> None:
     np.random.seed(seed % 2**32)
 
 
-def _execute(code: CodeType, source: str, alias: str, file: str, given: dict[str, object]) -> ModuleType:
+def _execute_as_module(code: CodeType, source: str, alias: str, file: str, given: dict[str, object]) -> ModuleType:
     name = file.removesuffix(".py")
     module = ModuleType(name)
     module.__file__ = file
@@ -261,13 +269,13 @@ def _execute(code: CodeType, source: str, alias: str, file: str, given: dict[str
     return module
 
 
-def _check(integrity: Integrity, loaded: RaisedIn) -> None:
+def _check_integrity(integrity: Integrity, loaded: RaisedIn) -> None:
     """See that the program just ``loaded`` left the machinery as it was."""
-    if (broken := integrity.broken()) is not None:
+    if (broken := integrity.find_violation()) is not None:
         raise TamperedError(broken[0], broken[1] or loaded)
 
 
-def _load_error(error: BaseException) -> dict[str, Any]:
+def _describe_load_error(error: BaseException) -> dict[str, Any]:
     if isinstance(error, TamperedError):
         message, where = error.args
         return {"kind": "tampered", "message": message, "traceback": "", "raised_in": where}
@@ -287,40 +295,40 @@ def _test_ids(tests: ModuleType) -> list[str]:
     ][:1000]
 
 
-def _run(tests: ModuleType, pending: list[str], session: Session) -> None:
+def _run_pending_tests(tests: ModuleType, pending: list[str], session: Session) -> None:
     """Run ``pending`` until each has ended or nothing more can."""
     while pending and session.spoilt is None:
         result = Result(session)
-        suite = unittest.TestSuite(_cases(tests, pending, session))
+        suite = unittest.TestSuite(_build_test_cases(tests, pending, session))
         if suite.countTestCases():
             with contextlib.suppress(KeyboardInterrupt):  # unittest lets it through; the tests after it still run
                 suite.run(result)
         left = [item for item in pending if item not in session.ended]
         if len(left) == len(pending):
-            result.blame_fixture(left)
+            result.report_fixture_failure(left)
             return
         pending = left
 
 
-def _hook(name: str | None) -> Callable[..., Any]:
+def _load_hook_function(name: str | None) -> Callable[..., Any]:
     if not name:
         return lambda: None
     module, _, function = name.partition(":")
     return cast(Callable[..., Any], getattr(importlib.import_module(module), function))
 
 
-def _cases(tests: ModuleType, items: Sequence[str], session: Session) -> Iterator[unittest.TestCase]:
+def _build_test_cases(tests: ModuleType, items: Sequence[str], session: Session) -> Iterator[unittest.TestCase]:
     """The test cases of ``items`` that the loaded module really has, and that are run as unittest runs tests."""
     for item in items:
         owner, _, method = item.partition(".")
         kind = getattr(tests, owner, None)
         if isinstance(kind, type) and issubclass(kind, unittest.TestCase) and callable(getattr(kind, method, None)):
-            own = overridden(kind)
+            own = find_overridden_method(kind)
             if own is None:
                 case = kind(method)
                 session.names[id(case)] = item
                 yield case
             else:
                 message = f"{own} takes the place of unittest's own"
-                report(item, outcome="tampered", message=message, raised_in="tests")
+                report_unrun_test(item, outcome="tampered", message=message, raised_in="tests")
                 session.ended.add(item)

@@ -19,9 +19,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from grs_agents.sandbox.harness import child
-from grs_agents.sandbox.isolation import usage
-from grs_agents.sandbox.protocol import EXPLAIN, Limits, Order, Settings, empty_folder, startup, wire
+from grs_agents.sandbox.harness import child_process
+from grs_agents.sandbox.isolation import resource_usage
+from grs_agents.sandbox.protocol import EXPLAIN, Limits, Order, Settings, delete_folder_contents, startup, wire
 
 
 class Forked:
@@ -29,13 +29,13 @@ class Forked:
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
-        child.warm(settings)
+        child_process.warm_up(settings)
         self._scratch = [settings.scratch / str(slot) for slot in range(settings.slots)]
-        self._rules = [child.rules(settings, folder) for folder in self._scratch]
+        self._rules = [child_process.create_worker_file_rules(settings, folder) for folder in self._scratch]
         gc.collect()
         gc.freeze()  # the children share these pages for as long as no collector touches them
 
-    def start(self, order: Order, descriptors: Sequence[int]) -> int:
+    def start_child(self, order: Order, descriptors: Sequence[int]) -> int:
         """The number of a new process that serves ``order`` over ``descriptors`` (frames, trace and output).
 
         The caller awaits its end and reaps it. ``OSError`` if the system refused the process.
@@ -44,10 +44,10 @@ class Forked:
         if pid == 0:
             frames, trace, output = descriptors
             scratch, rules = self._scratch[order.slot], self._rules[order.slot]
-            child.serve(frames, trace, output, scratch, order.limits, self._settings, rules)
+            child_process.serve_request(frames, trace, output, scratch, order.limits, self._settings, rules)
         return pid
 
-    def end(self) -> None:
+    def kill_idle_children(self) -> None:
         """Nothing waits for an order here."""
 
 
@@ -65,26 +65,26 @@ class Spawned:
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
-        self._idle: list[_Idle | None] = [self._spawn(slot) for slot in range(len(settings.single_use))]
+        self._idle: list[_Idle | None] = [self._spawn_idle_child(slot) for slot in range(len(settings.single_use))]
         for idle in self._idle:
             if idle is not None and idle.channel.recv(len(wire.READY)) != wire.READY:
-                self.end()
+                self.kill_idle_children()
                 raise ChildProcessError("a worker did not start")
 
-    def start(self, order: Order, descriptors: Sequence[int]) -> int:
+    def start_child(self, order: Order, descriptors: Sequence[int]) -> int:
         """As ``Forked.start``."""
         idle, self._idle[order.slot] = self._idle[order.slot], None
         if idle is None or idle.process.poll() is not None:
-            idle = self._spawn(order.slot)
+            idle = self._spawn_idle_child(order.slot)
         with suppress(OSError):  # where it has just ended, its frames end too, and tell the host
-            wire.send(idle.channel, order, descriptors)
+            wire.send_order(idle.channel, order, descriptors)
         idle.channel.close()
         idle.process.returncode = 0  # it is reaped by its number from now on
         with suppress(OSError):  # then the next call has to wait for its process
-            self._idle[order.slot] = self._spawn(order.slot)
+            self._idle[order.slot] = self._spawn_idle_child(order.slot)
         return idle.process.pid
 
-    def end(self) -> None:
+    def kill_idle_children(self) -> None:
         """End those that still wait for an order."""
         for idle in self._idle:
             if idle is not None:
@@ -92,9 +92,9 @@ class Spawned:
                 idle.process.wait()
                 idle.channel.close()
 
-    def _spawn(self, slot: int) -> _Idle:
+    def _spawn_idle_child(self, slot: int) -> _Idle:
         ours, theirs = socket.socketpair()
-        command = startup.command("child", theirs.fileno(), self._settings)
+        command = startup.build_command_line("child_process", theirs.fileno(), self._settings)
         try:
             process = subprocess.Popen(
                 [*self._settings.single_use[slot], *command], stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(),)
@@ -114,14 +114,14 @@ _REST = 3
 
 def main() -> None:
     """Get ready, say so, and serve until the host goes away."""
-    host, settings = startup.begin()
+    host, settings = startup.read_startup_arguments()
     try:
         children = Spawned(settings) if settings.single_use else Forked(settings)
     except ChildProcessError:  # it has said why
         os._exit(1)
     with suppress(OSError):
         host.send(wire.READY)
-        _Zygote(host, settings, children).serve()
+        _Zygote(host, settings, children).serve_orders()
     os._exit(0)
 
 
@@ -153,54 +153,56 @@ class _Zygote:
         signal.set_wakeup_fd(signals.detach(), warn_on_full_buffer=False)
         signal.signal(signal.SIGCHLD, lambda number, frame: None)  # only what is handled is written to the socket
 
-    def serve(self) -> None:
+    def serve_orders(self) -> None:
         """Start, watch and reap children until the host's end of the connection closes."""
         try:
-            while self._serve_once():
-                self._watch()
+            while self._handle_next_events():
+                self._enforce_limits()
         finally:
-            self._children.end()
+            self._children.kill_idle_children()
             for running in self._running:
                 os.kill(running.pid, signal.SIGKILL)
             for running in self._running:
                 os.waitpid(running.pid, 0)
                 with suppress(OSError):
-                    empty_folder(running.scratch)
+                    delete_folder_contents(running.scratch)
 
-    def _serve_once(self) -> bool:
+    def _handle_next_events(self) -> bool:
         """Wait until something happens and do what it asks for; False once the host is gone."""
         left = max(self._due - time.monotonic(), 0.0) if self._running else None
         for key, _ in self._selector.select(left):
             if key.fileobj is self._host:
-                if not self._accept():
+                if not self._accept_order():
                     return False
             elif key.fileobj is self._wakeup:
                 with suppress(BlockingIOError):
                     self._wakeup.recv(1 << 12)
             elif isinstance(running := key.data, _Running):
-                self._obey_host(running)
+                self._handle_host_message(running)
         for running in list(self._running):
-            self._reap(running)
+            self._reap_ended_child(running)
         return True
 
-    def _accept(self) -> bool:
+    def _accept_order(self) -> bool:
         """Take one order and start its child; False once the host is gone."""
-        received = wire.receive(self._host, 4)
+        received = wire.receive_order(self._host, 4)
         if received is None:
             return False
         order, (frames, trace, output, control) = received
         if not self._running:
             self._due = time.monotonic() + WATCH_SECONDS
-        pid = self._children.start(order, (frames, trace, output))
+        pid = self._children.start_child(order, (frames, trace, output))
         for descriptor in (frames, trace, output):
             os.close(descriptor)
         scratch = self._settings.scratch / str(order.slot)
-        running = _Running(pid, socket.socket(fileno=control), scratch, order.limits, usage.memory(pid))
+        running = _Running(
+            pid, socket.socket(fileno=control), scratch, order.limits, resource_usage.count_memory_bytes(pid)
+        )
         self._running.append(running)
         self._selector.register(running.control, selectors.EVENT_READ, running)
         return True
 
-    def _obey_host(self, running: _Running) -> None:
+    def _handle_host_message(self, running: _Running) -> None:
         """The host wants to know where the child is, or wants no more of it, or is gone."""
         with suppress(OSError):
             if running.control.recv(64) == EXPLAIN:
@@ -209,12 +211,12 @@ class _Zygote:
         self._selector.unregister(running.control)
         os.kill(running.pid, signal.SIGKILL)
 
-    def _reap(self, running: _Running) -> None:
+    def _reap_ended_child(self, running: _Running) -> None:
         """If the child has ended, tell the host how, and empty its scratch folder."""
         pid, status, used = os.wait4(running.pid, os.WNOHANG)
         if pid == 0:
             return
-        stopped = running.stopped or ("scratch_limit" if self._holds_too_much(running) else "")
+        stopped = running.stopped or ("scratch_limit" if self._exceeds_scratch_limit(running) else "")
         self._running.remove(running)
         with suppress(KeyError):
             self._selector.unregister(running.control)
@@ -222,32 +224,32 @@ class _Zygote:
         with suppress(OSError):
             running.control.send(json.dumps(report).encode())
         running.control.close()
-        empty_folder(running.scratch)  # before the next order, since this process does one thing at a time
+        delete_folder_contents(running.scratch)  # before the next order, since this process does one thing at a time
         with os.scandir(running.scratch) as left:
             if any(left):
                 raise OSError(f"{running.scratch} cannot be emptied, so nothing may work in it again")
 
-    def _watch(self) -> None:
+    def _enforce_limits(self) -> None:
         """When it is time, kill what holds more than it may; look less often where looking takes long."""
         begin = time.monotonic()
         if begin < self._due:
             return
         for running in self._running:
             if not running.stopped:
-                if usage.threads(running.pid) > running.limits.threads:
+                if resource_usage.count_threads(running.pid) > running.limits.threads:
                     running.stopped = "thread_limit"
-                elif usage.memory(running.pid) - running.memory > running.limits.memory_mib << 20:
+                elif resource_usage.count_memory_bytes(running.pid) - running.memory > running.limits.memory_mib << 20:
                     running.stopped = "memory_limit"
-                elif self._holds_too_much(running):
+                elif self._exceeds_scratch_limit(running):
                     running.stopped = "scratch_limit"
                 if running.stopped:
                     os.kill(running.pid, signal.SIGKILL)
         end = time.monotonic()
         self._due = end + max(WATCH_SECONDS, _REST * (end - begin))
 
-    def _holds_too_much(self, running: _Running) -> bool:
+    def _exceeds_scratch_limit(self, running: _Running) -> bool:
         most = running.limits.scratch_mib << 20
         if self._settings.scratch_is_sized:
-            return usage.file_system_bytes(running.scratch) >= min(most, self._settings.scratch_bytes)
-        unlinked = usage.unlinked_bytes(running.pid)
-        return unlinked + usage.scratch_bytes(running.scratch, most) >= most
+            return resource_usage.count_file_system_bytes(running.scratch) >= min(most, self._settings.scratch_bytes)
+        unlinked = resource_usage.count_unlinked_bytes(running.pid)
+        return unlinked + resource_usage.count_scratch_bytes(running.scratch, most) >= most

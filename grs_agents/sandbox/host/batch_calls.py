@@ -22,7 +22,7 @@ class BatchResult:
     calls: tuple[CallResult, ...]
 
     @property
-    def last(self) -> CallResult:
+    def last_call(self) -> CallResult:
         """The last call."""
         return self.calls[-1]
 
@@ -50,7 +50,7 @@ def call_batch(
         call = sandbox.call(tool, {**request, "items": pending}, share, readable)
         calls.append(call)
         before = len(events.ended)
-        running = events.collect(call)
+        running = events.collect_from_call(call)
         pending = [item for item in items if item not in events.ended and item not in events.stopped]
         if call.outcome == "ok" or (running is None and len(events.ended) == before):
             break
@@ -75,10 +75,10 @@ class _Events:
     strange: list[str] = field(default_factory=list[str])
     untimely: set[str] = field(default_factory=set[str])
 
-    def collect(self, call: CallResult) -> str | None:
+    def collect_from_call(self, call: CallResult) -> str | None:
         """Sort the events of ``call``; the item that was running at its end."""
         running: str | None = None
-        for item, phase, event in self._expected(call.events):
+        for item, phase, event in self._events_of_requested_items(call.events):
             if item in self.ended or item in self.stopped or (phase == "start" and item == running):
                 self.repeated.add(item)
             elif phase == "start" and running is None:
@@ -92,7 +92,7 @@ class _Events:
             self.stopped[running] = call
         return running
 
-    def _expected(self, events: Iterable[dict[str, Any]]) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    def _events_of_requested_items(self, events: Iterable[dict[str, Any]]) -> Iterator[tuple[str, str, dict[str, Any]]]:
         """Item and phase of each event that is about an item that was asked for."""
         for event in events:
             item, phase = event.get("item"), event.get("phase")

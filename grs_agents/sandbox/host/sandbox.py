@@ -10,19 +10,19 @@ from pathlib import Path
 from typing import Any
 
 from grs_agents import content
-from grs_agents.sandbox.host import probe
-from grs_agents.sandbox.host.streams import exchange
+from grs_agents.sandbox.host import isolation_probe
+from grs_agents.sandbox.host.streams import run_call_in_child
 from grs_agents.sandbox.host.zygote_process import DOCTOR, Plan, SandboxError, Zygote
 from grs_agents.sandbox.isolation import (
     BACKEND_REMEDIES,
     LAYERS,
     Backend,
     BackendChoice,
-    absent,
     allowlist,
     backend_candidates,
+    missing_requirements,
 )
-from grs_agents.sandbox.protocol import CallResult, Limits, sweep, wire
+from grs_agents.sandbox.protocol import CallResult, Limits, remove_orphaned_folders, wire
 
 
 class Sandbox:
@@ -56,18 +56,18 @@ class Sandbox:
         self._slots: queue.SimpleQueue[int] = queue.SimpleQueue()
         for slot in range(workers):
             self._slots.put(slot)
-        sweep()
+        remove_orphaned_folders()
 
     @property
     def backend(self) -> str:
         """What separates workers from this process, as results record it."""
         return LAYERS[self._proven] if self._proven else self._choice
 
-    def warm(self) -> None:
+    def warm_up(self) -> None:
         """Begin the imports now, so that the first call finds them done."""
         with self._lock, suppress(SandboxError):  # what is missing matters to a call, and not every run makes one
             if self._zygote is None:
-                self._zygote = self._launch()
+                self._zygote = self._launch_zygote()
 
     def call(
         self, tool: str, request: dict[str, Any], limits: Limits | None = None, readable: Sequence[Path] = ()
@@ -81,16 +81,16 @@ class Sandbox:
             SandboxError: no worker can be started.
             ValueError: the request is not plain JSON (NaN, infinity).
         """
-        content.path("tools", tool)
-        overlays = allowlist.overlays()
+        content.content_path("tools", tool)
+        overlays = allowlist.content_overlays()
         frame = {"tool": tool, "module": None, "request": request, "overlays": [str(root) for root in overlays]}
         wire.encode(frame)
         limits = limits or self._plan.limits
         slot = self._slots.get()
         try:
             for retried in (False, True):
-                with self._borrowed(slot, (*readable, *allowlist.content_paths(overlays))) as zygote:
-                    result = exchange(zygote, slot, frame, limits)
+                with self._borrow_zygote(slot, (*readable, *allowlist.content_paths(overlays))) as zygote:
+                    result = run_call_in_child(zygote, slot, frame, limits)
                     zygote.lost |= result is None
                 if result is not None:
                     return result.model_copy(update={"retried": retried})
@@ -102,7 +102,7 @@ class Sandbox:
     def close(self) -> None:
         """End every process and delete every file. A later call starts anew."""
         with self._lock:
-            self._discard()
+            self._discard_zygote()
 
     def __enter__(self) -> "Sandbox":
         return self
@@ -111,10 +111,10 @@ class Sandbox:
         self.close()
 
     @contextmanager
-    def _borrowed(self, slot: int, readable: Sequence[Path]) -> Generator[Zygote]:
+    def _borrow_zygote(self, slot: int, readable: Sequence[Path]) -> Generator[Zygote]:
         """A zygote whose children may read ``readable``; one that was lost or is no longer wanted ends afterwards."""
         with self._lock:
-            zygote = self._usable(slot, readable)
+            zygote = self._get_usable_zygote(slot, readable)
             zygote.calls += 1
         try:
             yield zygote
@@ -126,45 +126,47 @@ class Sandbox:
                 if zygote.calls == 0 and zygote is not self._zygote:
                     zygote.close()
 
-    def _usable(self, slot: int, readable: Sequence[Path]) -> Zygote:
+    def _get_usable_zygote(self, slot: int, readable: Sequence[Path]) -> Zygote:
         """The running zygote if it serves, else a new one."""
-        wanted = allowlist.outermost(readable)
-        if self._zygote is not None and not all(allowlist.covered(path, self._zygote.readable) for path in wanted):
-            self._discard()
+        wanted = allowlist.outermost_paths(readable)
+        if self._zygote is not None and not all(
+            allowlist.is_path_covered(path, self._zygote.readable) for path in wanted
+        ):
+            self._discard_zygote()
         self._plan = replace(self._plan, readable=(*self._plan.readable, *wanted))
         while True:
-            zygote = self._zygote = self._zygote or self._launch()
+            zygote = self._zygote = self._zygote or self._launch_zygote()
             try:
                 zygote.await_ready()
                 if self._proven is None:
-                    probe.attack(zygote, slot)
+                    isolation_probe.verify_attacks_fail(zygote, slot)
             except SandboxError as error:
-                self._discard()
-                self._give_up(zygote.backend, error)
+                self._discard_zygote()
+                self._exclude_backend(zygote.backend, error)
                 continue
             self._proven = zygote.backend
             return zygote
 
-    def _launch(self) -> Zygote:
+    def _launch_zygote(self) -> Zygote:
         """Start a zygote with the strongest backend that is left; ``SandboxError`` if none is."""
         for backend in list(self._candidates):
-            if reasons := absent(backend):
+            if reasons := missing_requirements(backend):
                 why, remedies = zip(*reasons, strict=True)
-                self._give_up(backend, SandboxError("; ".join(why), ", and ".join(dict.fromkeys(remedies))))
+                self._exclude_backend(backend, SandboxError("; ".join(why), ", and ".join(dict.fromkeys(remedies))))
                 continue
             zygote = Zygote(backend, self._plan)
             weakref.finalize(self, zygote.close)
             return zygote
-        raise self._refusal()
+        raise self._build_no_backend_error()
 
-    def _give_up(self, backend: Backend, error: SandboxError) -> None:
+    def _exclude_backend(self, backend: Backend, error: SandboxError) -> None:
         """Do not try ``backend`` again; if it once held, raise ``error``, since no weaker one may follow it."""
         if self._proven is not None:
             raise error
         self._failures[backend] = error
         self._candidates.remove(backend)
 
-    def _refusal(self) -> SandboxError:
+    def _build_no_backend_error(self) -> SandboxError:
         """Why each candidate is out, and how to get what is missing."""
         reasons = "; ".join(f"{backend}: {error.message}" for backend, error in self._failures.items())
         failures = self._failures.items()
@@ -173,7 +175,7 @@ class Sandbox:
         remedy = ", or ".join([*filter(None, dict.fromkeys(remedies)), "accept the risk with --unsafe-no-sandbox"])
         return SandboxError(f"nothing separates generated code from this machine ({reasons})", remedy)
 
-    def _discard(self) -> None:
+    def _discard_zygote(self) -> None:
         """Part with the running zygote; it ends with its last call."""
         zygote, self._zygote = self._zygote, None
         if zygote is not None and zygote.calls == 0:

@@ -53,44 +53,44 @@ class Streams:
         for descriptor in (trace, output):
             os.set_blocking(descriptor, False)
 
-    def keyed(self, request: dict[str, Any]) -> dict[str, Any]:
+    def attach_frame_key(self, request: dict[str, Any]) -> dict[str, Any]:
         """``request`` with the ``key`` that every frame from now on must be sealed with; send it at once."""
         key = wire.new_key()
-        self._reader.require(bytes.fromhex(key))
+        self._reader.require_key(bytes.fromhex(key))
         return {**request, "key": key}
 
-    def listen(self, deadline: float, most: int, until_ready: bool = False) -> Ending | None:
+    def read_until_answer(self, deadline: float, most: int, until_ready: bool = False) -> Ending | None:
         """Read until the answer, the deadline (monotonic) or ``most`` bytes; None if the worker ended by itself."""
-        if (early := self._next(until_ready)) is not None:
+        if (early := self._interpret_new_frames(until_ready)) is not None:
             return early
         while (left := deadline - time.monotonic()) > 0:
             ready = {cast(str, key.data) for key, _ in self._selector.select(left)}
             for name in ("output", "trace", "frames", "control"):  # the answer last: what was printed is kept
                 if name not in ready:
                     continue
-                ending = self._take(name, until_ready)
-                if ending is not None or (name == "control" or (name == "frames" and not self._open("frames"))):
+                ending = self._consume_stream(name, until_ready)
+                if ending is not None or (name == "control" or (name == "frames" and not self._is_open("frames"))):
                     return ending
             if self._total > most:
                 return "output_limit", None, ""
         return "timeout", None, ""
 
-    def _take(self, name: str, until_ready: bool) -> Ending | None:
+    def _consume_stream(self, name: str, until_ready: bool) -> Ending | None:
         if name == "control":
-            self._take_exit()
-        data = self._read("frames" if name == "control" else name)
+            self._receive_exit_report()
+        data = self._read_stream("frames" if name == "control" else name)
         if name in self._kept:
             self._kept[name] = (self._kept[name] + data)[-_KEPT_OUTPUT:]
             return None
-        return self._next(until_ready, data)
+        return self._interpret_new_frames(until_ready, data)
 
-    def _next(self, until_ready: bool, data: bytes = b"") -> Ending | None:
+    def _interpret_new_frames(self, until_ready: bool, data: bytes = b"") -> Ending | None:
         """Interpret the frames that have come, up to one that ends the listening; those after it wait."""
         try:
-            for frame in self._reader.frames(data):
-                ending = self._interpret(frame, until_ready)
+            for frame in self._reader.iterate_frames(data):
+                ending = self._interpret_frame(frame, until_ready)
                 if ending is not None:
-                    self._take("output", False)
+                    self._consume_stream("output", False)
                     return ending
         except wire.ForgedFrameError as error:
             return "forged", None, f"something other than the harness wrote to its pipe: {error}"
@@ -98,14 +98,14 @@ class Streams:
             return "error", None, f"the worker sent a malformed frame: {error}"
         return None
 
-    def _interpret(self, frame: dict[str, Any], until_ready: bool) -> Ending | None:
+    def _interpret_frame(self, frame: dict[str, Any], until_ready: bool) -> Ending | None:
         kind, value = frame.get("kind"), frame.get("value", frame.get("event"))
         if until_ready:
             self._cpu_before = float(frame.get("cpu_seconds", 0.0))
             return ("ok", None, "") if kind == "ready" else ("error", None, str(frame.get("error", frame))[:1000])
         if kind == "event" and isinstance(value, dict):
             self.events.append(cast(dict[str, Any], value))
-            self._take("output", False)
+            self._consume_stream("output", False)
             self._kept["output"].clear()
             return None
         if kind == "result" and isinstance(value, dict):
@@ -114,7 +114,7 @@ class Streams:
             return cast(CallOutcome, frame["outcome"]), None, str(frame.get("error", ""))[-_KEPT_ERROR:]
         return "error", None, f"the worker sent an unknown frame: {str(frame)[:200]}"
 
-    def _take_exit(self) -> None:
+    def _receive_exit_report(self) -> None:
         data = b""
         with suppress(OSError):
             data = self._control.recv(1 << 16)
@@ -123,8 +123,8 @@ class Streams:
             report = json.loads(data)
             self.exit = Exit(**{**report, "cpu_seconds": report["cpu_seconds"] - self._cpu_before})
 
-    def _read(self, name: str) -> bytes:
-        if not self._open(name):
+    def _read_stream(self, name: str) -> bytes:
+        if not self._is_open(name):
             return b""
         try:
             data = os.read(self._names[name], 1 << 20)
@@ -137,28 +137,28 @@ class Streams:
             self._selector.unregister(self._names[name])
         return data
 
-    def _open(self, name: str) -> bool:
+    def _is_open(self, name: str) -> bool:
         return self._names[name] in self._selector.get_map()
 
-    def end(self, seconds: float, explained: bool = False) -> Exit | None:
+    def end_worker(self, seconds: float, explained: bool = False) -> Exit | None:
         """Have the worker killed, if it still runs; how it ended, or None if the zygote does not tell in time.
 
         ``explained`` lets the worker write its stack first; one that blocks signals is given a second.
         """
-        if explained and self.exit is None and self._open("control"):
+        if explained and self.exit is None and self._is_open("control"):
             with suppress(OSError):
                 self._control.send(EXPLAIN)
                 select.select([self._control], [], [], EXPLAIN_SECONDS)
-        if self.exit is None and self._open("control"):
+        if self.exit is None and self._is_open("control"):
             with suppress(OSError):
                 self._control.shutdown(socket.SHUT_WR)
                 self._control.settimeout(seconds)
-            self._take_exit()
+            self._receive_exit_report()
         for name in ("output", "trace"):
-            self._take(name, False)
+            self._consume_stream(name, False)
         return self.exit
 
-    def text(self, name: str) -> str:
+    def captured_text(self, name: str) -> str:
         """What was written to ``output`` or ``trace``."""
         return self._kept[name].decode("utf-8", "replace")
 
@@ -170,7 +170,7 @@ class Streams:
             os.close(self._names[name])
 
 
-def exchange(zygote: Zygote, slot: int, frame: dict[str, Any], limits: Limits) -> CallResult | None:
+def run_call_in_child(zygote: Zygote, slot: int, frame: dict[str, Any], limits: Limits) -> CallResult | None:
     """Run one call in a child of ``zygote``; None if the zygote ended before the call did.
 
     ``SandboxError`` if the child could not be made ready: no generated code has run.
@@ -182,27 +182,33 @@ def exchange(zygote: Zygote, slot: int, frame: dict[str, Any], limits: Limits) -
     streams = Streams(frames, trace, output, control)
     try:
         try:
-            ordered = zygote.order(slot, limits, (frames_end.fileno(), trace_end, output_end, control_end.fileno()))
+            ordered = zygote.send_order(
+                slot, limits, (frames_end.fileno(), trace_end, output_end, control_end.fileno())
+            )
         finally:
             frames_end.close()
             control_end.close()
             os.close(trace_end)
             os.close(output_end)
-        if not ordered or not _send(frames, wire.encode(streams.keyed(frame))) or not _await_ready(streams):
+        if (
+            not ordered
+            or not _send_request(frames, wire.encode(streams.attach_frame_key(frame)))
+            or not _await_worker_ready(streams)
+        ):
             return None
         started = time.monotonic()
-        ending = streams.listen(started + limits.wall_seconds, limits.output_mib << 20)
+        ending = streams.read_until_answer(started + limits.wall_seconds, limits.output_mib << 20)
         seconds = time.monotonic() - started
-        ended = streams.end(END_SECONDS, explained=ending is not None and ending[0] == "timeout")
+        ended = streams.end_worker(END_SECONDS, explained=ending is not None and ending[0] == "timeout")
         if ended is None:
             zygote.kill()
             return None
-        return _result(ending, ended, streams, limits, seconds, LAYERS[zygote.backend])
+        return _build_call_result(ending, ended, streams, limits, seconds, LAYERS[zygote.backend])
     finally:
         streams.close()
 
 
-def _send(frames: socket.socket, data: bytes) -> bool:
+def _send_request(frames: socket.socket, data: bytes) -> bool:
     frames.settimeout(START_SECONDS)
     try:
         frames.sendall(data)
@@ -211,33 +217,33 @@ def _send(frames: socket.socket, data: bytes) -> bool:
     return True
 
 
-def _await_ready(streams: Streams) -> bool:
+def _await_worker_ready(streams: Streams) -> bool:
     """Wait until the child has given up its rights; False if the zygote ended meanwhile."""
-    ready = streams.listen(time.monotonic() + START_SECONDS, 8 << 20, until_ready=True)
+    ready = streams.read_until_answer(time.monotonic() + START_SECONDS, 8 << 20, until_ready=True)
     if ready is not None and ready[0] == "ok":
         return True
-    ended = streams.end(END_SECONDS)
+    ended = streams.end_worker(END_SECONDS)
     if ended is None:
         return False
     why = ready[2] if ready else f"it ended with wait status {ended.status}"
     raise SandboxError(f"the worker could not be made ready: {why}", DOCTOR)
 
 
-def _result(
+def _build_call_result(
     ending: Ending | None, ended: Exit, streams: Streams, limits: Limits, seconds: float, backend: str
 ) -> CallResult:
     outcome, value, error = ending or (None, None, "")
     if ended.stopped:  # also where a result came first: whether one does is a matter of who is quicker
         outcome, value, error = ended.stopped, None, ""
     elif outcome is None:
-        outcome, value, error = _explain(ended, limits)
+        outcome, value, error = _explain_exit(ended, limits)
     return CallResult.model_validate(
         {
             "outcome": outcome,
             "value": value,
-            "error": error or ("" if outcome == "ok" else _broken_limit(outcome, limits)),
-            "output": streams.text("output"),
-            "stack": streams.text("trace"),
+            "error": error or ("" if outcome == "ok" else _describe_broken_limit(outcome, limits)),
+            "output": streams.captured_text("output"),
+            "stack": streams.captured_text("trace"),
             "events": tuple(streams.events),
             "seconds": seconds,
             "cpu_seconds": ended.cpu_seconds,
@@ -246,7 +252,7 @@ def _result(
     )
 
 
-def _explain(ended: Exit, limits: Limits) -> Ending:
+def _explain_exit(ended: Exit, limits: Limits) -> Ending:
     """Why a worker ended without an answer."""
     code = os.waitstatus_to_exitcode(ended.status)
     if code == -signal.SIGXCPU or (code == -signal.SIGKILL and ended.cpu_seconds >= limits.cpu_seconds):
@@ -257,7 +263,7 @@ def _explain(ended: Exit, limits: Limits) -> Ending:
     return "crashed", None, f"the process ended itself with exit status {code}"
 
 
-def _broken_limit(outcome: str, limits: Limits) -> str:
+def _describe_broken_limit(outcome: str, limits: Limits) -> str:
     return {
         "timeout": f"no result within the wall limit of {limits.wall_seconds:g} s",
         "cpu_limit": f"the CPU limit of {limits.cpu_seconds:g} s was reached",

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import UnionType
 
-from grs_agents.sandbox.harness import called_name, is_assertion
+from grs_agents.sandbox.harness import called_function_name, is_assertion_name
 
 _Function = ast.FunctionDef | ast.AsyncFunctionDef
 MAX_SOURCE = 1 << 20
@@ -38,16 +38,16 @@ def parse_program(source: str, filename: str) -> ast.Module:
         raise SyntaxError(f"{filename} cannot be parsed: {error or type(error).__name__}") from error
 
 
-def expected_tests(tree: ast.Module) -> ExpectedTests:
+def discover_tests(tree: ast.Module) -> ExpectedTests:
     """The ``test*`` methods of every module-level class that derives from a ``unittest`` test case."""
-    classes = {node.name: node for node in _statements(tree.body) if isinstance(node, ast.ClassDef)}
-    repeated_classes = _repeated(tree.body, ast.ClassDef)
+    classes = {node.name: node for node in _flatten_statements(tree.body) if isinstance(node, ast.ClassDef)}
+    repeated_classes = _find_repeated_names(tree.body, ast.ClassDef)
     methods: dict[str, _Function] = {}
     duplicates: set[str] = set()
     lines: dict[str, int] = {}
     for name, node in classes.items():
-        lineage = _lineage(node, classes)
-        repeated_methods = set[str]().union(*(_repeated(parent.body, _Function) for parent in lineage))
+        lineage = _class_and_ancestors(node, classes)
+        repeated_methods = set[str]().union(*(_find_repeated_names(parent.body, _Function) for parent in lineage))
         decorated = any(parent.decorator_list for parent in lineage)
         for method in _test_methods(lineage, classes):
             item = f"{name}.{method.name}"
@@ -56,26 +56,26 @@ def expected_tests(tree: ast.Module) -> ExpectedTests:
                 duplicates.add(item)
             if not decorated and not method.decorator_list:
                 lines[item] = method.lineno
-    silent = _without_assertion(tree, methods)
-    return ExpectedTests(tuple(methods), silent, frozenset(duplicates), lines, _chooses(tree))
+    silent = _tests_without_assertion(tree, methods)
+    return ExpectedTests(tuple(methods), silent, frozenset(duplicates), lines, _defines_load_tests(tree))
 
 
 def _test_methods(lineage: Sequence[ast.ClassDef], classes: Mapping[str, ast.ClassDef]) -> list[_Function]:
     """The tests of a class with these ancestors, inherited ones included; none if it is no test case."""
-    if not any(_is_test_case(base, classes) for parent in lineage for base in parent.bases):
+    if not any(_is_test_case_base(base, classes) for parent in lineage for base in parent.bases):
         return []
-    functions = (node for parent in reversed(lineage) for node in _statements(parent.body))
+    functions = (node for parent in reversed(lineage) for node in _flatten_statements(parent.body))
     methods = {node.name: node for node in functions if isinstance(node, _Function)}
     return [method for name, method in methods.items() if name.startswith("test")]
 
 
-def _repeated(body: Sequence[ast.stmt], kind: type[ast.ClassDef] | UnionType) -> set[str]:
+def _find_repeated_names(body: Sequence[ast.stmt], kind: type[ast.ClassDef] | UnionType) -> set[str]:
     """The names that several definitions of this kind have in a body."""
     names = Counter(getattr(node, "name", "") for node in body if isinstance(node, kind))
     return {name for name, count in names.items() if count > 1}
 
 
-def _chooses(tree: ast.Module) -> bool:
+def _defines_load_tests(tree: ast.Module) -> bool:
     """Whether a module has something called ``load_tests``."""
     return any(
         (isinstance(node, _Function) and node.name == "load_tests")
@@ -87,15 +87,15 @@ def _chooses(tree: ast.Module) -> bool:
     )
 
 
-def _statements(body: Sequence[ast.stmt]) -> Iterator[ast.stmt]:
+def _flatten_statements(body: Sequence[ast.stmt]) -> Iterator[ast.stmt]:
     """The statements of a body, those under ``if``, ``try`` and ``with`` included."""
     for node in body:
         yield node
         if isinstance(node, ast.If | ast.Try | ast.With):
-            yield from _statements(node.body)
+            yield from _flatten_statements(node.body)
 
 
-def _lineage(node: ast.ClassDef, classes: Mapping[str, ast.ClassDef]) -> list[ast.ClassDef]:
+def _class_and_ancestors(node: ast.ClassDef, classes: Mapping[str, ast.ClassDef]) -> list[ast.ClassDef]:
     """``node`` and its ancestors within the file, nearest first."""
     lineage = [node]
     for child in lineage:
@@ -106,27 +106,29 @@ def _lineage(node: ast.ClassDef, classes: Mapping[str, ast.ClassDef]) -> list[as
     return lineage
 
 
-def _is_test_case(base: ast.expr, classes: Mapping[str, ast.ClassDef]) -> bool:
+def _is_test_case_base(base: ast.expr, classes: Mapping[str, ast.ClassDef]) -> bool:
     if isinstance(base, ast.Attribute):
         return base.attr.endswith("TestCase")
     return isinstance(base, ast.Name) and base.id not in classes and base.id.endswith("TestCase")
 
 
-def _without_assertion(tree: ast.Module, methods: Mapping[str, _Function]) -> frozenset[str]:
+def _tests_without_assertion(tree: ast.Module, methods: Mapping[str, _Function]) -> frozenset[str]:
     """The ids of the methods that assert nothing, directly or through functions of the file."""
     functions = [node for node in ast.walk(tree) if isinstance(node, _Function)]
     asserting: set[str] = set()
-    while more := {node.name for node in functions if node.name not in asserting and _asserts(node, asserting)}:
+    while more := {
+        node.name for node in functions if node.name not in asserting and _contains_assertion(node, asserting)
+    }:
         asserting |= more
-    return frozenset(item for item, method in methods.items() if not _asserts(method, asserting))
+    return frozenset(item for item, method in methods.items() if not _contains_assertion(method, asserting))
 
 
-def _asserts(function: _Function, asserting: set[str]) -> bool:
+def _contains_assertion(function: _Function, asserting: set[str]) -> bool:
     for node in ast.walk(function):
         if isinstance(node, ast.Assert | ast.Raise):
             return True
         if isinstance(node, ast.Call):
-            name = called_name(node)
-            if is_assertion(name) or name in asserting:
+            name = called_function_name(node)
+            if is_assertion_name(name) or name in asserting:
                 return True
     return False

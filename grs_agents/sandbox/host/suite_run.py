@@ -11,7 +11,7 @@ from pydantic import Field
 from grs_agents.base import Frozen
 from grs_agents.sandbox.host.batch_calls import BatchResult, call_batch
 from grs_agents.sandbox.host.sandbox import Sandbox
-from grs_agents.sandbox.host.suite_discovery import ExpectedTests, expected_tests, parse_program
+from grs_agents.sandbox.host.suite_discovery import ExpectedTests, discover_tests, parse_program
 from grs_agents.sandbox.protocol import (
     EXITED,
     SIMULATION_FILE,
@@ -42,7 +42,7 @@ _WORST: tuple[tuple[frozenset[CaseOutcome], ReportOutcome], ...] = (
 """What a report is called after, first come first served; other failures make it ``failed``."""
 _SOURCE_PATTERNS: dict[CaseOutcome, re.Pattern[str]] = {
     "exited": re.compile(r"\b(_exit|exit|quit|abort)\s*\("),
-    "forged": re.compile(r"\b(channel|wire|progress|write)\b"),
+    "forged": re.compile(r"\b(channel|wire|report_progress|write)\b"),
 }
 _BOUNDS = {"message": 1000, "traceback": 8000, "output": 4000}
 _MAX_EPISODE = 256 << 10
@@ -76,7 +76,7 @@ def run_tests(
     """
     try:
         parse_program(programs.simulation, SIMULATION_FILE)
-        expected = expected_tests(parse_program(programs.tests, TESTS_FILE))
+        expected = discover_tests(parse_program(programs.tests, TESTS_FILE))
     except SyntaxError as error:
         trace = describe_error(error)
         where: RaisedIn = "tests" if TESTS_FILE in (error.filename or trace.message) else "simulation"
@@ -94,51 +94,53 @@ def run_tests(
         return trace is None or bool({"setUp", "setUpClass", "reset"} & set(trace.functions))
 
     batch = call_batch(sandbox, tool, programs.model_dump(), expected.ids, limits, hopeless, readable)
-    return _assemble(expected, batch, sources)
+    return _assemble_report(expected, batch, sources)
 
 
-def _assemble(expected: ExpectedTests, batch: BatchResult, sources: dict[str, str]) -> TestReport:
-    cases = tuple(_case(item, expected, batch, sources) for item in expected.ids) + _extra(expected, batch)
-    report = _load_failure(batch, sources) or _judge(cases, batch)
+def _assemble_report(expected: ExpectedTests, batch: BatchResult, sources: dict[str, str]) -> TestReport:
+    cases = tuple(_build_test_case(item, expected, batch, sources) for item in expected.ids) + _build_extra_cases(
+        expected, batch
+    )
+    report = _report_load_failure(batch, sources) or _judge_cases(cases, batch)
     totals = {
         "seconds": sum(call.seconds for call in batch.calls),
         "cpu_seconds": sum(call.cpu_seconds for call in batch.calls),
-        "backend": batch.last.backend,
+        "backend": batch.last_call.backend,
     }
     return report.model_copy(update=totals)
 
 
-def _judge(cases: tuple[TestCase, ...], batch: BatchResult) -> TestReport:
+def _judge_cases(cases: tuple[TestCase, ...], batch: BatchResult) -> TestReport:
     first = next((case for case in cases if case.outcome != "passed"), None)
     if first is not None:
-        outcome = _worst({case.outcome for case in cases}, "failed")
+        outcome = _worst_outcome({case.outcome for case in cases}, "failed")
         return TestReport(outcome=outcome, cases=cases, raised_in=first.raised_in)
     ended = next((call for call in batch.calls if call.outcome != "ok"), None)
     if ended is not None:
         message = f"after a test: {_last_line(ended.error)}"
-        return TestReport(outcome=_ending(ended), cases=cases, message=message, raised_in="tests")
+        return TestReport(outcome=_to_report_outcome(ended), cases=cases, message=message, raised_in="tests")
     return TestReport(outcome="passed", cases=cases)
 
 
-def _ending(call: CallResult) -> ReportOutcome:
+def _to_report_outcome(call: CallResult) -> ReportOutcome:
     """What a call that ended outside of any test makes of the report."""
-    return _worst({_stopped_as(call)}, "crashed")
+    return _worst_outcome({_to_case_outcome(call)}, "crashed")
 
 
-def _worst(outcomes: set[CaseOutcome], otherwise: ReportOutcome) -> ReportOutcome:
+def _worst_outcome(outcomes: set[CaseOutcome], otherwise: ReportOutcome) -> ReportOutcome:
     for group, name in _WORST:
         if outcomes & group:
             return name
     return otherwise
 
 
-def _stopped_as(call: CallResult) -> CaseOutcome:
+def _to_case_outcome(call: CallResult) -> CaseOutcome:
     return _STOPPED.get(call.outcome, "exited" if call.error.startswith(EXITED) else "crashed")
 
 
-def _load_failure(batch: BatchResult, sources: dict[str, str]) -> TestReport | None:
+def _report_load_failure(batch: BatchResult, sources: dict[str, str]) -> TestReport | None:
     """The report of programs that never got to a test, or None."""
-    call = batch.last
+    call = batch.last_call
     if call.outcome == "ok":
         match call.value:
             case {"load_error": None}:
@@ -158,50 +160,50 @@ def _load_failure(batch: BatchResult, sources: dict[str, str]) -> TestReport | N
         return None
     at = describe_stack_dump(call.stack, sources, call.error)
     return TestReport(
-        outcome=_ending(call),
+        outcome=_to_report_outcome(call),
         message=f"before any test: {_last_line(call.error)}",
         traceback=at.text if at else call.error[-8000:],
-        raised_in=at.raised_in if at else _culprit(call, sources),
+        raised_in=at.raised_in if at else _guess_culprit_program(call, sources),
     )
 
 
-def _case(item: str, expected: ExpectedTests, batch: BatchResult, sources: dict[str, str]) -> TestCase:
+def _build_test_case(item: str, expected: ExpectedTests, batch: BatchResult, sources: dict[str, str]) -> TestCase:
     if item in batch.stopped:
         call = batch.stopped[item]
         trace = describe_stack_dump(call.stack, sources, call.error)
         return TestCase(
             id=item,
-            outcome=_stopped_as(call),
+            outcome=_to_case_outcome(call),
             seconds=call.seconds,
             message=_last_line(call.error),
             traceback=trace.text if trace else "",
             output=call.output[-4000:],
-            raised_in=trace.raised_in if trace else _culprit(call, sources),
+            raised_in=trace.raised_in if trace else _guess_culprit_program(call, sources),
         )
     if item in batch.untimely:
         message = "a result was reported for it while it was not running"
         return TestCase(id=item, outcome="forged", message=message, raised_in="tests")
     if item in batch.ended:
-        return _ended(item, expected, batch)
-    if batch.last.outcome == "ok":
+        return _build_ended_test_case(item, expected, batch)
+    if batch.last_call.outcome == "ok":
         message = "it is in the source but was not there, or did not run, when its module was loaded"
         return TestCase(id=item, outcome="missing", message=message, raised_in="tests")
-    return TestCase(id=item, outcome="not_run", message=f"not run: {_last_line(batch.last.error)}")
+    return TestCase(id=item, outcome="not_run", message=f"not run: {_last_line(batch.last_call.error)}")
 
 
-def _ended(item: str, expected: ExpectedTests, batch: BatchResult) -> TestCase:
+def _build_ended_test_case(item: str, expected: ExpectedTests, batch: BatchResult) -> TestCase:
     """The case of a test whose end was reported; what contradicts the source takes the place of its outcome."""
     event = batch.ended[item]
-    case = _reported_case(item, event)
+    case = _parse_reported_case(item, event)
     if case is None:
         return TestCase(id=item, outcome="forged", message="its result was malformed", raised_in="tests")
-    objection = _objection(case, event.get("line"), expected, repeated=item in batch.repeated)
+    objection = _find_source_mismatch(case, event.get("line"), expected, repeated=item in batch.repeated)
     if objection is None or case.outcome == "tampered":
         return case
     return case.model_copy(update={"outcome": objection[0], "message": objection[1], "raised_in": "tests"})
 
 
-def _reported_case(item: str, event: dict[str, Any]) -> TestCase | None:
+def _parse_reported_case(item: str, event: dict[str, Any]) -> TestCase | None:
     """The case as the worker reported it, texts cut to their bounds; None if it is malformed."""
     fields: dict[str, Any] = {
         key: value[: _BOUNDS[key]] if key in _BOUNDS and isinstance(value, str) else value
@@ -215,7 +217,9 @@ def _reported_case(item: str, event: dict[str, Any]) -> TestCase | None:
         return None
 
 
-def _objection(case: TestCase, line: object, expected: ExpectedTests, repeated: bool) -> tuple[CaseOutcome, str] | None:
+def _find_source_mismatch(
+    case: TestCase, line: object, expected: ExpectedTests, repeated: bool
+) -> tuple[CaseOutcome, str] | None:
     """The outcome and message of a case that does not fit the source, whose code began at ``line`` of the tests."""
     if repeated:
         return "duplicate", "its result was reported twice"
@@ -231,17 +235,17 @@ def _objection(case: TestCase, line: object, expected: ExpectedTests, repeated: 
     return None
 
 
-def _extra(expected: ExpectedTests, batch: BatchResult) -> tuple[TestCase, ...]:
+def _build_extra_cases(expected: ExpectedTests, batch: BatchResult) -> tuple[TestCase, ...]:
     """Tests that turned up though the source does not have them, and results that nobody asked for."""
     added = "it is no method in the source, so it did not run"
     made_up = "a result was reported for a test there is not"
-    present = [item for item in _tests_in_worker(batch.last) if item not in expected.ids]
+    present = [item for item in _tests_found_by_worker(batch.last_call) if item not in expected.ids]
     cases = [TestCase(id=item[:200], outcome="extra", message=added, raised_in="tests") for item in present]
     cases += [TestCase(id=item, outcome="forged", message=made_up, raised_in="tests") for item in batch.strange]
     return tuple(cases[:100])
 
 
-def _tests_in_worker(call: CallResult) -> list[str]:
+def _tests_found_by_worker(call: CallResult) -> list[str]:
     """The tests that the worker says there are."""
     match call.value:
         case {"found": [*items]}:
@@ -250,9 +254,9 @@ def _tests_in_worker(call: CallResult) -> list[str]:
             return []
 
 
-def _culprit(call: CallResult, sources: dict[str, str]) -> RaisedIn | None:
+def _guess_culprit_program(call: CallResult, sources: dict[str, str]) -> RaisedIn | None:
     """Which program ended the process or wrote to the pipe, as far as their sources tell: that leaves no traceback."""
-    pattern = _SOURCE_PATTERNS.get(_stopped_as(call))
+    pattern = _SOURCE_PATTERNS.get(_to_case_outcome(call))
     if pattern is None:
         return None
     if pattern.search(sources[TESTS_FILE]):

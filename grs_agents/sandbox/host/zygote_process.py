@@ -45,12 +45,12 @@ class Zygote:
     def __init__(self, backend: Backend, plan: Plan) -> None:
         self.backend: Backend = backend
         self.calls, self.lost = 0, False
-        self.readable = allowlist.outermost((*allowlist.runtime_paths(), *plan.readable))
+        self.readable = allowlist.outermost_paths((*allowlist.runtime_paths(), *plan.readable))
         self._ready = False
         self._scratch = Scratch()
         self._host, theirs = socket.socketpair()
         try:
-            self._process = self._start(plan, theirs.fileno())
+            self._process = self._start_process(plan, theirs.fileno())
         except OSError as error:
             self._host.close()
             self._scratch.remove()
@@ -59,16 +59,19 @@ class Zygote:
             theirs.close()
 
     @property
-    def _log(self) -> Path:
+    def _log_path(self) -> Path:
         return self._scratch.path / "log"
 
-    def _start(self, plan: Plan, channel: int) -> "subprocess.Popen[bytes]":
-        settings = self._settings(plan)
-        command = startup.command("zygote", channel, settings)
+    def _start_process(self, plan: Plan, channel: int) -> "subprocess.Popen[bytes]":
+        settings = self._build_settings(plan)
+        command = startup.build_command_line("zygote", channel, settings)
         if self.backend == "bubblewrap":
             scratch = [settings.scratch / str(slot) for slot in range(plan.slots)]
-            command = [*command_lines.bubblewrap(self.readable, scratch, settings.scratch_bytes), *command]
-        with self._log.open("wb") as log:
+            command = [
+                *command_lines.bubblewrap_command_prefix(self.readable, scratch, settings.scratch_bytes),
+                *command,
+            ]
+        with self._log_path.open("wb") as log:
             return subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
@@ -80,7 +83,7 @@ class Zygote:
                 start_new_session=True,
             )
 
-    def _settings(self, plan: Plan) -> Settings:
+    def _build_settings(self, plan: Plan) -> Settings:
         sized = self.backend == "bubblewrap"
         folders = [self._scratch.path / str(slot) for slot in range(plan.slots)]
         for folder in folders:
@@ -88,10 +91,12 @@ class Zygote:
         confined = self.backend == "sandbox-exec"
         # neither macOS's sandbox nor its libraries bear forks
         single_use = folders if confined or sys.platform == "darwin" else []
-        wrapping = [command_lines.seatbelt(self.readable, folder) if confined else () for folder in single_use]
+        wrapping = [
+            command_lines.seatbelt_command_prefix(self.readable, folder) if confined else () for folder in single_use
+        ]
         return Settings(
             preload=plan.preload,
-            overlays=tuple(allowlist.overlays()),
+            overlays=tuple(allowlist.content_overlays()),
             tools=plan.tools,
             layers=self.backend != "none" and sys.platform == "linux",
             readable=(*allowlist.system_paths(), *allowlist.kernel_paths(), *self.readable),
@@ -110,14 +115,14 @@ class Zygote:
             self._host.settimeout(START_SECONDS)
             self._ready = self._host.recv(len(wire.READY)) == wire.READY
         if not self._ready:
-            log = self._log.read_text("utf-8", "replace").strip()
+            log = self._log_path.read_text("utf-8", "replace").strip()
             why = (log.splitlines() or ["it does not say why"])[-1]
             raise SandboxError(f"the sandbox did not start: {why}", DOCTOR)
 
-    def order(self, slot: int, limits: Limits, descriptors: Sequence[int]) -> bool:
+    def send_order(self, slot: int, limits: Limits, descriptors: Sequence[int]) -> bool:
         """Have a call served with ``descriptors`` (frames, trace, output, control); False if the zygote is dead."""
         try:
-            wire.send(self._host, wire.Order(slot=slot, limits=limits), descriptors)
+            wire.send_order(self._host, wire.Order(slot=slot, limits=limits), descriptors)
         except OSError:
             return False
         return True

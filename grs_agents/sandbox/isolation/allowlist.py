@@ -36,8 +36,14 @@ def runtime_paths() -> tuple[Path, ...]:
     """
     packages = [Path(entry) for entry in sys.path if Path(entry).name in _PACKAGES]
     package = content.package_root()
-    paths = [Path(sys.prefix), Path(sys.base_prefix), *packages, package, *content_paths(content.roots())]
-    return outermost(path for path in paths if path.exists() and path not in (Path("/"), Path.home()))
+    paths = [
+        Path(sys.prefix),
+        Path(sys.base_prefix),
+        *packages,
+        package,
+        *content_paths(content.content_search_roots()),
+    ]
+    return outermost_paths(path for path in paths if path.exists() and path not in (Path("/"), Path.home()))
 
 
 def content_paths(roots: Iterable[Path]) -> tuple[Path, ...]:
@@ -45,22 +51,22 @@ def content_paths(roots: Iterable[Path]) -> tuple[Path, ...]:
     return tuple(root / kind for root in roots for kind in _CONTENT if (root / kind).is_dir())
 
 
-def overlays() -> list[Path]:
+def content_overlays() -> list[Path]:
     """The content laid over the shipped one that workers load from, the topmost last."""
-    return [root for root in reversed(content.roots()[:-1]) if content_paths([root])]
+    return [root for root in reversed(content.content_search_roots()[:-1]) if content_paths([root])]
 
 
-def outermost(paths: Iterable[Path]) -> tuple[Path, ...]:
+def outermost_paths(paths: Iterable[Path]) -> tuple[Path, ...]:
     """``paths``, each as it is named and as it resolves, without those that lie inside another or in the system's."""
     named = [path.absolute() for path in paths]
     every = sorted({path for path in named if ".." not in path.parts} | {path.resolve() for path in named})
     kept: list[Path] = list(system_paths())
     for path in every:
-        if not covered(path, kept):
+        if not is_path_covered(path, kept):
             kept.append(path)
     return tuple(kept[len(system_paths()) :])
 
 
-def covered(path: Path, allowed: Iterable[Path]) -> bool:
+def is_path_covered(path: Path, allowed: Iterable[Path]) -> bool:
     """Whether ``path`` is one of ``allowed`` or lies inside one."""
     return any(path == other or other in path.parents for other in allowed)

@@ -33,7 +33,7 @@ def backend_candidates(choice: BackendChoice) -> tuple[Backend, ...]:
     return ("sandbox-exec",) if sys.platform == "darwin" else ("bubblewrap", "landlock")
 
 
-def absent(backend: Backend) -> list[tuple[str, str]]:
+def missing_requirements(backend: Backend) -> list[tuple[str, str]]:
     """Why ``backend`` cannot even be tried, each reason with its remedy; empty if it can."""
     if os.name != "posix":
         return [(f"it needs Linux or macOS, this is {sys.platform}", "use Linux, or a container of it")]
@@ -45,7 +45,7 @@ def absent(backend: Backend) -> list[tuple[str, str]]:
             return [(f"it needs Linux, this is {sys.platform}", "use Linux")]
         from grs_agents.sandbox.isolation import hardening  # here, since Windows lacks modules that it imports
 
-        lacks = hardening.missing()
+        lacks = hardening.missing_layers()
         gaps = [f"no {layer}: {lacks[layer]}" for layer in ("landlock", "seccomp") if layer in lacks]
         reasons += [(reason, BACKEND_REMEDIES["landlock"]) for reason in gaps]
     return reasons

@@ -8,7 +8,7 @@ from pathlib import Path
 from grs_agents.sandbox.isolation import allowlist
 
 
-def bubblewrap(readable: Sequence[Path], scratch: Sequence[Path], scratch_bytes: int) -> list[str]:
+def bubblewrap_command_prefix(readable: Sequence[Path], scratch: Sequence[Path], scratch_bytes: int) -> list[str]:
     """What to put before a command, for name spaces of its own and a file system of what is named.
 
     ``readable`` is visible read-only, beside the system's own files; each folder of ``scratch`` is a writable file
@@ -17,20 +17,22 @@ def bubblewrap(readable: Sequence[Path], scratch: Sequence[Path], scratch_bytes:
     command = [shutil.which("bwrap") or "bwrap", "--unshare-all", "--unshare-user", "--cap-drop", "ALL"]
     command += ["--hostname", "sandbox"]
     for path in allowlist.system_paths():
-        command += ["--symlink", str(path.readlink()), str(path)] if path.is_symlink() else _bind(path)
+        command += (
+            ["--symlink", str(path.readlink()), str(path)] if path.is_symlink() else _read_only_bind_options(path)
+        )
     for path in readable:
-        command += _bind(path)
+        command += _read_only_bind_options(path)
     command += ["--proc", "/proc", "--dev", "/dev"]
     for folder in scratch:
         command += ["--size", str(scratch_bytes), "--tmpfs", str(folder)]
     return [*command, "--remount-ro", "/", "--remount-ro", "/dev", "--chdir", "/"]
 
 
-def _bind(path: Path) -> list[str]:
+def _read_only_bind_options(path: Path) -> list[str]:
     return ["--ro-bind", str(path), str(path)]
 
 
-def seatbelt(readable: Sequence[Path], scratch: Path) -> list[str]:
+def seatbelt_command_prefix(readable: Sequence[Path], scratch: Path) -> list[str]:
     """What to put before a command on macOS; the arguments are those of ``seatbelt_profile``."""
     return [shutil.which("sandbox-exec") or "sandbox-exec", "-p", seatbelt_profile(readable, scratch)]
 
@@ -50,10 +52,10 @@ def seatbelt_profile(readable: Sequence[Path], scratch: Path) -> str:
         '(import "system.sb")',
         "(deny network*)",
         "(deny process-fork)",
-        f"(allow process-exec {_each('literal', _interpreters())})",
-        f"(allow file-read-metadata {_each('literal', parents)})",
-        f"(allow file-read* file-map-executable {_each('subpath', paths)})",
-        f"(allow file-read* file-write* {_each('subpath', [scratch])})",
+        f"(allow process-exec {_format_path_filters('literal', _interpreter_paths())})",
+        f"(allow file-read-metadata {_format_path_filters('literal', parents)})",
+        f"(allow file-read* file-map-executable {_format_path_filters('subpath', paths)})",
+        f"(allow file-read* file-write* {_format_path_filters('subpath', [scratch])})",
         '(allow file-read* file-write-data (literal "/dev/null"))',
         "(allow signal (target self))",
         "(allow sysctl-read)",
@@ -61,16 +63,16 @@ def seatbelt_profile(readable: Sequence[Path], scratch: Path) -> str:
     return "\n".join(lines)
 
 
-def _interpreters() -> list[Path]:
+def _interpreter_paths() -> list[Path]:
     """This interpreter under each of its names; macOS's own starts another program of the same installation."""
     inner = Path(sys.base_prefix, "Resources", "Python.app", "Contents", "MacOS", "Python")
     named = [Path(sys.executable), Path(sys.executable).resolve(), inner, inner.resolve()]
     return sorted({path for path in named if path.exists()})
 
 
-def _each(kind: str, paths: Iterable[Path]) -> str:
-    return " ".join(f"({kind} {_quoted(path)})" for path in paths)
+def _format_path_filters(kind: str, paths: Iterable[Path]) -> str:
+    return " ".join(f"({kind} {_quote_path(path)})" for path in paths)
 
 
-def _quoted(path: Path) -> str:
+def _quote_path(path: Path) -> str:
     return '"' + str(path).replace("\\", "\\\\").replace('"', '\\"') + '"'

@@ -12,20 +12,20 @@ class HardeningError(GrsError):
     """This process cannot be hardened."""
 
 
-def prepare() -> None:
+def prepare_before_fork() -> None:
     """Do ahead of a fork what each child would repeat: build the filter, let go of capabilities to be gained."""
-    machine = kernel.machine()
+    machine = kernel.detect_architecture()
     if machine is not None:
-        seccomp.prepare(machine, landlock.abi())
+        seccomp.compile_filter(machine, landlock.abi_version())
         privileges.drop_bounding_set()
 
 
-def file_rules(readable: Sequence[Path], writable: Sequence[Path]) -> int | None:
-    """What ``harden`` leaves of the files, as ``landlock.rules``; None if this kernel has no Landlock."""
-    return landlock.rules(readable, writable) if landlock.abi() else None
+def create_file_rules(readable: Sequence[Path], writable: Sequence[Path]) -> int | None:
+    """What ``harden_process`` leaves of the files, as ``landlock.rules``; None if this kernel has no Landlock."""
+    return landlock.create_ruleset(readable, writable) if landlock.abi_version() else None
 
 
-def harden(rules: int | None, allowance: Allowance, visible: bool = False) -> tuple[str, ...]:
+def harden_process(rules: int | None, allowance: Allowance, visible: bool = False) -> tuple[str, ...]:
     """Confine the present process to a few files, harmless system calls and bounded resources, for ever.
 
     The answer names the layers that hold, e.g. ``("no capabilities", "limits", "thread limit", "landlock 7",
@@ -38,36 +38,36 @@ def harden(rules: int | None, allowance: Allowance, visible: bool = False) -> tu
             one would stay free.
         OSError: the kernel has a layer, yet would not put it on.
     """
-    _one_thread_only()
-    lacks = missing()
+    _require_single_thread()
+    lacks = missing_layers()
     layers = ["no capabilities", "limits"]
     alone = privileges.use_unique_user_id()
     privileges.forbid_new_privileges()
     privileges.drop_capabilities()
-    privileges.hide(not visible)
-    if privileges.limit(allowance, alone):
+    privileges.hide_from_other_processes(not visible)
+    if privileges.set_resource_limits(allowance, alone):
         layers.append("thread limit")
-    version = landlock.abi()
+    version = landlock.abi_version()
     if rules is not None:
-        landlock.restrict_files(rules)
+        landlock.restrict_file_access(rules)
         layers.append(f"landlock {version}")
     if "seccomp" not in lacks:
-        seccomp.install(version)
+        seccomp.install_filter(version)
         layers.append("seccomp")
     return tuple(layers)
 
 
-def missing() -> dict[str, str]:
+def missing_layers() -> dict[str, str]:
     """What this kernel lacks of the layers, each with the reason; empty if it has them all."""
-    version = landlock.abi()
-    reasons = {"landlock": landlock.why_not(), "seccomp": seccomp.why_not()}
+    version = landlock.abi_version()
+    reasons = {"landlock": landlock.unavailability_reason(), "seccomp": seccomp.unavailability_reason()}
     if 0 < version < 6:
         covered = "files" if version < 4 else "files and TCP"
         reasons["landlock 6"] = f"the kernel has version {version}, which covers {covered}; seccomp covers the rest"
     return {layer: reason for layer, reason in reasons.items() if reason}
 
 
-def _one_thread_only() -> None:
+def _require_single_thread() -> None:
     try:
         threads = Path("/proc/self/task").stat().st_nlink - 2  # a folder for each, beside "." and ".."
     except FileNotFoundError:

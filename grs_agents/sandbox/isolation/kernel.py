@@ -82,7 +82,7 @@ open_tree_attr file_getattr file_setattr listns
 """
 
 
-def _numbers(text: str) -> dict[str, int]:
+def _parse_syscall_table(text: str) -> dict[str, int]:
     numbers: dict[str, int] = {}
     number = 0
     for word in text.split():
@@ -95,8 +95,8 @@ def _numbers(text: str) -> dict[str, int]:
 
 
 NUMBERS: Mapping[str, Mapping[str, int]] = {
-    "x86_64": _numbers(_X86_64 + _BOTH),
-    "aarch64": _numbers(_AARCH64 + _BOTH),
+    "x86_64": _parse_syscall_table(_X86_64 + _BOTH),
+    "aarch64": _parse_syscall_table(_AARCH64 + _BOTH),
 }
 """Name to number, for each machine."""
 
@@ -110,7 +110,7 @@ if sys.platform == "linux":
     _libc.prctl.argtypes = [ctypes.c_int] + [ctypes.c_long] * 4
 
 
-def machine() -> Machine | None:
+def detect_architecture() -> Machine | None:
     """Which table of system calls this process uses; None if it is neither of the two that are known here."""
     if sys.platform != "linux" or sys.maxsize < 1 << 32:
         return None
@@ -121,20 +121,20 @@ def machine() -> Machine | None:
             return None
 
 
-def call(name: str, *arguments: int) -> int:
+def make_system_call(name: str, *arguments: int) -> int:
     """Make a system call by name, addresses passed as integers; ENOSYS (38) also if the machine is not known."""
-    kind = machine()
+    kind = detect_architecture()
     if kind is None:
         raise OSError(38, f"{name} is a system call of Linux on x86-64 and aarch64")
-    return _checked(_libc.syscall(NUMBERS[kind][name], *_padded(arguments, 6)))
+    return _check_return_code(_libc.syscall(NUMBERS[kind][name], *_pad_with_zeros(arguments, 6)))
 
 
 def prctl(option: int, *arguments: int) -> int:
     """Read or set a property of this thread or process; arguments left out are 0."""
-    return _checked(_libc.prctl(option, *_padded(arguments, 4)))
+    return _check_return_code(_libc.prctl(option, *_pad_with_zeros(arguments, 4)))
 
 
-def read(path: str) -> bytes:
+def read_kernel_file(path: str) -> bytes:
     """What the kernel tells in one of its small files, without the buffers that a file object sets up."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
@@ -143,7 +143,7 @@ def read(path: str) -> bytes:
         os.close(descriptor)
 
 
-def write(path: str, data: bytes) -> None:
+def write_kernel_file(path: str, data: bytes) -> None:
     """Tell the kernel something through one of its small files."""
     descriptor = os.open(path, os.O_WRONLY)
     try:
@@ -152,11 +152,11 @@ def write(path: str, data: bytes) -> None:
         os.close(descriptor)
 
 
-def _padded(arguments: tuple[int, ...], count: int) -> tuple[int, ...]:
+def _pad_with_zeros(arguments: tuple[int, ...], count: int) -> tuple[int, ...]:
     return arguments + (0,) * (count - len(arguments))
 
 
-def _checked(result: int) -> int:
+def _check_return_code(result: int) -> int:
     if result < 0:
         error = ctypes.get_errno()
         raise OSError(error, os.strerror(error))

@@ -54,18 +54,18 @@ _BENEATH = 1
 _ABSENT = (FileNotFoundError, NotADirectoryError, PermissionError)
 
 
-def abi() -> int:
+def abi_version() -> int:
     """The version of Landlock that this kernel offers; 0 if it has none, or does not enable it."""
     try:
-        return kernel.call("landlock_create_ruleset", 0, 0, _VERSION)
+        return kernel.make_system_call("landlock_create_ruleset", 0, 0, _VERSION)
     except OSError:
         return 0
 
 
-def why_not() -> str:
+def unavailability_reason() -> str:
     """Why this kernel offers no Landlock; empty if it does."""
     try:
-        kernel.call("landlock_create_ruleset", 0, 0, _VERSION)
+        kernel.make_system_call("landlock_create_ruleset", 0, 0, _VERSION)
     except OSError as error:
         if error.errno == errno.EOPNOTSUPP:
             return "the kernel was started without it: add landlock to the boot parameter lsm="
@@ -73,48 +73,48 @@ def why_not() -> str:
     return ""
 
 
-def rules(readable: Sequence[Path], writable: Sequence[Path]) -> int:
-    """A descriptor of the rights that ``restrict_files`` leaves; a forked process inherits it.
+def create_ruleset(readable: Sequence[Path], writable: Sequence[Path]) -> int:
+    """A descriptor of the rights that ``restrict_file_access`` leaves; a forked process inherits it.
 
     Folders stand for all that is in them; an absent path is left out. In ``writable`` folders files, folders and links
     may be made and removed. Nothing may be executed, no device, socket or pipe be made. Version 4 also denies TCP,
     version 6 signals to processes outside and sockets of the abstract name space. ``OSError`` if there is no Landlock.
     """
-    version = abi()
+    version = abi_version()
     # All rights that this version knows, since what is not handled stays free.
     handled = Access(sum(right for right in Access if version >= _FIRST_ABI.get(right, 1)))
-    ruleset = _ruleset(version, handled)
+    ruleset = _create_empty_ruleset(version, handled)
     for paths, rights in ((readable, _READ), (writable, _WRITE)):
         for path in paths:
             with suppress(*_ABSENT):
-                _allow(ruleset, path, rights & handled)
+                _allow_path(ruleset, path, rights & handled)
     return ruleset
 
 
-def restrict_files(ruleset: int) -> None:
-    """Take from this thread, and all it will start, every right on files but those of ``rules``, for ever.
+def restrict_file_access(ruleset: int) -> None:
+    """Take from this thread, and all it will start, every right on files but those of ``create_ruleset``, for ever.
 
     ``OSError`` if the kernel has no Landlock, or the process may still gain privileges.
     """
-    kernel.call("landlock_restrict_self", ruleset, 0)
+    kernel.make_system_call("landlock_restrict_self", ruleset, 0)
 
 
-def _ruleset(version: int, handled: Access) -> int:
+def _create_empty_ruleset(version: int, handled: Access) -> int:
     fields: list[int] = [handled]
     if version >= 4:
         fields.append(_BIND_AND_CONNECT_TCP)
     if version >= 6:
         fields.append(_ABSTRACT_SOCKETS_AND_SIGNALS)
     attributes = ctypes.create_string_buffer(struct.pack(f"={len(fields)}Q", *fields))
-    return kernel.call("landlock_create_ruleset", ctypes.addressof(attributes), 8 * len(fields), 0)
+    return kernel.make_system_call("landlock_create_ruleset", ctypes.addressof(attributes), 8 * len(fields), 0)
 
 
-def _allow(ruleset: int, path: Path, rights: Access) -> None:
+def _allow_path(ruleset: int, path: Path, rights: Access) -> None:
     descriptor = os.open(path, os.O_PATH | os.O_CLOEXEC)
     try:
         if not stat.S_ISDIR(os.fstat(descriptor).st_mode):
             rights &= _ON_A_FILE
         rule = ctypes.create_string_buffer(struct.pack("=Qi", rights, descriptor))
-        kernel.call("landlock_add_rule", ruleset, _BENEATH, ctypes.addressof(rule), 0)
+        kernel.make_system_call("landlock_add_rule", ruleset, _BENEATH, ctypes.addressof(rule), 0)
     finally:
         os.close(descriptor)

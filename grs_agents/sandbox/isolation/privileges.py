@@ -38,7 +38,7 @@ def drop_capabilities() -> None:
     drop_bounding_set()
     with suppress(OSError):  # the ambient set came with Linux 4.3
         kernel.prctl(_AMBIENT, _CLEAR_AMBIENT)
-    kernel.call("capset", ctypes.addressof(_OWN), ctypes.addressof(_NOTHING))
+    kernel.make_system_call("capset", ctypes.addressof(_OWN), ctypes.addressof(_NOTHING))
 
 
 @cache
@@ -49,13 +49,13 @@ def drop_bounding_set() -> None:
     """
     capability = 0
     with suppress(PermissionError):
-        while (bounded := _in_bounding_set(capability)) is not None:
+        while (bounded := _is_in_bounding_set(capability)) is not None:
             if bounded:
                 kernel.prctl(_DROP_BOUNDING, capability)
             capability += 1
 
 
-def hide(hidden: bool = True) -> None:
+def hide_from_other_processes(hidden: bool = True) -> None:
     """Let no process of the same user trace this one, read its memory or see its open files; or let them again."""
     kernel.prctl(_SET_DUMPABLE, int(not hidden))
 
@@ -75,7 +75,7 @@ def use_unique_user_id() -> bool:
     return True
 
 
-def _in_bounding_set(capability: int) -> bool | None:
+def _is_in_bounding_set(capability: int) -> bool | None:
     try:
         return bool(kernel.prctl(_READ_BOUNDING, capability))
     except OSError:  # there is no capability of this number
@@ -98,30 +98,30 @@ class Allowance:
     threads: int = 64
 
 
-def limit(allowance: Allowance, alone: bool) -> bool:
+def set_resource_limits(allowance: Allowance, alone: bool) -> bool:
     """Set all limits, soft and hard, for ever; none is raised above what already holds. The stack's is kept.
 
     ``alone`` says that no other process counts as this user's (``use_unique_user_id``). The answer is whether the limit
     on threads binds: it does not bind root.
     """
     cpu = math.ceil(time.process_time() + allowance.cpu_seconds)
-    _lower("CPU", cpu, cpu + 1)
-    _lower("FSIZE", allowance.file_mib << 20)
-    _lower("NOFILE", allowance.descriptors)
+    _lower_resource_limit("CPU", cpu, cpu + 1)
+    _lower_resource_limit("FSIZE", allowance.file_mib << 20)
+    _lower_resource_limit("NOFILE", allowance.descriptors)
     for name in ("CORE", "MEMLOCK", "MSGQUEUE"):
-        _lower(name, 0)
-    _lower("SIGPENDING", 256)
-    tasks = allowance.threads + (1 if alone else _tasks(os.getuid()))
-    _lower("NPROC", 0, tasks)
-    binds = not _starts_a_thread()
-    _lower("NPROC", tasks)
+        _lower_resource_limit(name, 0)
+    _lower_resource_limit("SIGPENDING", 256)
+    tasks = allowance.threads + (1 if alone else _count_user_threads(os.getuid()))
+    _lower_resource_limit("NPROC", 0, tasks)
+    binds = not _can_start_thread()
+    _lower_resource_limit("NPROC", tasks)
     with suppress(FileNotFoundError):  # elsewhere the kernel does not keep a limit on address space
-        pages = int(kernel.read("/proc/self/statm").split()[0])
-        _lower("AS", pages * resource.getpagesize() + (allowance.memory_mib << 20))
+        pages = int(kernel.read_kernel_file("/proc/self/statm").split()[0])
+        _lower_resource_limit("AS", pages * resource.getpagesize() + (allowance.memory_mib << 20))
     return binds
 
 
-def _lower(name: str, soft: int, hard: int | None = None) -> None:
+def _lower_resource_limit(name: str, soft: int, hard: int | None = None) -> None:
     kind = getattr(resource, f"RLIMIT_{name}", None)
     if kind is None:  # not every system has all of them
         return
@@ -132,7 +132,7 @@ def _lower(name: str, soft: int, hard: int | None = None) -> None:
     resource.setrlimit(kind, wanted)
 
 
-def _tasks(user: int) -> int:
+def _count_user_threads(user: int) -> int:
     """How many threads a user has, root's included: a process that cannot be traced looks like root's."""
     total = 0
     with suppress(FileNotFoundError), os.scandir("/proc") as entries:
@@ -144,7 +144,7 @@ def _tasks(user: int) -> int:
     return total
 
 
-def _starts_a_thread() -> bool:
+def _can_start_thread() -> bool:
     ended = threading.Lock()
     ended.acquire()
     try:

@@ -60,62 +60,62 @@ Instruction = tuple[int, int, int, int]
 """Operation, jump if true, jump if false, operand."""
 
 
-def argument(index: int, then: Node) -> Load:
+def load_argument_low_half(index: int, then: Node) -> Load:
     """Read the lower half of an argument (little endian): all of it, where the kernel takes an ``int``."""
     return Load(16 + 8 * index, then)
 
 
-def upper_half(index: int, then: Node) -> Load:
+def load_argument_high_half(index: int, then: Node) -> Load:
     """Read the upper half of an argument."""
     return Load(20 + 8 * index, then)
 
 
-def equal(value: int, then: Node, otherwise: Node) -> Branch:
+def branch_if_equal(value: int, then: Node, otherwise: Node) -> Branch:
     """Whether the word is ``value``."""
     return Branch(_EQUAL, value, then, otherwise)
 
 
-def at_least(value: int, then: Node, otherwise: Node) -> Branch:
+def branch_if_at_least(value: int, then: Node, otherwise: Node) -> Branch:
     """Whether the word, unsigned, is ``value`` or more."""
     return Branch(_AT_LEAST, value, then, otherwise)
 
 
-def any_bit(mask: int, then: Node, otherwise: Node) -> Branch:
+def branch_if_any_bit(mask: int, then: Node, otherwise: Node) -> Branch:
     """Whether any bit of ``mask`` is set."""
     return Branch(_ANY_BIT, mask, then, otherwise)
 
 
-def among(values: Iterable[int], then: Node, otherwise: Node) -> Node:
+def branch_if_one_of(values: Iterable[int], then: Node, otherwise: Node) -> Node:
     """Whether the word is one of ``values``."""
-    return reduce(lambda rest, value: equal(value, then, rest), sorted(values, reverse=True), otherwise)
+    return reduce(lambda rest, value: branch_if_equal(value, then, rest), sorted(values, reverse=True), otherwise)
 
 
-def ranges(starts: Sequence[tuple[int, Node]]) -> Node:
+def branch_by_range(starts: Sequence[tuple[int, Node]]) -> Node:
     """Find the last start, in rising order, that the word reaches, by halving: 200 starts cost 8 comparisons."""
     if len(starts) == 1:
         return starts[0][1]
     middle = len(starts) // 2
-    return at_least(starts[middle][0], ranges(starts[middle:]), ranges(starts[:middle]))
+    return branch_if_at_least(starts[middle][0], branch_by_range(starts[middle:]), branch_by_range(starts[:middle]))
 
 
-def assemble(node: Node) -> list[Instruction]:
+def assemble_instructions(node: Node) -> list[Instruction]:
     """Lay the tree out as instructions."""
     if isinstance(node, Answer):
         return [(_RETURN, 0, 0, node.action)]
     if isinstance(node, Load):
-        return [(_LOAD, 0, 0, node.offset), *assemble(node.then)]
-    then, otherwise = assemble(node.then), assemble(node.otherwise)
+        return [(_LOAD, 0, 0, node.offset), *assemble_instructions(node.then)]
+    then, otherwise = assemble_instructions(node.then), assemble_instructions(node.otherwise)
     if len(then) <= _FARTHEST:
         return [(node.comparison, 0, len(then), node.value), *then, *otherwise]
     return [(node.comparison, 1, 0, node.value), (_GO, 0, 0, len(then)), *then, *otherwise]
 
 
-def encode(program: Iterable[Instruction]) -> bytes:
+def encode_instructions(program: Iterable[Instruction]) -> bytes:
     """The program as the kernel reads it: an array of ``struct sock_filter``."""
     return b"".join(_INSTRUCTION.pack(*instruction) for instruction in program)
 
 
-def places(program: Iterable[Instruction], operand: int) -> tuple[int, ...]:
+def find_operand_offsets(program: Iterable[Instruction], operand: int) -> tuple[int, ...]:
     """Where ``operand`` lies in the encoded program, in bytes: it can be replaced there (``struct``'s ``=I``)."""
     numbers = (number for number, instruction in enumerate(program) if instruction[-1] == operand)
     return tuple(number * _INSTRUCTION.size + _OPERAND for number in numbers)
@@ -188,82 +188,93 @@ _ANY_PID = 0xFFFF_FFFF
 _SET_FILTER, _GET_ACTION_AVAILABLE, _ALL_THREADS = 1, 2, 1
 
 
-def why_not() -> str:
+def unavailability_reason() -> str:
     """Why this kernel takes no filter; empty if it does."""
     kill = ctypes.c_uint32(KILL.action)
     try:
-        kernel.call("seccomp", _GET_ACTION_AVAILABLE, 0, ctypes.addressof(kill))
+        kernel.make_system_call("seccomp", _GET_ACTION_AVAILABLE, 0, ctypes.addressof(kill))
     except OSError as error:
         return f"the kernel takes no filter which kills a process, it came with Linux 4.14: {error.strerror}"
     return ""
 
 
-def install(landlock_abi: int) -> None:
+def install_filter(landlock_abi: int) -> None:
     """Filter the system calls of this process, all its threads included, for ever.
 
     Landlock below version 3 leaves truncation free, which is denied here then. ``OSError`` if the kernel took no
     filter, or the process may still gain privileges.
     """
-    machine = kernel.machine()
+    machine = kernel.detect_architecture()
     if machine is None:
         raise OSError(errno.ENOSYS, "the system calls of this machine are not known")
-    program, places_of_pid = prepare(machine, landlock_abi)
+    program, places_of_pid = compile_filter(machine, landlock_abi)
     instructions = ctypes.create_string_buffer(program, len(program))
     for place in places_of_pid:
         struct.pack_into("=I", instructions, place, os.getpid())
     header = ctypes.create_string_buffer(struct.pack("HxxxxxxQ", len(program) // 8, ctypes.addressof(instructions)))
-    if thread := kernel.call("seccomp", _SET_FILTER, _ALL_THREADS, ctypes.addressof(header)):
+    if thread := kernel.make_system_call("seccomp", _SET_FILTER, _ALL_THREADS, ctypes.addressof(header)):
         raise OSError(errno.EBUSY, f"thread {thread} has a filter of its own")
 
 
 @cache
-def prepare(machine: kernel.Machine, landlock_abi: int) -> tuple[bytes, tuple[int, ...]]:
+def compile_filter(machine: kernel.Machine, landlock_abi: int) -> tuple[bytes, tuple[int, ...]]:
     """The filter, and where in it the process's id belongs: worth doing before a fork, as it takes a millisecond."""
-    program = assemble(policy(machine, _ANY_PID, landlock_abi))
-    return encode(program), places(program, _ANY_PID)
+    program = assemble_instructions(build_policy_tree(machine, _ANY_PID, landlock_abi))
+    return encode_instructions(program), find_operand_offsets(program, _ANY_PID)
 
 
-def policy(machine: kernel.Machine, pid: int, landlock_abi: int) -> Node:
+def build_policy_tree(machine: kernel.Machine, pid: int, landlock_abi: int) -> Node:
     """The answer to every call that process ``pid`` could make, as a tree of decisions."""
     answers: dict[str, Node] = dict.fromkeys(ALLOWED.split(), ALLOW)
     answers |= dict.fromkeys(DENIED.split(), DENY)
-    answers |= _by_arguments(pid) | _opening(truncation=landlock_abi >= 3)
-    return Load(ARCHITECTURE, equal(_ARCHITECTURES[machine], Load(NUMBER, _by_number(machine, answers)), KILL))
+    answers |= _build_argument_policies(pid) | _build_open_policies(truncation=landlock_abi >= 3)
+    return Load(
+        ARCHITECTURE,
+        branch_if_equal(_ARCHITECTURES[machine], Load(NUMBER, _branch_by_call_number(machine, answers)), KILL),
+    )
 
 
-def _by_number(machine: kernel.Machine, answers: Mapping[str, Node]) -> Node:
+def _branch_by_call_number(machine: kernel.Machine, answers: Mapping[str, Node]) -> Node:
     numbered = {number: answers.get(name, UNKNOWN) for name, number in NUMBERS[machine].items()}
     starts: list[tuple[int, Node]] = []
     for number in range(max(numbered) + 2):
         answer = numbered.get(number, UNKNOWN)
         if not starts or starts[-1][1] != answer:
             starts.append((number, answer))
-    return ranges([*starts, (_X32, KILL)])
+    return branch_by_range([*starts, (_X32, KILL)])
 
 
-def _by_arguments(pid: int) -> dict[str, Node]:
+def _build_argument_policies(pid: int) -> dict[str, Node]:
     """The calls whose answer depends on their arguments.
 
     The kernel takes these as ``int``, so that the lower half is all of them, but for pointers and a pipe's size.
     """
-    oneself = argument(0, equal(pid, ALLOW, DENY))
-    null = argument(2, equal(0, upper_half(2, equal(0, ALLOW, DENY)), DENY))
-    own_or_caller = argument(0, among((0, pid), null, DENY))
-    thread = any_bit(_CLONE_THREAD, any_bit(_NEW_NAMESPACES, DENY, ALLOW), DENY)
-    no_larger = upper_half(2, equal(0, argument(2, at_least(_PIPE_SIZE + 1, DENY, ALLOW)), DENY))
+    oneself = load_argument_low_half(0, branch_if_equal(pid, ALLOW, DENY))
+    null = load_argument_low_half(
+        2, branch_if_equal(0, load_argument_high_half(2, branch_if_equal(0, ALLOW, DENY)), DENY)
+    )
+    own_or_caller = load_argument_low_half(0, branch_if_one_of((0, pid), null, DENY))
+    thread = branch_if_any_bit(_CLONE_THREAD, branch_if_any_bit(_NEW_NAMESPACES, DENY, ALLOW), DENY)
+    no_larger = load_argument_high_half(
+        2, branch_if_equal(0, load_argument_low_half(2, branch_if_at_least(_PIPE_SIZE + 1, DENY, ALLOW)), DENY)
+    )
     return {
-        "clone": argument(0, thread),
+        "clone": load_argument_low_half(0, thread),
         "clone3": UNKNOWN,  # its flags lie in memory, out of a filter's sight; the C library falls back to clone
         **dict.fromkeys(("kill", "tkill", "tgkill", "rt_sigqueueinfo", "rt_tgsigqueueinfo"), oneself),
         "prlimit64": own_or_caller,
-        "fallocate": argument(1, equal(0, ALLOW, DENY)),  # its modes reserve space beyond the limit on file size
-        "ioctl": argument(1, among(_CONTROLS, ALLOW, DENY)),
-        "fcntl": argument(1, among(_FILE_COMMANDS, ALLOW, equal(_SET_PIPE_SIZE, no_larger, DENY))),
-        "prctl": argument(0, among(_PROPERTIES, ALLOW, DENY)),
+        "fallocate": load_argument_low_half(
+            1, branch_if_equal(0, ALLOW, DENY)
+        ),  # its modes reserve space beyond the limit on file size
+        "ioctl": load_argument_low_half(1, branch_if_one_of(_CONTROLS, ALLOW, DENY)),
+        "fcntl": load_argument_low_half(
+            1, branch_if_one_of(_FILE_COMMANDS, ALLOW, branch_if_equal(_SET_PIPE_SIZE, no_larger, DENY))
+        ),
+        "prctl": load_argument_low_half(0, branch_if_one_of(_PROPERTIES, ALLOW, DENY)),
     }
 
 
-def _opening(truncation: bool) -> dict[str, Node]:
+def _build_open_policies(truncation: bool) -> dict[str, Node]:
     """Deny files without a name, which nothing outside can count.
 
     Where Landlock does not guard truncation, deny what shortens a file that is open for reading alone (access mode 0,
@@ -271,8 +282,8 @@ def _opening(truncation: bool) -> dict[str, Node]:
     """
     flags: Node = ALLOW
     if not truncation:
-        reading = any_bit(_TRUNCATE, DENY, ALLOW)
-        flags = any_bit(1, any_bit(2, reading, ALLOW), any_bit(2, ALLOW, reading))
-    flags = any_bit(_NAMELESS, DENY, flags)
-    answers: dict[str, Node] = {"open": argument(1, flags), "openat": argument(2, flags)}
+        reading = branch_if_any_bit(_TRUNCATE, DENY, ALLOW)
+        flags = branch_if_any_bit(1, branch_if_any_bit(2, reading, ALLOW), branch_if_any_bit(2, ALLOW, reading))
+    flags = branch_if_any_bit(_NAMELESS, DENY, flags)
+    answers: dict[str, Node] = {"open": load_argument_low_half(1, flags), "openat": load_argument_low_half(2, flags)}
     return answers if truncation else {**answers, "truncate": DENY}

@@ -8,10 +8,10 @@ from .report import Limits as Limits
 from .report import ReportOutcome as ReportOutcome
 from .report import TestCase as TestCase
 from .report import TestReport as TestReport
-from .scratch import Scratch as Scratch
-from .scratch import empty_folder as empty_folder
-from .scratch import remove_folder as remove_folder
-from .scratch import sweep as sweep
+from .scratch_folders import Scratch as Scratch
+from .scratch_folders import delete_folder_contents as delete_folder_contents
+from .scratch_folders import remove_folder as remove_folder
+from .scratch_folders import remove_orphaned_folders as remove_orphaned_folders
 from .startup import ENVIRONMENT as ENVIRONMENT
 from .startup import EXPLAIN as EXPLAIN
 from .startup import Settings as Settings
@@ -27,6 +27,6 @@ from .wire import FrameReader as FrameReader
 from .wire import Order as Order
 from .wire import decode as decode
 from .wire import encode as encode
-from .wire import marks as marks
+from .wire import extract_json_punctuation as extract_json_punctuation
 from .wire import new_key as new_key
-from .wire import seal as seal
+from .wire import sign_frame as sign_frame

@@ -72,42 +72,42 @@ class TestReport(Frozen):
     backend: str = "process"  # what separated the tests from the host
 
     @property
-    def ok(self) -> bool:
+    def all_passed(self) -> bool:
         """Whether there were tests and every one passed."""
         return self.outcome == "passed"
 
-    def text(self) -> str:
+    def format_as_text(self) -> str:
         """The report for a reader that decides what to mend: failures with their last lines, then one line a pass."""
         passed = sum(case.outcome == "passed" for case in self.cases)
         head = f"{self.outcome}: {passed} of {len(self.cases)} tests passed"
         lines = [head + (f"; {self.message}" if self.message else "")]
         if self.raised_in:
             lines.append(f"raised in: {self.raised_in}")
-        lines.extend(_tail(self.traceback))
+        lines.extend(_format_traceback_tail(self.traceback))
         for case in sorted(self.cases, key=lambda case: case.outcome == "passed"):
-            lines.extend(_case_lines(case))
+            lines.extend(_format_case_lines(case))
         shown = dict.fromkeys([self.outcome, *(case.outcome for case in self.cases)])
         lines.extend(f"({outcome}: {MEANING[outcome]})" for outcome in shown if outcome in MEANING)
         return "\n".join(lines)
 
 
-def _case_lines(case: TestCase) -> list[str]:
+def _format_case_lines(case: TestCase) -> list[str]:
     where = f" (raised in {case.raised_in})" if case.raised_in else ""
     lines = [f"{case.id}: {case.outcome}{where}" + (f": {case.message}" if case.message else "")]
     if case.outcome != "passed":
-        lines.extend(_tail(case.traceback))
+        lines.extend(_format_traceback_tail(case.traceback))
         if case.output.strip():
             lines.append("  printed: " + " | ".join(case.output.strip().splitlines()[-5:])[-500:])
     if case.episode is not None:
-        lines.append("  oracle: " + _episode_line(case.episode))
+        lines.append("  oracle: " + _format_episode_line(case.episode))
     return lines
 
 
-def _tail(traceback: str) -> list[str]:
+def _format_traceback_tail(traceback: str) -> list[str]:
     return [f"  {line[:300]}" for line in traceback.splitlines()[-15:]]
 
 
-def _episode_line(episode: dict[str, Any]) -> str:
+def _format_episode_line(episode: dict[str, Any]) -> str:
     reward = episode.get("reward")
     steps = f"{episode.get('steps')}/{episode.get('max_steps')}"
     return (
@@ -128,8 +128,8 @@ EXITED = "the process ended itself"
 class CallResult(Frozen):
     """How one call ended."""
 
-    outcome: CallOutcome  # `ok`, or what stopped it
-    value: dict[str, Any] | None = None  # what the tool returned; None unless the outcome is `ok`
+    outcome: CallOutcome  # `all_passed`, or what stopped it
+    value: dict[str, Any] | None = None  # what the tool returned; None unless the outcome is `all_passed`
     error: str = ""  # why there is no value, with the traceback if there is one
     output: str = ""  # the last 64 KiB written to standard output and standard error since the last event
     stack: str = ""  # where the code was when it crashed or ran out of time, as `faulthandler` writes it

@@ -45,7 +45,7 @@ _CODE = (
 )
 
 
-def command(module: Literal["zygote", "child"], channel: int, settings: Settings) -> list[str]:
+def build_command_line(module: Literal["zygote", "child_process"], channel: int, settings: Settings) -> list[str]:
     """The command line that runs ``main`` of ``module``; ``channel`` is the number of an inherited socket.
 
     Whoever starts the process holds the socket's other end.
@@ -55,7 +55,7 @@ def command(module: Literal["zygote", "child"], channel: int, settings: Settings
     return [sys.executable, "-s", "-P", "-B", "-c", code, folder, str(channel), settings.model_dump_json()]
 
 
-def begin() -> tuple[socket.socket, Settings]:
+def read_startup_arguments() -> tuple[socket.socket, Settings]:
     """In the new process: the socket to whoever started it, and the settings; its environment holds nothing else."""
     channel, text = sys.argv[1:]
     sys.argv = ["sandbox"]

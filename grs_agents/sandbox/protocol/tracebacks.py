@@ -35,7 +35,7 @@ def describe_error(error: BaseException) -> Trace:
     whole = traceback.TracebackException.from_exception(error, limit=-40)
     current: traceback.TracebackException | None = whole
     while current is not None:
-        current.stack[:] = _relevant(list(current.stack), [frame.filename for frame in current.stack])
+        current.stack[:] = _relevant_frames(list(current.stack), [frame.filename for frame in current.stack])
         current = current.__cause__ or current.__context__
     lines = "".join(whole.format_exception_only()).rstrip().splitlines() or [type(error).__name__]
     # A syntax error shows its line first.
@@ -44,7 +44,7 @@ def describe_error(error: BaseException) -> Trace:
     if isinstance(error, SyntaxError) and error.filename in _PROGRAMS:
         files.append(error.filename)
     functions = tuple(frame.name for frame in whole.stack)
-    return Trace(message[:1000], "".join(whole.format())[-8000:].strip(), _innermost(files), functions)
+    return Trace(message[:1000], "".join(whole.format())[-8000:].strip(), _innermost_program(files), functions)
 
 
 def describe_stack_dump(stack: str, sources: Mapping[str, str], message: str) -> Trace | None:
@@ -53,7 +53,7 @@ def describe_stack_dump(stack: str, sources: Mapping[str, str], message: str) ->
     for section in re.split(r"\n\s*\n", stack):
         frames = [match for line in section.splitlines() if (match := _FRAME.match(line))]
         frames.reverse()
-        frames = _relevant(frames, [frame["file"] for frame in frames])
+        frames = _relevant_frames(frames, [frame["file"] for frame in frames])
         if not frames or frames[0]["file"] not in _PROGRAMS:
             continue
         lines = ["Traceback (most recent call last):"]
@@ -63,18 +63,18 @@ def describe_stack_dump(stack: str, sources: Mapping[str, str], message: str) ->
             lines.extend(f"    {line.strip()}" for line in code.get(frame["file"], [])[max(number - 1, 0) : number])
         files = [frame["file"] for frame in frames]
         functions = tuple(frame["function"] for frame in frames)
-        return Trace(message, "\n".join([*lines, message])[-8000:], _innermost(files), functions)
+        return Trace(message, "\n".join([*lines, message])[-8000:], _innermost_program(files), functions)
     return None
 
 
-def _relevant(frames: list[_Frame], files: list[str]) -> list[_Frame]:
+def _relevant_frames(frames: list[_Frame], files: list[str]) -> list[_Frame]:
     """The frames from the first generated program on, without those of unittest and the sandbox."""
     first = next((index for index, file in enumerate(files) if file in _PROGRAMS), 0)
     both = zip(frames[first:], files[first:], strict=True)
     return [frame for frame, file in both if not file.startswith((*_MACHINERY, "<"))]
 
 
-def _innermost(files: list[str]) -> RaisedIn:
+def _innermost_program(files: list[str]) -> RaisedIn:
     for file in reversed(files):
         if file == SIMULATION_FILE:
             return "simulation"

@@ -53,24 +53,24 @@ def encode(frame: Mapping[str, Any]) -> bytes:
     return _HEADER.pack(len(body)) + body
 
 
-def seal(plain: bytes, key: bytes, number: int) -> bytes:
+def sign_frame(plain: bytes, key: bytes, number: int) -> bytes:
     """What ``encode`` returned, sealed as frame ``number`` (from 0) of the call that ``key`` was made for."""
     body = plain[_HEADER.size :]
-    return _HEADER.pack(_SEAL.size + len(body)) + _SEAL.pack(number, _tag(key, number, body)) + body
+    return _HEADER.pack(_SEAL.size + len(body)) + _SEAL.pack(number, _compute_frame_mac(key, number, body)) + body
 
 
-def marks(body: bytes) -> bytes:
+def extract_json_punctuation(body: bytes) -> bytes:
     """The brackets and commas of a JSON text, those in its strings left out: they tell its size before it is parsed."""
     return _NO_MARK.sub(b"", _STRING.sub(b"", body))
 
 
 def decode(body: bytes, shape: bytes) -> dict[str, Any]:
-    """The object in the body of one frame, ``shape`` being its ``marks``.
+    """The object in the body of one frame, ``shape`` being its ``extract_json_punctuation``.
 
     ``FrameError`` if it is not UTF-8, not JSON, not an object, nested too deeply, or has numbers or text that no later
     file can hold.
     """
-    if _depth(shape) > MAX_DEPTH:
+    if _nesting_depth(shape) > MAX_DEPTH:
         raise FrameError(f"not plain JSON: nested more than {MAX_DEPTH} levels deep")
     try:
         text = body.decode("utf-8")
@@ -84,7 +84,7 @@ def decode(body: bytes, shape: bytes) -> dict[str, Any]:
     return cast(dict[str, Any], frame)
 
 
-def _depth(shape: bytes) -> int:
+def _nesting_depth(shape: bytes) -> int:
     depth = deepest = 0
     for mark in shape.replace(b",", b""):
         depth += 1 if mark in b"[{" else -1
@@ -101,15 +101,15 @@ class FrameReader:
         self._number = 0
         self._marks = 0
 
-    def require(self, key: bytes) -> None:
+    def require_key(self, key: bytes) -> None:
         """Take only frames sealed with ``key`` from now on, numbered from 0."""
         self._key, self._number = key, 0
 
     def feed(self, data: bytes) -> list[dict[str, Any]]:
         """The frames that ``data`` completes; errors as ``frames``."""
-        return list(self.frames(data))
+        return list(self.iterate_frames(data))
 
-    def frames(self, data: bytes) -> Iterator[dict[str, Any]]:
+    def iterate_frames(self, data: bytes) -> Iterator[dict[str, Any]]:
         """The frames that ``data`` completes, one by one: those before a faulty one count.
 
         Raises:
@@ -127,14 +127,14 @@ class FrameReader:
                 break
             body = bytes(self._buffer[_HEADER.size : end])
             del self._buffer[:end]
-            body = self._opened(body)
-            shape = marks(body)
+            body = self._verify_and_unwrap(body)
+            shape = extract_json_punctuation(body)
             self._marks += len(shape)
             if self._marks > MAX_MARKS:
                 raise FrameError(f"the frames of a call hold more than {MAX_MARKS} brackets and commas")
             yield decode(body, shape)
 
-    def _opened(self, body: bytes) -> bytes:
+    def _verify_and_unwrap(self, body: bytes) -> bytes:
         """The body of a frame, its seal checked and taken off."""
         if self._key is None:
             return body
@@ -144,36 +144,38 @@ class FrameReader:
         body = body[_SEAL.size :]
         if number != self._number:
             raise ForgedFrameError(f"frame {number} came where frame {self._number} was due")
-        if not hmac.compare_digest(given, _tag(self._key, number, body)):
+        if not hmac.compare_digest(given, _compute_frame_mac(self._key, number, body)):
             raise ForgedFrameError(f"frame {number} has a wrong tag")
         self._number += 1
         return body
 
 
-def _tag(key: bytes, number: int, body: bytes) -> bytes:
+def _compute_frame_mac(key: bytes, number: int, body: bytes) -> bytes:
     """The 16 bytes that vouch for a frame."""
     return blake2b(number.to_bytes(8, "big") + body, digest_size=16, key=key).digest()
 
 
-def _whole(text: str) -> int:
+def _parse_bounded_integer(text: str) -> int:
     value = int(text)
     if not -(1 << 63) <= value < 1 << 63:
         raise ValueError(f"{text[:40]} does not fit in 64 bits")
     return value
 
 
-def _refuse(name: str) -> float:
+def _reject_constant(name: str) -> float:
     raise ValueError(f"{name} is not JSON")
 
 
-def _finite(text: str) -> float:
+def _parse_finite_float(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
         raise ValueError(f"{text} is too large")
     return value
 
 
-_DECODER = json.JSONDecoder(parse_constant=_refuse, parse_float=_finite, parse_int=_whole)
+_DECODER = json.JSONDecoder(
+    parse_constant=_reject_constant, parse_float=_parse_finite_float, parse_int=_parse_bounded_integer
+)
 
 
 READY = b"ready"
@@ -189,12 +191,12 @@ class Order(Frozen):
     limits: Limits  # what it may cost
 
 
-def send(channel: socket.socket, order: Order, descriptors: Sequence[int]) -> None:
+def send_order(channel: socket.socket, order: Order, descriptors: Sequence[int]) -> None:
     """Send ``order`` along with copies of ``descriptors``; ``OSError`` if nobody listens any more."""
     socket.send_fds(channel, [order.model_dump_json().encode().ljust(_BYTES)], list(descriptors))
 
 
-def receive(channel: socket.socket, count: int) -> tuple[Order, list[int]] | None:
+def receive_order(channel: socket.socket, count: int) -> tuple[Order, list[int]] | None:
     """Wait for the next order and its ``count`` descriptors; None once the other end is closed."""
     data, descriptors, _, _ = socket.recv_fds(channel, _BYTES, count)
     while len(data) < _BYTES:

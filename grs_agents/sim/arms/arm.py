@@ -1,7 +1,7 @@
 """What a robot arm can do: bring the suction cup to poses within its joints' limits, and keep clear of itself.
 
 ``Arm`` serves any serial arm of hinges and slides by numbers (damped least squares on MuJoCo's Jacobian); an arm
-whose kinematics have a closed form overrides ``solve``, ``solve_poses`` and ``reachable``.
+whose kinematics have a closed form overrides ``solve_ik_tool_down``, ``solve_ik_for_poses`` and ``reachable_mask``.
 """
 
 from collections.abc import Callable
@@ -14,10 +14,15 @@ import numpy.typing as npt
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
 from grs_agents.geometry import FloatArray
-from grs_agents.sim.arms.arm_model import ArmModel, Collision, model_without_rest_contacts
-from grs_agents.sim.arms.joint_paths import evenly_spaced_rows, hermite_spline, rotations_about_z, waypoint_rows
-from grs_agents.sim.arms.reach_table import ReachTable, tabulate_reach
-from grs_agents.sim.arms.robot import DOWN
+from grs_agents.sim.arms.arm_model import ArmModel, Collision, model_ignoring_home_contacts
+from grs_agents.sim.arms.arm_parts import DOWN
+from grs_agents.sim.arms.joint_paths import (
+    choose_waypoint_indices,
+    evenly_spaced_indices,
+    hermite_spline_points,
+    rotations_about_z,
+)
+from grs_agents.sim.arms.reach_table import ReachTable, build_reach_table
 
 HOME: Final[Vec3] = (0.35, 0.0, 0.42)
 """Where the tip waits if the arm can bring it there, metres."""
@@ -43,29 +48,29 @@ class Arm:
         """``nearest`` and ``farthest``, from the table of reach, when they are first asked for."""
         if name not in ("nearest", "farthest"):
             raise AttributeError(name)
-        self.nearest, self.farthest = self._table.span
+        self.nearest, self.farthest = self._reach_table.reachable_radius_range
         return self.nearest if name == "nearest" else self.farthest
 
     @cached_property
-    def _model(self) -> ArmModel:
-        return model_without_rest_contacts(self.add, self.home)
+    def _arm_model(self) -> ArmModel:
+        return model_ignoring_home_contacts(self.add, self.home_joints)
 
     @cached_property
-    def _table(self) -> ReachTable:
-        return tabulate_reach(self._model, self.home)
+    def _reach_table(self) -> ReachTable:
+        return build_reach_table(self._arm_model, self.home_joints)
 
     @cached_property
-    def home(self) -> FloatArray:
+    def home_joints(self) -> FloatArray:
         """Joint positions (dof,) of the waiting arm: radians, or metres of a slide."""
         posture = ArmModel(self.add)
         guesses = [
             self._guess,
-            posture.middle,
+            posture.joint_range_midpoints,
             *posture.low + (posture.high - posture.low) * np.random.default_rng(0).random((60, posture.dof)),
         ]
         for point in _HOMES:
             for guess in guesses:
-                joints = posture.solve(np.array(point), DOWN, guess, guess, 200)
+                joints = posture.solve_ik(np.array(point), DOWN, guess, guess, 200)
                 if joints is not None:
                     return joints
         raise InputError(
@@ -77,58 +82,63 @@ class Arm:
     @property
     def dof(self) -> int:
         """How many joints it has."""
-        return len(self.home)
+        return len(self.home_joints)
 
     @property
-    def low(self) -> FloatArray:
+    def lower_joint_limits(self) -> FloatArray:
         """Lowest joint positions (dof,)."""
-        return self._model.low
+        return self._arm_model.low
 
     @property
-    def high(self) -> FloatArray:
+    def upper_joint_limits(self) -> FloatArray:
         """Highest joint positions (dof,)."""
-        return self._model.high
+        return self._arm_model.high
 
     @property
-    def links(self) -> tuple[str, ...]:
+    def link_names(self) -> tuple[str, ...]:
         """Names of its bodies, the cup last."""
-        return self._model.links
+        return self._arm_model.links
 
-    def solve(self, tips: FloatArray, yaws: FloatArray, seed: FloatArray | None = None) -> FloatArray:
+    def solve_ik_tool_down(self, tips: FloatArray, yaws: FloatArray, seed: FloatArray | None = None) -> FloatArray:
         """Joint positions (N, dof) along a path of the tip (N, 3; m), tool down: continuous, NaN where the arm cannot.
 
         The ``yaws`` (N,) are not wrapped, so that a path may turn on and on. It begins at ``seed``, None for home.
         """
-        return self.solve_poses(tips, rotations_about_z(yaws), seed)
+        return self.solve_ik_for_poses(tips, rotations_about_z(yaws), seed)
 
-    def solve_poses(self, tips: FloatArray, rotations: FloatArray, seed: FloatArray | None = None) -> FloatArray:
-        """As ``solve``, with the tool turned by ``rotations`` (N, 3, 3) from straight down: they may tilt it."""
-        joints = self.home if seed is None else seed
-        rows, found = waypoint_rows(tips, rotations), list[FloatArray]()
+    def solve_ik_for_poses(self, tips: FloatArray, rotations: FloatArray, seed: FloatArray | None = None) -> FloatArray:
+        """As ``solve_ik_tool_down``, the tool turned by ``rotations`` (N, 3, 3) from straight down: it may tilt."""
+        joints = self.home_joints if seed is None else seed
+        rows, found = choose_waypoint_indices(tips, rotations), list[FloatArray]()
         for index, row in enumerate(rows):
             ahead = joints if index < 2 else 2 * found[-1] - found[-2]
-            solved = self._model.solve(tips[row], rotations[row] @ DOWN, ahead, self.home, 60 if index else 200)
+            solved = self._arm_model.solve_ik(
+                tips[row], rotations[row] @ DOWN, ahead, self.home_joints, 60 if index else 200
+            )
             if solved is None or (index and float(np.abs(solved - joints).max()) > 1.0):
                 return np.full((len(tips), self.dof), np.nan)
             found.append(solved)
             joints = solved
-        return hermite_spline(np.array(found), rows, len(tips))
+        return hermite_spline_points(np.array(found), rows, len(tips))
 
-    def reachable(self, tips: FloatArray) -> npt.NDArray[np.bool_]:
+    def reachable_mask(self, tips: FloatArray) -> npt.NDArray[np.bool_]:
         """Which of the points (N, 3) the tip can be brought to, tool down, clear of the table and of itself."""
-        return self._table(tips)
+        return self._reach_table(tips)
 
-    def can_reach(self, tip: Vec3) -> bool:
+    def can_reach_point(self, tip: Vec3) -> bool:
         """Whether the arm can bring the tip to one point, tool down."""
-        return bool(self.reachable(np.array([tip], dtype=np.float64))[0])
+        return bool(self.reachable_mask(np.array([tip], dtype=np.float64))[0])
 
-    def within_limits(self, path: FloatArray) -> bool:
+    def is_path_within_limits(self, path: FloatArray) -> bool:
         """Whether joint positions (N, dof) are all finite and within the limits."""
-        return bool(np.isfinite(path).all() and ((path >= self.low - 1e-6) & (path <= self.high + 1e-6)).all())
+        return bool(
+            np.isfinite(path).all()
+            and ((path >= self.lower_joint_limits - 1e-6) & (path <= self.upper_joint_limits + 1e-6)).all()
+        )
 
-    def gap(self, path: FloatArray) -> Collision | None:
+    def first_collision_along(self, path: FloatArray) -> Collision | None:
         """Where the arm first meets the table or itself along joint positions (N, dof), seen every ``_NEAR`` rad."""
         travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path, axis=0)).max(axis=1))])
         count = max(2, int(np.ceil(travel[-1] / _NEAR)) + 1)
-        rows = evenly_spaced_rows(travel, count)
-        return self._model.first_gap(path[rows])
+        rows = evenly_spaced_indices(travel, count)
+        return self._arm_model.first_collision_along(path[rows])

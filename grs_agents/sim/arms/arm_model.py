@@ -6,9 +6,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from grs_agents.engine import mujoco
 from grs_agents.geometry import FloatArray
-from grs_agents.sim.arms.robot import DOWN
+from grs_agents.mujoco_import import mujoco
+from grs_agents.sim.arms.arm_parts import DOWN
 
 _TOLERANCE: Final = 1e-4
 """Metres and radians: nearer than this to a pose is there."""
@@ -57,25 +57,25 @@ class ArmModel:
         self._jacobian = np.zeros((6, self.dof))
 
     @property
-    def middle(self) -> FloatArray:
+    def joint_range_midpoints(self) -> FloatArray:
         """Half-way between the limits (dof,)."""
         return (self.low + self.high) / 2
 
-    def turns_about_base(self) -> bool:
+    def has_vertical_base_hinge(self) -> bool:
         """Whether the first joint turns the whole arm about the vertical through the origin."""
         model, data = self._model, self._data
         mujoco.mj_kinematics(model, data)
         upright = abs(float(data.xaxis[0, 2])) > 0.9999 and float(np.hypot(*data.xanchor[0, :2])) < 1e-6
         return upright and int(model.jnt_type[0]) == int(mujoco.mjtJoint.mjJNT_HINGE)
 
-    def tip(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def tip_pose(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Position (3,) of the tip and its rotation (3, 3) from the tool straight down."""
         self._data.qpos[:] = joints
         mujoco.mj_kinematics(self._model, self._data)
         tool = np.array(self._data.site_xmat[self._site]).reshape(3, 3)
         return np.array(self._data.site_xpos[self._site]), tool @ DOWN
 
-    def solve(
+    def solve_ik(
         self, tip: FloatArray, tool: FloatArray, start: FloatArray, rest: FloatArray, iterations: int
     ) -> FloatArray | None:
         """Joint positions (dof,) within limits that bring the tip to a pose (position in m, rotation (3, 3)), or None.
@@ -109,7 +109,7 @@ class ArmModel:
                 return None
         return None
 
-    def first_gap(self, path: FloatArray) -> Collision | None:
+    def first_collision_along(self, path: FloatArray) -> Collision | None:
         """The first row of joint positions (N, dof) at which the arm meets the table or itself, as a ``Collision``."""
         model, data = self._model, self._data
         for row in path:
@@ -117,14 +117,18 @@ class ArmModel:
             mujoco.mj_kinematics(model, data)
             mujoco.mj_collision(model, data)
             if data.ncon:
-                return self._gaps()[0]
+                return self._current_collisions()[0]
         return None
 
-    def touching(self, joints: FloatArray) -> list[tuple[str, str]]:
+    def touching_body_pairs(self, joints: FloatArray) -> list[tuple[str, str]]:
         """Pairs of bodies that meet at joint positions (dof,)."""
-        return [] if self.first_gap(joints[None]) is None else [(gap.first, gap.second) for gap in self._gaps()]
+        return (
+            []
+            if self.first_collision_along(joints[None]) is None
+            else [(gap.first, gap.second) for gap in self._current_collisions()]
+        )
 
-    def _gaps(self) -> list[Collision]:
+    def _current_collisions(self) -> list[Collision]:
         collisions: list[Collision] = []
         for pair, distance in zip(self._data.contact.geom, self._data.contact.dist, strict=True):
             first, second = sorted(int(self._model.geom_bodyid[geom]) for geom in pair)
@@ -133,6 +137,6 @@ class ArmModel:
         return collisions
 
 
-def model_without_rest_contacts(add: Callable[[Any], None], home: FloatArray) -> ArmModel:
+def model_ignoring_home_contacts(add: Callable[[Any], None], home: FloatArray) -> ArmModel:
     """The arm on its own; parts that touch while it waits at ``home`` (dof,) touch by design and do not count."""
-    return ArmModel(add, ArmModel(add).touching(home))
+    return ArmModel(add, ArmModel(add).touching_body_pairs(home))

@@ -11,16 +11,16 @@ _SPACING: Final = 0.04
 """Between two poses that are solved, metres; a radian of turning counts as 0.25 m."""
 
 
-def waypoint_rows(tips: FloatArray, rotations: FloatArray) -> npt.NDArray[np.intp]:
+def choose_waypoint_indices(tips: FloatArray, rotations: FloatArray) -> npt.NDArray[np.intp]:
     """The rows of a path of poses (N, 3), (N, 3, 3) that are to be solved; the first and the last among them."""
     steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
     cosine = np.einsum("nij,nij->n", rotations[1:], rotations[:-1]) / 2 - 0.5
     travel = np.concatenate([[0.0], np.cumsum(steps + 0.25 * np.arccos(np.clip(cosine, -1.0, 1.0)))])
     count = max(2, int(np.ceil(travel[-1] / _SPACING)) + 1)
-    return evenly_spaced_rows(travel, count)
+    return evenly_spaced_indices(travel, count)
 
 
-def evenly_spaced_rows(travel: FloatArray, count: int) -> npt.NDArray[np.intp]:
+def evenly_spaced_indices(travel: FloatArray, count: int) -> npt.NDArray[np.intp]:
     """At most ``count`` rows, evenly spread over the distance travelled (N,) until each; first and last among them."""
     wanted: FloatArray = np.linspace(0.0, float(travel[-1]), count)
     rows: npt.NDArray[np.intp] = np.searchsorted(travel, wanted)
@@ -28,7 +28,7 @@ def evenly_spaced_rows(travel: FloatArray, count: int) -> npt.NDArray[np.intp]:
     return rows[np.flatnonzero(np.diff(rows, prepend=-1))]
 
 
-def hermite_spline(values: FloatArray, rows: npt.NDArray[np.intp], count: int) -> FloatArray:
+def hermite_spline_points(values: FloatArray, rows: npt.NDArray[np.intp], count: int) -> FloatArray:
     """Rows (count, D) of a smooth curve through ``values`` (K, D) at ``rows`` (K,): a cubic Hermite spline."""
     if len(rows) == 1:
         return np.repeat(values, count, axis=0)

@@ -6,11 +6,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from grs_agents.engine import mujoco
 from grs_agents.errors import InputError
 from grs_agents.geometry import FloatArray
+from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.arms.arm import Arm
-from grs_agents.sim.arms.robot import ROBOT_CONTYPE, add_actuator, add_tool
+from grs_agents.sim.arms.arm_parts import ROBOT_CONTYPE, add_position_actuator, add_suction_cup
 
 TIPS: Final = ("tip", "tool0", "attachment_site", "ee", "end_effector", "flange", "tcp")
 """Names of the site that the suction cup is fixed to, the first that is there; without any, the last body's frame."""
@@ -27,22 +27,24 @@ _ROOM: Final = np.pi / 2
 
 def load_arm(path: Path) -> Arm:
     """The arm in an MJCF file; raises ``InputError`` for no serial arm, or one that cannot point down at the table."""
-    spec = _parse(path)
-    chain = _chain(spec, path)
-    guess = _home(spec, chain, path)
+    spec = _parse_mjcf(path)
+    chain = _find_joint_chain(spec, path)
+    guess = _read_home_joints(spec, chain, path)
 
     best: Arm | None = None
     refusal: InputError | None = None
     for turn in _QUARTERS:
-        arm = Arm(str(path), lambda world, turn=turn: _attach(world, _parse(path), path, turn), guess)
+        arm = Arm(str(path), lambda world, turn=turn: _attach_arm_to_world(world, _parse_mjcf(path), path, turn), guess)
         try:
-            arm.home.setflags(write=False)  # looked for now, so that an arm of no use is refused before it is used
+            arm.home_joints.setflags(
+                write=False
+            )  # looked for now, so that an arm of no use is refused before it is used
         except InputError as error:
             refusal = refusal or error
             continue
-        if best is None or _last_joint_margin(arm) > _last_joint_margin(best) + 1e-3:
+        if best is None or _last_joint_limit_margin(arm) > _last_joint_limit_margin(best) + 1e-3:
             best = arm
-        if _last_joint_margin(best) >= _ROOM:
+        if _last_joint_limit_margin(best) >= _ROOM:
             break
     if best is None:
         assert refusal is not None, "an arm was neither found nor refused"
@@ -50,12 +52,14 @@ def load_arm(path: Path) -> Arm:
     return best
 
 
-def _last_joint_margin(arm: Arm) -> float:
+def _last_joint_limit_margin(arm: Arm) -> float:
     """How far the last joint of the waiting arm is from the nearer of its limits, radians or metres."""
-    return float(min(arm.home[-1] - arm.low[-1], arm.high[-1] - arm.home[-1]))
+    return float(
+        min(arm.home_joints[-1] - arm.lower_joint_limits[-1], arm.upper_joint_limits[-1] - arm.home_joints[-1])
+    )
 
 
-def _parse(path: Path) -> Any:
+def _parse_mjcf(path: Path) -> Any:
     try:
         if path.stat().st_size > LARGEST:
             raise InputError(f"robot {path}: {path.stat().st_size} bytes, at most {LARGEST}", "give the arm alone")
@@ -66,7 +70,7 @@ def _parse(path: Path) -> Any:
         raise InputError(f"robot {path}: is no MJCF: {str(error)[:300]}", "mend what it names") from error
 
 
-def _tip_body_and_site(spec: Any, path: Path) -> tuple[Any, Any | None]:
+def _find_tip_body_and_site(spec: Any, path: Path) -> tuple[Any, Any | None]:
     """The body that carries the cup, and the site it is fixed to (None: the body's own frame)."""
     sites = {str(site.name): site for site in spec.sites}
     for name in TIPS:
@@ -75,10 +79,10 @@ def _tip_body_and_site(spec: Any, path: Path) -> tuple[Any, Any | None]:
     bodies: list[Any] = list(spec.bodies)
     if len(bodies) < 2:
         raise InputError(f"robot {path}: there is no body", "give an arm: bodies one inside the other, with joints")
-    return max(bodies, key=lambda body: len(_ancestors(body))), None
+    return max(bodies, key=lambda body: len(_body_and_ancestors(body))), None
 
 
-def _ancestors(body: Any) -> list[Any]:
+def _body_and_ancestors(body: Any) -> list[Any]:
     """A body and those that carry it, without the world."""
     bodies: list[Any] = []
     while body is not None and str(body.name) != "world":
@@ -87,10 +91,10 @@ def _ancestors(body: Any) -> list[Any]:
     return bodies
 
 
-def _chain(spec: Any, path: Path) -> list[Any]:
+def _find_joint_chain(spec: Any, path: Path) -> list[Any]:
     """The joints from the base to the tip."""
-    carrier, site = _tip_body_and_site(spec, path)
-    joints = [joint for body in reversed(_ancestors(carrier)) for joint in body.joints]
+    carrier, site = _find_tip_body_and_site(spec, path)
+    joints = [joint for body in reversed(_body_and_ancestors(carrier)) for joint in body.joints]
     where = f"site {site.name!r}" if site is not None else f"body {carrier.name!r}"
     if not joints:
         raise InputError(
@@ -108,7 +112,7 @@ def _chain(spec: Any, path: Path) -> list[Any]:
     return joints
 
 
-def _home(spec: Any, chain: list[Any], path: Path) -> FloatArray:
+def _read_home_joints(spec: Any, chain: list[Any], path: Path) -> FloatArray:
     """Joint positions of the file's first keyframe, else of the joints' references."""
     try:
         model = spec.compile()
@@ -118,27 +122,27 @@ def _home(spec: Any, chain: list[Any], path: Path) -> FloatArray:
     return np.array([float(positions[model.joint(joint.name).qposadr[0]]) for joint in chain])
 
 
-def _attach(world: Any, spec: Any, path: Path, turn: float) -> None:
+def _attach_arm_to_world(world: Any, spec: Any, path: Path, turn: float) -> None:
     """Add the arm without weight, its cup turned by ``turn`` (rad); what is off the chain stands still."""
-    chain = _chain(spec, path)
-    carrier, site = _tip_body_and_site(spec, path)
+    chain = _find_joint_chain(spec, path)
+    carrier, site = _find_tip_body_and_site(spec, path)
     names = [str(joint.name) for joint in chain]
-    torques = [_actuator_force(spec, name) for name in names]
+    torques = [_max_actuator_force(spec, name) for name in names]
     place = (tuple(site.pos), tuple(site.quat)) if site is not None else ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
     quaternion = np.empty(4)
     mujoco.mju_mulQuat(quaternion, np.array(place[1]), np.array([np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)]))
     carrier.name = carrier.name or "carrier"
-    _strip_to_arm(spec, names)
+    _remove_non_arm_elements(spec, names)
     for joint in chain:
-        _complete_joint(joint, 360.0 if spec.compiler.degree else 2 * np.pi)
+        _fill_missing_joint_values(joint, 360.0 if spec.compiler.degree else 2 * np.pi)
     end = f"{_PREFIX}{carrier.name}"
     world.attach(spec, prefix=_PREFIX, frame=world.worldbody.add_frame())
-    add_tool(world.body(end), place[0], tuple(quaternion))
+    add_suction_cup(world.body(end), place[0], tuple(quaternion))
     for name, torque in zip(names, torques, strict=True):
-        add_actuator(world, f"{_PREFIX}{name}", _STIFFNESS, torque)
+        add_position_actuator(world, f"{_PREFIX}{name}", _STIFFNESS, torque)
 
 
-def _strip_to_arm(spec: Any, names: Sequence[str]) -> None:
+def _remove_non_arm_elements(spec: Any, names: Sequence[str]) -> None:
     """Leave an arm's bodies and its joints of these names; bodies weigh nothing, solid geoms count as the robot's."""
     for elements in (spec.keys, spec.actuators, spec.sensors, spec.tendons, spec.equalities, spec.lights, spec.cameras):
         for element in list(elements):
@@ -153,7 +157,7 @@ def _strip_to_arm(spec: Any, names: Sequence[str]) -> None:
         geom.group, geom.contype, geom.conaffinity = 1, ROBOT_CONTYPE if solid else 0, 0
 
 
-def _complete_joint(joint: Any, turn: float) -> None:
+def _fill_missing_joint_values(joint: Any, turn: float) -> None:
     """Give a joint limits and some inertia of its own where the file gives none."""
     joint.armature = max(float(joint.armature), 0.05)
     low, high = (float(bound) for bound in joint.range)
@@ -162,7 +166,7 @@ def _complete_joint(joint: Any, turn: float) -> None:
     joint.limited = True
 
 
-def _actuator_force(spec: Any, joint: str) -> float:
+def _max_actuator_force(spec: Any, joint: str) -> float:
     """The greatest force of the file's actuator of a joint, N m or N."""
     for actuator in spec.actuators:
         low, high = (float(bound) for bound in actuator.forcerange)

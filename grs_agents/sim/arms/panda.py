@@ -5,7 +5,7 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.sim.arms.arm import Arm
-from grs_agents.sim.arms.robot import Capsule, Link, add_chain
+from grs_agents.sim.arms.arm_parts import Capsule, Link, add_link_chain
 
 _JOINTS: Final = np.loadtxt(
     """
@@ -44,7 +44,7 @@ _CAPSULES: Final[tuple[tuple[Capsule, ...], ...]] = (
 _GUESS: Final = (0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, 0.0)
 
 
-def _link(index: int) -> Link:
+def _make_link(index: int) -> Link:
     a, d, quarters, low, high, torque, stiffness, mass, x, y, z = _JOINTS[index]
     alpha = quarters * np.pi / 2
     return Link(
@@ -66,9 +66,9 @@ class Panda(Arm):
     """Franka Emika's Panda, seven joints, with the suction cup in place of its hand."""
 
     def __init__(self) -> None:
-        links = tuple(_link(index) for index in range(len(_JOINTS)))
+        links = tuple(_make_link(index) for index in range(len(_JOINTS)))
 
         def add(spec: Any) -> None:
-            add_chain(spec, links, _FLANGE)
+            add_link_chain(spec, links, _FLANGE)
 
         super().__init__("panda", add, np.array(_GUESS))

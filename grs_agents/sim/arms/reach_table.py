@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from grs_agents.geometry import FloatArray
 from grs_agents.sim.arms.arm_model import ArmModel
+from grs_agents.sim.arms.arm_parts import DOWN
 from grs_agents.sim.arms.joint_paths import rotations_about_z
-from grs_agents.sim.arms.robot import DOWN
 
 _RADII: Final = np.arange(0.14, 1.2, 0.025)
 _HEIGHTS: Final = np.concatenate([[0.001], np.arange(0.05, 0.71, 0.06)])
@@ -25,7 +25,7 @@ class ReachTable:
     bearings: tuple[float, float]  # lowest and highest that a base which turns allows, radians
 
     @property
-    def span(self) -> tuple[float, float]:
+    def reachable_radius_range(self) -> tuple[float, float]:
         """The least and the greatest radius that is served anywhere, metres."""
         radii = _RADII[self.served.any(axis=(0, 2))]
         return (float(radii.min()), float(radii.max())) if len(radii) else (0.0, 0.0)
@@ -49,16 +49,16 @@ class ReachTable:
         return inside
 
 
-def tabulate_reach(posture: ArmModel, home: FloatArray) -> ReachTable:
+def build_reach_table(posture: ArmModel, home: FloatArray) -> ReachTable:
     """Try the arm on the grid, each point from a neighbour that was served."""
-    turning = posture.turns_about_base()
+    turning = posture.has_vertical_base_hinge()
     bearings = np.zeros(1) if turning else _BEARINGS
-    served = np.array([_served_at(float(bearing), posture, home) for bearing in bearings])
+    served = np.array([_reachable_cells_at_bearing(float(bearing), posture, home) for bearing in bearings])
     low, high = (posture.low[0] - home[0], posture.high[0] - home[0]) if turning else (-np.pi / 2, np.pi / 2)
     return ReachTable(served, (float(low), float(high)))
 
 
-def _served_at(bearing: float, posture: ArmModel, home: FloatArray) -> npt.NDArray[np.bool_]:
+def _reachable_cells_at_bearing(bearing: float, posture: ArmModel, home: FloatArray) -> npt.NDArray[np.bool_]:
     """Which radii and heights (R, H) the arm serves at one bearing (rad)."""
     tool = rotations_about_z(np.array([bearing]))[0] @ DOWN
     served = np.zeros((len(_RADII), len(_HEIGHTS)), dtype=bool)
@@ -72,8 +72,8 @@ def _served_at(bearing: float, posture: ArmModel, home: FloatArray) -> npt.NDArr
             start = next((joints for joints in near if joints is not None), None)
             if start is None and served.any():
                 continue
-            above = posture.solve(point, tool, home if start is None else start, home, _EXPLORING)
-            if above is not None and posture.first_gap(above[None]) is not None:
+            above = posture.solve_ik(point, tool, home if start is None else start, home, _EXPLORING)
+            if above is not None and posture.first_collision_along(above[None]) is not None:
                 above = None
             if above is not None:
                 served[row, column], nearer[column] = True, above

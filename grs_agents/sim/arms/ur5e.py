@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from grs_agents.geometry import FloatArray
 from grs_agents.sim.arms.arm import HOME, Arm
-from grs_agents.sim.arms.robot import DOWN, TOOL_LENGTH, Capsule, Link, add_chain
+from grs_agents.sim.arms.arm_parts import DOWN, TOOL_LENGTH, Capsule, Link, add_link_chain
 
 D1: Final = 0.1625
 A2: Final = -0.425
@@ -40,7 +40,7 @@ LINKS: Final = (
 """(a, d, alpha) of each joint."""
 
 
-def solve(tips: FloatArray, yaws: FloatArray) -> FloatArray:
+def solve_ik_tool_down(tips: FloatArray, yaws: FloatArray) -> FloatArray:
     """Joint angles (N, 6) for tips (N, 3) and yaws (N,), tool down: continuous where the path is, NaN out of reach."""
     x, y = tips[:, 0], tips[:, 1]
     height = tips[:, 2] + TOOL_LENGTH + D6 - D1
@@ -62,12 +62,12 @@ def solve(tips: FloatArray, yaws: FloatArray) -> FloatArray:
     return np.stack([base, shoulder, elbow, wrist, half, turn], axis=1)
 
 
-def _whole_turns(angles: FloatArray) -> FloatArray:
+def _nearest_whole_turns(angles: FloatArray) -> FloatArray:
     """The multiples of a whole turn nearest to angles."""
     return TURN * np.rint(angles / TURN)
 
 
-def _branch(flange: FloatArray, tool: FloatArray, signs: tuple[float, ...]) -> FloatArray:
+def _solve_ik_branch(flange: FloatArray, tool: FloatArray, signs: tuple[float, ...]) -> FloatArray:
     """One of the eight answers for flange positions (N, 3) and tool rotations (N, 3, 3); NaN where there is none."""
     shoulder, flip, elbow = signs
     wrist = flange - D6 * tool[:, :, 2]
@@ -79,20 +79,20 @@ def _branch(flange: FloatArray, tool: FloatArray, signs: tuple[float, ...]) -> F
         q5 = flip * np.arccos(np.clip(across[:, 2], -1.0, 1.0))
         side = np.sign(np.sin(q5))
         q6 = np.arctan2(-across[:, 1] * side, across[:, 0] * side)
-        back = _link_frames(np.column_stack([q5, q6]), 4)
+        back = _joint_chain_transforms(np.column_stack([q5, q6]), 4)
         pose = np.zeros((len(flange), 4, 4))
         pose[:, :3, :3], pose[:, :3, 3], pose[:, 3, 3] = tool, flange, 1.0
-        arm = np.linalg.inv(_link_frames(q1[:, None], 0)) @ pose @ np.linalg.inv(back)
+        arm = np.linalg.inv(_joint_chain_transforms(q1[:, None], 0)) @ pose @ np.linalg.inv(back)
         reach = arm[:, :3, 3] - D4 * arm[:, :3, 1]
         length = np.hypot(reach[:, 0], reach[:, 1])
         q3 = elbow * np.arccos((length**2 - A2**2 - A3**2) / (2 * A2 * A3))
         q2 = np.arctan2(-reach[:, 1], -reach[:, 0]) - np.arcsin(-A3 * np.sin(q3) / length)
-        ahead = np.linalg.inv(_link_frames(np.column_stack([q2, q3]), 1)) @ arm
+        ahead = np.linalg.inv(_joint_chain_transforms(np.column_stack([q2, q3]), 1)) @ arm
         q4 = np.arctan2(ahead[:, 1, 0], ahead[:, 0, 0])
     return np.column_stack([q1, q2, q3, q4, q5, q6])
 
 
-def _link_frames(angles: FloatArray, first: int) -> FloatArray:
+def _joint_chain_transforms(angles: FloatArray, first: int) -> FloatArray:
     """The frames (N, 4, 4) of a chain of joints (N, K), the first of them number ``first``."""
     frame = np.broadcast_to(np.eye(4), (len(angles), 4, 4))
     for column in range(angles.shape[1]):
@@ -130,7 +130,7 @@ _LINKS: Final = np.loadtxt(
 (N m) and stiffness (N m/rad) of the joint; inertia about the centre, xx, yy, zz, xy, xz, yz (kg m^2)."""
 
 
-def _links() -> tuple[Link, ...]:
+def _make_links() -> tuple[Link, ...]:
     links: list[Link] = []
     position, roll = (0.0, 0.0, 0.0), 0.0
     for index, (a, d, alpha) in enumerate(LINKS):
@@ -165,46 +165,46 @@ class UR5e(Arm):
     nearest, farthest = NEAREST, REACH
 
     def __init__(self) -> None:
-        links = _links()
+        links = _make_links()
 
         def add(spec: Any) -> None:
-            add_chain(spec, links, (0.0, 0.0, D6))
+            add_link_chain(spec, links, (0.0, 0.0, D6))
 
-        super().__init__("ur5e", add, solve(np.array([HOME]), np.zeros(1))[0])
+        super().__init__("ur5e", add, solve_ik_tool_down(np.array([HOME]), np.zeros(1))[0])
 
-    def solve(self, tips: FloatArray, yaws: FloatArray, seed: FloatArray | None = None) -> FloatArray:
+    def solve_ik_tool_down(self, tips: FloatArray, yaws: FloatArray, seed: FloatArray | None = None) -> FloatArray:
         """As ``Arm.solve``, in closed form."""
-        joints = solve(tips, yaws)
+        joints = solve_ik_tool_down(tips, yaws)
         if seed is not None:
             joints[:, 5] += TURN * np.round((seed[5] - joints[0, 5]) / TURN)
         joints[~(np.abs(joints).max(axis=1) <= TURN)] = np.nan
         return joints
 
-    def solve_poses(self, tips: FloatArray, rotations: FloatArray, seed: FloatArray | None = None) -> FloatArray:
-        """As ``Arm.solve_poses``, in closed form: all rows on that of the eight branches that is nearest ``seed``."""
+    def solve_ik_for_poses(self, tips: FloatArray, rotations: FloatArray, seed: FloatArray | None = None) -> FloatArray:
+        """As ``Arm.solve_ik_for_poses``, in closed form: all rows on the one of eight branches nearest ``seed``."""
         if seed is None:
-            seed = self.home
+            seed = self.home_joints
         tool = rotations @ DOWN
         flange = tips - TOOL_LENGTH * tool[:, :, 2]
         best, nearest = np.full((len(tips), 6), np.nan), np.inf
         for signs in product((1.0, -1.0), repeat=3):
-            angles = _branch(flange, tool, signs)
+            angles = _solve_ik_branch(flange, tool, signs)
             if not np.isfinite(angles).all():
                 continue
-            joints = angles + _whole_turns(seed - angles[0])
-            joints[1:] -= np.cumsum(_whole_turns(np.diff(angles, axis=0)), axis=0)
-            joints[:, 2] -= _whole_turns(joints[:1, 2])
+            joints = angles + _nearest_whole_turns(seed - angles[0])
+            joints[1:] -= np.cumsum(_nearest_whole_turns(np.diff(angles, axis=0)), axis=0)
+            joints[:, 2] -= _nearest_whole_turns(joints[:1, 2])
             limits = np.array([TURN, TURN, np.pi, TURN, TURN, TURN])
             distance = float(np.abs(joints[0] - seed).max())
             if distance < nearest and (np.abs(joints) <= limits).all():
                 best, nearest = joints, distance
         return best
 
-    def reachable(self, tips: FloatArray) -> npt.NDArray[np.bool_]:
+    def reachable_mask(self, tips: FloatArray) -> npt.NDArray[np.bool_]:
         """As ``Arm.reachable``, in closed form, within the nominal reach."""
         radius = np.hypot(tips[:, 0], tips[:, 1])
         inside = (radius >= NEAREST) & (radius <= REACH)
         # Low and near the base the forearm's end would meet the shoulder: it must stay beside it or above it.
         beside = np.sqrt(np.maximum(radius**2 - D4**2, 0.0)) - D5 >= _SHOULDER
         inside &= beside | (tips[:, 2] + TOOL_LENGTH + D6 >= D1 + _SHOULDER)
-        return inside & np.isfinite(solve(tips, np.zeros(len(tips)))).all(axis=1)
+        return inside & np.isfinite(solve_ik_tool_down(tips, np.zeros(len(tips)))).all(axis=1)

@@ -6,9 +6,9 @@ from .api_documentation import api_reference as api_reference
 from .end_effectors import Spatula as Spatula
 from .end_effectors import push as push
 from .environment import Environment as Environment
-from .goal_arguments import as_goal as as_goal
+from .goal_arguments import convert_to_goal as convert_to_goal
 from .goal_arguments import make_goal as make_goal
 from .task import Task as Task
-from .task import names_task as names_task
-from .task import task_class as task_class
+from .task import defines_task_class as defines_task_class
+from .task import find_task_class as find_task_class
 from .task_helpers import SYMMETRIES as SYMMETRIES

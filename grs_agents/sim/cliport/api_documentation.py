@@ -33,10 +33,10 @@ def api_reference() -> str:
         "random places lie in x 0.25..0.75, y -0.5..0.5.",
         "",
         "### Task",
-        _text(Task),
+        _format_docstring(Task),
     ]
     for name in _TASK:
-        lines += _entry(f"task.{name}", getattr(Task, name))
+        lines += _format_entry(f"task.{name}", getattr(Task, name))
     lines += [
         "### Typed goals",
         "`self.add_goal(inside(cans, box), step_max_reward=1, language_goal=...)`; scored strictly: the objects lie "
@@ -44,25 +44,25 @@ def api_reference() -> str:
     ]
     for name in _GOALS:
         function = getattr(goal, name)
-        lines.append(f"- `{name}{_signature(function)}`: {_text(function)}")
-    lines += ["### Environment", _text(Environment)]
+        lines.append(f"- `{name}{_format_signature(function)}`: {_format_docstring(function)}")
+    lines += ["### Environment", _format_docstring(Environment)]
     for name in _ENVIRONMENT:
-        lines += _entry(f"env.{name}", getattr(Environment, name))
-    lines += ["### Oracle: `task.oracle(env)`", _text(Oracle), "### utils"]
+        lines += _format_entry(f"env.{name}", getattr(Environment, name))
+    lines += ["### Oracle: `task.oracle(env)`", _format_docstring(Oracle), "### utils"]
     for name in _UTILS:
         function = getattr(utils, name)
-        lines.append(f"- `utils.{name}{_signature(function)}`: {_text(function).splitlines()[0]}")
+        lines.append(f"- `utils.{name}{_format_signature(function)}`: {_format_docstring(function).splitlines()[0]}")
     lines.append(f"- `utils.COLORS`: {', '.join(COLORS)}")
     call = pybullet.getBasePositionAndOrientation
-    lines.append(f"- `p.getBasePositionAndOrientation(id)`: {_text(call).splitlines()[0]}")
+    lines.append(f"- `p.getBasePositionAndOrientation(id)`: {_format_docstring(call).splitlines()[0]}")
     return "\n".join(lines) + "\n"
 
 
-def _entry(label: str, function: Callable[..., Any]) -> list[str]:
-    return [f"#### `{label}{_signature(function)}`", _text(function)]
+def _format_entry(label: str, function: Callable[..., Any]) -> list[str]:
+    return [f"#### `{label}{_format_signature(function)}`", _format_docstring(function)]
 
 
-def _signature(function: Callable[..., Any]) -> str:
+def _format_signature(function: Callable[..., Any]) -> str:
     signature = inspect.signature(function)
     shown = [
         parameter.replace(annotation=inspect.Parameter.empty)
@@ -72,5 +72,5 @@ def _signature(function: Callable[..., Any]) -> str:
     return str(signature.replace(parameters=shown, return_annotation=inspect.Signature.empty))
 
 
-def _text(thing: Any) -> str:
+def _format_docstring(thing: Any) -> str:
     return inspect.cleandoc(thing.__doc__ or "").replace("Example::\n", "Example:\n")

@@ -9,16 +9,16 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.engine import mujoco
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.library import Library
+from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.instance import InstanceObject, SimulationError
 from grs_agents.sim.world import FRONT, LEFT, RIGHT, View, rendering
 
 CameraConfig = dict[str, Any]
 
 
-def config_of(view: View) -> CameraConfig:
+def camera_config_from_view(view: View) -> CameraConfig:
     """A view as CLIPort configures it; the camera looks along its own z axis, x to the right, y down."""
     forward = np.subtract(view.target, view.position)
     forward = forward / np.linalg.norm(forward)
@@ -31,21 +31,21 @@ def config_of(view: View) -> CameraConfig:
         "image_size": (view.height, view.width),
         "intrinsics": (focal, 0.0, view.width / 2, 0.0, focal, view.height / 2, 0.0, 0.0, 1.0),
         "position": view.position,
-        "rotation": transforms.quat(rotation[[1, 2, 3, 0]]),
+        "rotation": transforms.to_unit_quaternion(rotation[[1, 2, 3, 0]]),
         "zrange": (0.01, 10.0),
         "noise": False,
     }
 
 
-AGENT_CAMERAS: tuple[CameraConfig, ...] = tuple(config_of(view) for view in (FRONT, LEFT, RIGHT))
+AGENT_CAMERAS: tuple[CameraConfig, ...] = tuple(camera_config_from_view(view) for view in (FRONT, LEFT, RIGHT))
 
 
-def render_config(sight: rendering.VisibleScene, config: Mapping[str, Any]) -> rendering.Picture:
+def render_from_camera_config(sight: rendering.VisibleScene, config: Mapping[str, Any]) -> rendering.Picture:
     """What a configured camera sees; raises ``SimulationError`` where the configuration does not fit."""
     try:
         height, width = (int(count) for count in config["image_size"])
         fx, _, cx, _, fy, cy, *_ = (float(number) for number in config["intrinsics"])
-        position, rotation = transforms.vec3(config["position"]), transforms.quat(config["rotation"])
+        position, rotation = transforms.to_vec3(config["position"]), transforms.to_unit_quaternion(config["rotation"])
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise SimulationError(
             f"render_camera: {error!r} in the camera's configuration",
@@ -57,15 +57,15 @@ def render_config(sight: rendering.VisibleScene, config: Mapping[str, Any]) -> r
         )
     pixels: FloatArray = np.indices((height, width)).astype(np.float64) + 0.5
     local = np.stack([(pixels[1] - cx) / fx, (pixels[0] - cy) / fy, np.ones((height, width))], axis=-1)
-    directions = local @ transforms.rotation_matrix(rotation).T
-    return rendering.cast_rays(sight, np.array(position), directions)
+    directions = local @ transforms.quaternion_to_matrix(rotation).T
+    return rendering.render_along_rays(sight, np.array(position), directions)
 
 
 _FAR: Final = 100.0
 """Height of the eye, metres: so far that a thing 0.3 m high leans over by less than a pixel."""
 
 
-def top_down_maps(
+def render_top_down_maps(
     objects: Sequence[InstanceObject], library: Library, bounds: FloatArray, pixel: float
 ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.int32]]:
     """Colour (H, W, 3), height above the table (H, W; m), object id (H, W; 0 = none); rows along y, columns along x.
@@ -77,7 +77,7 @@ def top_down_maps(
     x, y = float(bounds[0, 0]) + cells[1] * pixel, float(bounds[1, 0]) + cells[0] * pixel
     eye = np.array([bounds[0].mean(), bounds[1].mean(), _FAR])
     directions = np.stack([x - eye[0], y - eye[1], np.full(x.shape, -_FAR)], axis=-1) / _FAR
-    picture = rendering.cast_rays(rendering.VisibleScene(objects, library), eye, directions)
+    picture = rendering.render_along_rays(rendering.VisibleScene(objects, library), eye, directions)
     height = np.where(picture.depth > 0, _FAR - picture.depth, 0)
     return picture.color, np.maximum(height, 0).astype(np.float32), np.maximum(picture.owner, 0)
 

@@ -25,6 +25,6 @@ def push(*_: Any, **__: Any) -> None:
     raise UnsupportedError("the push primitive was called as a function", "use env.step({'pose0': ..., 'pose1': ...})")
 
 
-def pushes(ee: Any, primitive: Any) -> bool:
+def uses_push_primitive(ee: Any, primitive: Any) -> bool:
     """Whether actions of a task with this ``ee`` and ``primitive`` push with the spatula, not pick and place."""
     return primitive is push or primitive == "push" or ee is Spatula or isinstance(ee, Spatula) or ee == "spatula"

@@ -10,12 +10,19 @@ from grs_agents.library import Library
 from grs_agents.sim.arms import get_arm
 from grs_agents.sim.cliport import end_effectors, pybullet
 from grs_agents.sim.cliport.cameras import Observation
-from grs_agents.sim.cliport.goal_arguments import as_goal
+from grs_agents.sim.cliport.goal_arguments import convert_to_goal
 from grs_agents.sim.cliport.workcell import Workcell
 from grs_agents.sim.goals import ScoredTask, StrictScorer
-from grs_agents.sim.instance import ActionRecord, Episode, Recorder, SimulationError, set_last_recorder, stop_from_error
+from grs_agents.sim.instance import (
+    ActionRecord,
+    Episode,
+    Recorder,
+    SimulationError,
+    make_stop_from_error,
+    set_last_recorder,
+)
 from grs_agents.sim.motion import PickPlace, PickPlaceResult, Push, PushResult
-from grs_agents.sim.world import DEFAULT_BUDGET, Budget, as_pose, templates
+from grs_agents.sim.world import DEFAULT_BUDGET, Budget, parse_pose, templates
 
 Action = Mapping[str, Any]
 Info = dict[Any, Any]
@@ -83,12 +90,12 @@ class Environment(Workcell):
         self.disp, self.shared_memory, self.hz, self.record_cfg = disp, shared_memory, hz, record_cfg
         library = library or templates.default_library()
         if self.assets_root and Path(self.assets_root).is_dir():
-            library = library.overlay(Path(self.assets_root))
+            library = library.with_overlay(Path(self.assets_root))
         super().__init__(library, Budget(budget), get_arm(robot or templates.defaults.robot), seed)
         self.pix_size = 0.003125
         self.task: EpisodeTask | None = None
         self.failed_placements = 0
-        pybullet.attach(self)
+        pybullet.set_current_environment(self)
         if task is not None:
             self.set_task(task)
 
@@ -104,25 +111,25 @@ class Environment(Workcell):
         """
         if self.task is None:
             raise SimulationError("env.reset() without a task", "call env.set_task(task) first")
-        pybullet.attach(self)
-        self.clear()
+        pybullet.set_current_environment(self)
+        self.remove_all_objects()
         self.failed_placements = 0
         self.warnings.clear()
         self.recorder.look = None  # what it tells of is being cleared away
         self.recorder = Recorder(max_steps=int(self.task.max_steps))
         set_last_recorder(self.recorder)
         try:
-            self.tool = "spatula" if end_effectors.pushes(self.task.ee, self.task.primitive) else "suction"
+            self.tool = "spatula" if end_effectors.uses_push_primitive(self.task.ee, self.task.primitive) else "suction"
             self.task.reset(self)
         except GrsError as error:
-            self.recorder.stop = stop_from_error(error)
+            self.recorder.stop = make_stop_from_error(error)
             raise
-        self.task.goals = [as_goal(goal) for goal in self.task.goals]
-        self.task.grs.close(self)
+        self.task.goals = [convert_to_goal(goal) for goal in self.task.goals]
+        self.task.grs.finish_reset(self)
         if settle:
-            self.come_to_rest()
+            self.settle_scene()
             self.places = {number: self.get_object_pose(number) for number in self._objects}
-            self.recorder.look = self._look
+            self.recorder.look = self._update_recorder_scores
         return self.observation
 
     @property
@@ -139,12 +146,12 @@ class Environment(Workcell):
     @property
     def observation(self) -> Observation:
         """``{'color': three images, 'depth': three images}``, rendered when they are read."""
-        return Observation(self.sight)
+        return Observation(self.visible_scene)
 
     @property
-    def episode(self) -> Episode:
+    def current_episode(self) -> Episode:
         """How the current episode stands."""
-        return self.recorder.episode()
+        return self.recorder.build_episode()
 
     def step(self, action: Action | None = None) -> tuple[Observation, float, bool, Info]:
         """Pick and place once, or push once if that is the task's primitive, then score.
@@ -167,11 +174,11 @@ class Environment(Workcell):
                 raise SimulationError(
                     f"env.step: the action has no {min(missing)}", "give {'pose0': (xyz, quaternion), 'pose1': ...}"
                 )
-            reward = self._act(as_pose(action["pose0"], "pose0"), as_pose(action["pose1"], "pose1"))
+            reward = self._execute_action(parse_pose(action["pose0"], "pose0"), parse_pose(action["pose1"], "pose1"))
         done = self.task.done() or len(self.recorder.actions) >= self.task.max_steps
         return self.observation, reward, done, self.info
 
-    def _act(self, pose0: Pose, pose1: Pose) -> float:
+    def _execute_action(self, pose0: Pose, pose1: Pose) -> float:
         """Do what the task's primitive does, score, and write it down; returns the reward that it added."""
         if self.tool == "spatula":
             pushed = self.push(pose0, pose1)
@@ -179,9 +186,9 @@ class Environment(Workcell):
         else:
             result = self.pick_place(pose0, pose1)
             moved, number, note = (), result.grasped, result.note
-        self.physics.check()
+        self.physics.raise_if_diverged()
         reward = self.task.reward()[0] if self.task is not None else 0.0
-        asset = "" if number is None else self.object(number).asset
+        asset = "" if number is None else self.object_by_id(number).asset
         self.recorder.actions.append(
             ActionRecord(
                 object=number, asset=asset, pick=pose0[0], place=pose1[0], reward=reward, note=note, pushed=moved
@@ -191,19 +198,19 @@ class Environment(Workcell):
 
     def push(self, pose0: Pose, pose1: Pose) -> PushResult:
         """Push along the table from one pose to another with the spatula; does not score."""
-        return Push(self.physics, self.outlines(), self._names()).push(pose0, pose1)
+        return Push(self.physics, self.collider_prisms(), self._asset_names_by_id()).push(pose0, pose1)
 
     def pick_place(self, pick: Pose, place: Pose) -> PickPlaceResult:
         """Pick at one pose of the tip and place at another; does not score."""
-        return PickPlace(self.physics, self.outlines(), self._names()).run(pick, place)
+        return PickPlace(self.physics, self.collider_prisms(), self._asset_names_by_id()).pick_and_place(pick, place)
 
-    def _names(self) -> dict[int, str]:
+    def _asset_names_by_id(self) -> dict[int, str]:
         return {number: item.asset for number, item in self._objects.items()}
 
-    def _look(self, recorder: Recorder) -> None:
+    def _update_recorder_scores(self, recorder: Recorder) -> None:
         if self.task is None:
             return
         recorder.reward, recorder.complete = self.task.grs.total, self.task.done()
-        recorder.placed, recorder.wanted = self.task.grs.count()
-        score = StrictScorer(self.task, self, self.places).score()
+        recorder.placed, recorder.wanted = self.task.grs.count_placed_objects()
+        score = StrictScorer(self.task, self, self.places).score_scene()
         recorder.strict, recorder.weakest, recorder.shortfalls = score.value, score.weakest, score.shortfalls

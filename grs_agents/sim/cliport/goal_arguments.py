@@ -7,7 +7,7 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.sim.instance import Goal, SimulationError, Zone
-from grs_agents.sim.world import as_pose, is_number, is_vector
+from grs_agents.sim.world import is_number, is_vector, parse_pose
 
 
 def make_goal(
@@ -25,32 +25,32 @@ def make_goal(
 
     Raises ``SimulationError``, which says what argument does not fit, and what would.
     """
-    reward = _reward(step_max_reward)
+    reward = _parse_reward(step_max_reward)
     if isinstance(objs, Goal):
         return objs.model_copy(update={"max_reward": reward}), []
-    pairs = _objects(objs)
+    pairs = _parse_ids_and_symmetries(objs)
     if metric not in ("pose", "zone"):
         raise SimulationError(f"add_goal: metric {metric!r} is unknown", "use 'pose' or 'zone'")
-    targets = _poses(targ_poses)
-    entries = _zone_entries(params) if metric == "zone" else []
-    zones = tuple(map(_zone, entries))
+    targets = _parse_target_poses(targ_poses)
+    entries = _list_zone_entries(params) if metric == "zone" else []
+    zones = tuple(map(_parse_zone, entries))
     if metric == "pose" and not targets:
         raise SimulationError("add_goal: metric 'pose' needs target poses, targ_poses is empty", "give targ_poses")
     goal = Goal.model_construct(
         objects=tuple(number for number, _ in pairs),
-        matches=_matches(matches, len(pairs), len(targets or zones)),
+        matches=_parse_match_matrix(matches, len(pairs), len(targets or zones)),
         targets=tuple(targets) or tuple(zone.pose for zone in zones),
         replace=bool(replace),
         rotations=bool(rotations),
         metric=metric,
         zones=zones,
         max_reward=reward,
-        symmetries=_symmetries(symmetries, [symmetry for _, symmetry in pairs]),
+        symmetries=_parse_symmetries(symmetries, [symmetry for _, symmetry in pairs]),
     )
-    return goal, [f"add_goal: {note}" for note in _notes(goal, matches, entries, symmetries)]
+    return goal, [f"add_goal: {note}" for note in _describe_assumptions(goal, matches, entries, symmetries)]
 
 
-def _notes(goal: Goal, matches: Any, zones: Sequence[Any], symmetries: Any) -> Iterator[str]:
+def _describe_assumptions(goal: Goal, matches: Any, zones: Sequence[Any], symmetries: Any) -> Iterator[str]:
     """What was assumed about arguments of a goal."""
     count, targets = len(goal.objects), len(goal.targets)
     if matches is not None and np.shape(matches) != (count, targets):
@@ -62,7 +62,7 @@ def _notes(goal: Goal, matches: Any, zones: Sequence[Any], symmetries: Any) -> I
         yield "a zone size with negative lengths was taken without their sign"
 
 
-def as_goal(fields: Any) -> Goal:
+def convert_to_goal(fields: Any) -> Goal:
     """A goal, or CLIPort's tuple of eight that a program put in ``task.goals``; others are a ``SimulationError``."""
     if isinstance(fields, Goal):
         return fields
@@ -75,18 +75,18 @@ def as_goal(fields: Any) -> Goal:
     return make_goal(objs, matches, targets, replace, rotations, metric, params, reward, None)[0]
 
 
-def _objects(objs: Any) -> list[tuple[int, float]]:
+def _parse_ids_and_symmetries(objs: Any) -> list[tuple[int, float]]:
     """The ids of a goal's objects, each with its symmetry."""
     try:
-        items: list[Any] = [objs] if is_number(objs) or _is_id_with_symmetry(objs) else list(objs)
+        items: list[Any] = [objs] if is_number(objs) or _is_id_symmetry_pair(objs) else list(objs)
     except TypeError as error:
         raise SimulationError(f"add_goal: objs is {objs!r}", "give ids that env.add_object returned") from error
     if not items:
         raise SimulationError("add_goal: objs is empty", "name at least one object id")
-    return [_object(item) for item in items]
+    return [_parse_id_and_symmetry(item) for item in items]
 
 
-def _reward(value: Any) -> float:
+def _parse_reward(value: Any) -> float:
     try:
         reward = float(value)
     except (TypeError, ValueError):
@@ -98,12 +98,12 @@ def _reward(value: Any) -> float:
     return reward
 
 
-def _is_id_with_symmetry(item: Any) -> bool:
+def _is_id_symmetry_pair(item: Any) -> bool:
     """Whether something is CLIPort's ``(id, (symmetry, None))`` rather than several ids."""
     return isinstance(item, tuple) and len(cast(tuple[Any, ...], item)) == 2 and not is_number(item[1])
 
 
-def _object(item: Any) -> tuple[int, float]:
+def _parse_id_and_symmetry(item: Any) -> tuple[int, float]:
     """An id and its symmetry, from an id or from CLIPort's ``(id, (symmetry, None))``; ``(id, pose)`` has none."""
     symmetry, number = 0.0, item
     if isinstance(item, tuple):
@@ -115,26 +115,26 @@ def _object(item: Any) -> tuple[int, float]:
     return int(cast(int, number)), symmetry
 
 
-def _poses(targ_poses: Any) -> list[Pose]:
+def _parse_target_poses(targ_poses: Any) -> list[Pose]:
     if targ_poses is None or len(targ_poses) == 0:
         return []
     bare_pose = len(targ_poses) == 2 and is_vector(targ_poses[0], 3) and is_vector(targ_poses[1], 4)
     if bare_pose or is_vector(targ_poses, 3):
-        return [as_pose(targ_poses, "add_goal: targ_poses")]
-    return [as_pose(pose, "add_goal: targ_poses") for pose in targ_poses]
+        return [parse_pose(targ_poses, "add_goal: targ_poses")]
+    return [parse_pose(pose, "add_goal: targ_poses") for pose in targ_poses]
 
 
-def _zone_entries(params: Any) -> list[Any]:
+def _list_zone_entries(params: Any) -> list[Any]:
     """What a program gave as zones, one pair of pose and size each."""
     entries = list(cast(Sequence[Any], params)) if isinstance(params, list | tuple) else []
     if len(entries) == 2 and isinstance(entries[0], dict):
-        return _zone_entries(entries[1])  # CLIPort's (object points, zones): the points are sampled here
+        return _list_zone_entries(entries[1])  # CLIPort's (object points, zones): the points are sampled here
     if not entries:
         raise SimulationError("add_goal: metric 'zone' needs params", "give params=[(zone_pose, zone_size)]")
     return [entries] if len(entries) == 2 and is_vector(entries[1], 2, 3) else entries
 
 
-def _zone(entry: Any) -> Zone:
+def _parse_zone(entry: Any) -> Zone:
     try:
         extents = np.abs(np.asarray(entry[1], dtype=np.float64).ravel())
     except (TypeError, ValueError, IndexError) as error:
@@ -145,10 +145,10 @@ def _zone(entry: Any) -> Zone:
         raise SimulationError(f"add_goal: zone size {entry[1]!r} is no size in metres", "give (x, y, z)")
     height = float(extents[2]) if len(extents) == 3 else 0.0
     size = (float(extents[0]), float(extents[1]), height)
-    return Zone.model_construct(pose=as_pose(entry[0], "add_goal: zone"), size=size)
+    return Zone.model_construct(pose=parse_pose(entry[0], "add_goal: zone"), size=size)
 
 
-def _matches(matches: Any, objects: int, targets: int) -> tuple[tuple[int, ...], ...]:
+def _parse_match_matrix(matches: Any, objects: int, targets: int) -> tuple[tuple[int, ...], ...]:
     """Rows and columns too many are cut off, columns too few are zeros, a flat list is a row or a column."""
     if matches is None:
         return ((1,) * targets,) * objects
@@ -166,7 +166,7 @@ def _matches(matches: Any, objects: int, targets: int) -> tuple[tuple[int, ...],
     return tuple(map(tuple, rows.tolist()))
 
 
-def _symmetries(symmetries: Any, own: Sequence[float]) -> tuple[float, ...]:
+def _parse_symmetries(symmetries: Any, own: Sequence[float]) -> tuple[float, ...]:
     if symmetries is None:
         return tuple(own)
     given: list[Any] = [symmetries] if is_number(symmetries) else list(symmetries)

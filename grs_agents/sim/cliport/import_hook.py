@@ -23,7 +23,7 @@ def install() -> None:
         return
     for name in [name for name in sys.modules if name.split(".")[0] in PACKAGES]:
         del sys.modules[name]
-    modules = _modules()
+    modules = _build_replacement_modules()
     sys.modules.update(modules)
     for name, module in modules.items():
         parent, _, child = name.rpartition(".")
@@ -32,29 +32,29 @@ def install() -> None:
     sys.meta_path.insert(0, _Refusal(tuple(sorted(modules))))
 
 
-def _modules() -> dict[str, ModuleType]:
+def _build_replacement_modules() -> dict[str, ModuleType]:
     grippers = {"Suction": end_effectors.Suction, "Spatula": end_effectors.Spatula}
     primitives = {"PickPlace": end_effectors.PickPlace, "push": end_effectors.push}
     return {
-        "IPython": _module("IPython", embed=_nothing),
-        "cliport": _module("cliport"),
-        "cliport.tasks": _module("cliport.tasks", Task=Task),
-        "cliport.tasks.task": _module("cliport.tasks.task", Task=Task),
-        "cliport.tasks.primitives": _module("cliport.tasks.primitives", **primitives),
-        "cliport.tasks.grippers": _module("cliport.tasks.grippers", **grippers),
-        "cliport.utils": _module("cliport.utils"),
+        "IPython": _make_module("IPython", embed=_do_nothing),
+        "cliport": _make_module("cliport"),
+        "cliport.tasks": _make_module("cliport.tasks", Task=Task),
+        "cliport.tasks.task": _make_module("cliport.tasks.task", Task=Task),
+        "cliport.tasks.primitives": _make_module("cliport.tasks.primitives", **primitives),
+        "cliport.tasks.grippers": _make_module("cliport.tasks.grippers", **grippers),
+        "cliport.utils": _make_module("cliport.utils"),
         "cliport.utils.utils": utils,
-        "cliport.environments": _module("cliport.environments"),
-        "cliport.environments.environment": _module("cliport.environments.environment", Environment=Environment),
+        "cliport.environments": _make_module("cliport.environments"),
+        "cliport.environments.environment": _make_module("cliport.environments.environment", Environment=Environment),
         "pybullet": pybullet,
     }
 
 
-def _nothing(*_: Any, **__: Any) -> None:
+def _do_nothing(*_: Any, **__: Any) -> None:
     """``IPython.embed``: published programs import it and leave no call of it behind."""
 
 
-def _module(name: str, **names: Any) -> ModuleType:
+def _make_module(name: str, **names: Any) -> ModuleType:
     module = ModuleType(name, "Answered by grs_agents.sim.")
     module.__path__ = []
     vars(module).update(names)

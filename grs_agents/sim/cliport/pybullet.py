@@ -33,7 +33,7 @@ class PlainShape:
 _shapes: list[PlainShape] = []
 
 
-def add_shape(kind: int, radius: float, half_extents: Sequence[float], length: float, color: Any = None) -> int:
+def register_shape(kind: int, radius: float, half_extents: Sequence[float], length: float, color: Any = None) -> int:
     """Note a box, sphere or cylinder and return its number; others are an ``UnsupportedError``."""
     if kind not in _TEMPLATES:
         raise UnsupportedError(
@@ -45,7 +45,7 @@ def add_shape(kind: int, radius: float, half_extents: Sequence[float], length: f
         GEOM_CYLINDER: (2 * radius, 2 * radius, length),
     }
     _shapes.append(
-        PlainShape(kind, transforms.vec3(extents[kind]), None if color is None else tuple(map(float, color)))
+        PlainShape(kind, transforms.to_vec3(extents[kind]), None if color is None else tuple(map(float, color)))
     )
     return len(_shapes) - 1
 
@@ -57,13 +57,13 @@ _GEOMS: Final = {"sphere": GEOM_SPHERE, "box": GEOM_BOX, "cylinder": GEOM_CYLIND
 _current: list[Tabletop] = []
 
 
-def attach(env: Tabletop) -> None:
+def set_current_environment(env: Tabletop) -> None:
     """Make ``env`` the environment that the calls below read; it begins without any shape."""
     _current[:] = [env]
     _shapes.clear()
 
 
-def _environment() -> Tabletop:
+def _current_environment() -> Tabletop:
     if not _current:
         raise SimulationError("p.* was called before any Environment was made", "make an Environment first")
     return _current[-1]
@@ -71,13 +71,13 @@ def _environment() -> Tabletop:
 
 def getBasePositionAndOrientation(bodyUniqueId: int, *_: Any, **__: Any) -> tuple[Vec3, Quat]:
     """Position (m) of an object's centre and its rotation (xyzw)."""
-    return _environment().get_object_pose(bodyUniqueId)
+    return _current_environment().get_object_pose(bodyUniqueId)
 
 
 def getAABB(bodyUniqueId: int, *_: Any, **__: Any) -> tuple[Vec3, Vec3]:
     """Lowest and highest corner of an object as it stands, metres."""
-    prism = _environment().outline(bodyUniqueId)
-    x0, y0, x1, y1 = prism.box
+    prism = _current_environment().object_prism(bodyUniqueId)
+    x0, y0, x1, y1 = prism.bounding_box_xy
     return (x0, y0, prism.low), (x1, y1, prism.high)
 
 
@@ -85,7 +85,7 @@ def changeVisualShape(objectUniqueId: int, linkIndex: int = -1, rgbaColor: Any =
     """Recolour an object."""
     del linkIndex
     if rgbaColor is not None:
-        _environment().set_color(objectUniqueId, rgbaColor)
+        _current_environment().set_color(objectUniqueId, rgbaColor)
 
 
 def getVisualShapeData(objectUniqueId: int, *_: Any, **__: Any) -> tuple[tuple[Any, ...], ...]:
@@ -93,10 +93,10 @@ def getVisualShapeData(objectUniqueId: int, *_: Any, **__: Any) -> tuple[tuple[A
 
     Dimensions (m): extents of a box, (length, radius, 0) of a cylinder, thrice a sphere's radius, scale of a mesh.
     """
-    env = _environment()
-    own = env.object(objectUniqueId).color
+    env = _current_environment()
+    own = env.object_by_id(objectUniqueId).color
     entries: list[tuple[Any, ...]] = []
-    for shape in env.shapes(objectUniqueId).visuals:
+    for shape in env.object_model(objectUniqueId).visuals:
         dimensions = shape.size
         if shape.kind == "cylinder":
             dimensions = (shape.size[1], shape.size[0], 0.0)
@@ -110,24 +110,26 @@ def getVisualShapeData(objectUniqueId: int, *_: Any, **__: Any) -> tuple[tuple[A
 
 def resetBasePositionAndOrientation(bodyUniqueId: int, posObj: Any, ornObj: Any, *_: Any, **__: Any) -> None:
     """Set an object down at a pose at once."""
-    _environment().place_object(bodyUniqueId, (transforms.vec3(posObj), transforms.quat(ornObj)))
+    _current_environment().set_object_pose(
+        bodyUniqueId, (transforms.to_vec3(posObj), transforms.to_unit_quaternion(ornObj))
+    )
 
 
 def getNumBodies(*_: Any, **__: Any) -> int:
     """How many objects there are."""
-    return len(_environment().objects)
+    return len(_current_environment().objects)
 
 
 def multiplyTransforms(
     positionA: Any, orientationA: Any, positionB: Any, orientationB: Any, *_: Any, **__: Any
 ) -> tuple[Vec3, Quat]:
     """Transform B, given in the frame of A, in the frame that A is given in."""
-    return transforms.multiply((positionA, orientationA), (positionB, orientationB))
+    return transforms.compose_poses((positionA, orientationA), (positionB, orientationB))
 
 
 def invertTransform(position: Any, orientation: Any, *_: Any, **__: Any) -> tuple[Vec3, Quat]:
     """The inverse of a transform."""
-    return transforms.invert((position, orientation))
+    return transforms.invert_pose((position, orientation))
 
 
 def createConstraint(
@@ -154,13 +156,16 @@ def createConstraint(
             f"p.createConstraint: joint type {jointType} between {parentBodyUniqueId} and {childBodyUniqueId}",
             "use p.JOINT_POINT2POINT or p.JOINT_FIXED between two objects; category='fixed' holds one in place",
         )
-    return _environment().tie(
+    return _current_environment().tie_objects(
         InstanceTie(
             kind=_JOINTS[jointType],
             parent=parentBodyUniqueId,
             child=childBodyUniqueId,
-            parent_frame=(transforms.vec3(parentFramePosition), transforms.quat(parentFrameOrientation)),
-            child_frame=(transforms.vec3(childFramePosition), transforms.quat(childFrameOrientation)),
+            parent_frame=(
+                transforms.to_vec3(parentFramePosition),
+                transforms.to_unit_quaternion(parentFrameOrientation),
+            ),
+            child_frame=(transforms.to_vec3(childFramePosition), transforms.to_unit_quaternion(childFrameOrientation)),
         )
     )
 
@@ -169,7 +174,7 @@ def createCollisionShape(
     shapeType: int, radius: float = 0.5, halfExtents: Any = (1, 1, 1), height: float = 1.0, *_: Any, **__: Any
 ) -> int:
     """Describe a box, a sphere or a cylinder (m) for ``createMultiBody``; returns its number."""
-    return add_shape(shapeType, radius, halfExtents, height)
+    return register_shape(shapeType, radius, halfExtents, height)
 
 
 def createVisualShape(
@@ -186,7 +191,7 @@ def createVisualShape(
 ) -> int:
     """As ``createCollisionShape``; only its colour shows on a body that has a collision shape too."""
     del fileName, meshScale, planeNormal
-    return add_shape(shapeType, radius, halfExtents, length, rgbaColor)
+    return register_shape(shapeType, radius, halfExtents, length, rgbaColor)
 
 
 def createMultiBody(
@@ -202,7 +207,7 @@ def createMultiBody(
 
     Without mass it is fixed, without a collision shape a mark.
     """
-    env, collision, visual = _environment(), baseCollisionShapeIndex, baseVisualShapeIndex
+    env, collision, visual = _current_environment(), baseCollisionShapeIndex, baseVisualShapeIndex
     for number in (collision, visual):
         if not -1 <= number < len(_shapes):
             raise SimulationError(
@@ -212,17 +217,17 @@ def createMultiBody(
         raise SimulationError("p.createMultiBody: a body without any shape", "give a collision shape")
     shape, seen = _shapes[collision if collision >= 0 else visual], _shapes[visual if visual >= 0 else collision]
     template = _TEMPLATES[shape.kind] if collision >= 0 else _MARK
-    urdf = templates.fill(env.library, template, {"DIM": shape.size})
-    position = (0.0, 0.0, 0.0) if basePosition is None else transforms.vec3(basePosition)
+    urdf = templates.fill_template(env.library, template, {"DIM": shape.size})
+    position = (0.0, 0.0, 0.0) if basePosition is None else transforms.to_vec3(basePosition)
     category = "rigid" if baseMass > 0 and collision >= 0 else "fixed"
     color = None if seen.color is None else list(seen.color)
-    return env.add_object(urdf, (position, transforms.quat(baseOrientation)), category, color=color)
+    return env.add_object(urdf, (position, transforms.to_unit_quaternion(baseOrientation)), category, color=color)
 
 
 def changeDynamics(bodyUniqueId: int, *_: Any, **__: Any) -> None:
     """Accepted with a warning: masses and friction are the library's."""
-    _environment().object(bodyUniqueId)
-    _environment().warn("p.changeDynamics: masses and friction are the library's, it changes nothing")
+    _current_environment().object_by_id(bodyUniqueId)
+    _current_environment().record_warning("p.changeDynamics: masses and friction are the library's, it changes nothing")
 
 
 def changeConstraint(userConstraintUniqueId: int, *_: Any, **__: Any) -> None:
@@ -249,4 +254,4 @@ def getQuaternionFromEuler(eulerAngles: Vec3) -> Quat:
 
 def stepSimulation(*_: Any) -> None:
     """Simulate one time step."""
-    _environment().step_simulation()
+    _current_environment().step_simulation()

@@ -12,12 +12,12 @@ from grs_agents.geometry import FloatArray
 from grs_agents.sim.cliport import end_effectors
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.goal_arguments import make_goal
-from grs_agents.sim.cliport.task_helpers import TaskKit, kitting_objects
+from grs_agents.sim.cliport.task_helpers import TaskKit, add_kitting_objects
 from grs_agents.sim.expert import Oracle, PushOracle
 from grs_agents.sim.goals import TaskAccounting, task_accounting
 from grs_agents.sim.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE, Goal, NoFreeSpaceError, SimulationError
 from grs_agents.sim.motion import placement
-from grs_agents.sim.world import Prism, prisms, templates
+from grs_agents.sim.world import Prism, collider_prisms_at_pose, templates
 
 _PATIENCE = 200
 _ORIGIN: Pose = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -86,7 +86,7 @@ class Task(TaskKit):
 
     def reset(self, env: Environment) -> None:
         """Clear the goals. A program's own ``reset`` calls ``super().reset(env)``, then adds objects and goals."""
-        self.grs.begin(env)
+        self.grs.begin_reset(env)
         self.goals, self.lang_goals, self.progress = [], [], 0.0
 
     def add_goal(
@@ -136,10 +136,10 @@ class Task(TaskKit):
         )
         env = self.grs.reset_in
         if env is not None:
-            for number in goal.named:
-                env.object(number)
+            for number in goal.mentioned_object_ids:
+                env.object_by_id(number)
             for note in notes:
-                env.warn(note)
+                env.record_warning(note)
         self.goals.append(goal)
         if language_goal:
             self.lang_goals.append(str(language_goal))
@@ -155,10 +155,10 @@ class Task(TaskKit):
         """
         env = self.grs.reset_in
         library = env.library if env is not None else templates.default_library()
-        name, doubts = templates.fill_noted(library, template, replace)
+        name, doubts = templates.fill_and_describe_template(library, template, replace)
         if env is not None:
             for doubt in doubts:
-                env.warn(f"fill_template({template!r}): {doubt}")
+                env.record_warning(f"fill_template({template!r}): {doubt}")
         return name
 
     def get_random_pose(
@@ -174,8 +174,8 @@ class Task(TaskKit):
             NoFreeSpaceError: it was asked again and again although there is no room.
         """
         if any(extent < 0 for extent in obj_size):
-            env.warn("get_random_pose: a size with negative lengths was taken without their sign")
-        pose = placement.random_pose(obj_size, self.bounds, _obstacles(env), env.rng, env.arm)
+            env.record_warning("get_random_pose: a size with negative lengths was taken without their sign")
+        pose = placement.sample_free_pose(obj_size, self.bounds, _placement_obstacles(env), env.rng, env.arm)
         if pose is not None:
             env.failed_placements = 0
             return list(pose[0]), pose[1]
@@ -196,14 +196,14 @@ class Task(TaskKit):
         There is a target pose and a colour ((r, g, b) or a name) for each shape, a number 0..19.
         """
         shapes = [int(shape) for shape in obj_shapes[:n_objects]]
-        return kitting_objects(env, lambda size: self.get_random_pose(env, size), targets, shapes, colors)
+        return add_kitting_objects(env, lambda size: self.get_random_pose(env, size), targets, shapes, colors)
 
     def reward(self) -> tuple[float, dict[str, Any]]:
         """What was gained since the last call; goals that are met leave ``goals``."""
         partial = 0.0
         while self.goals:
             goal = self.goals[0]
-            share = float(np.mean(self.grs.scores(goal)))
+            share = float(np.mean(self.grs.score_goal_objects(goal)))
             partial = goal.max_reward * share
             if 1 - share > min(0.01 / max(goal.max_reward, 1e-9), _LENIENT):
                 break
@@ -221,7 +221,7 @@ class Task(TaskKit):
 
     def is_match(self, pose0: Pose, pose1: Pose, symmetry: float) -> bool:
         """Whether two poses agree within ``pos_eps`` and ``rot_eps``."""
-        return task_accounting.pose_matches(pose0, pose1, symmetry, self.pos_eps, self.rot_eps)
+        return task_accounting.is_pose_at_target(pose0, pose1, symmetry, self.pos_eps, self.rot_eps)
 
     def get_lang_goal(self) -> str:
         """The current goal in words, or ``task_completed_desc``."""
@@ -229,17 +229,23 @@ class Task(TaskKit):
 
     def oracle(self, env: Environment) -> Oracle:
         """An agent that solves the task: ``agent.act(obs, info)`` gives the next action, or None when it stops."""
-        return PushOracle(self, env) if end_effectors.pushes(self.ee, self.primitive) else Oracle(self, env)
+        return (
+            PushOracle(self, env) if end_effectors.uses_push_primitive(self.ee, self.primitive) else Oracle(self, env)
+        )
 
 
-def _obstacles(env: Environment) -> list[Prism]:
+def _placement_obstacles(env: Environment) -> list[Prism]:
     """One outline for each object, marks on the table included, since nothing should start on a target; and what is
     around the robot."""
-    around = [] if env.background is None else prisms(env.library.model(env.background), _ORIGIN)
-    return [*(env.outline(item.id) for item in env.objects), *around]
+    around = (
+        []
+        if env.background is None
+        else collider_prisms_at_pose(env.library.load_object_model(env.background), _ORIGIN)
+    )
+    return [*(env.object_prism(item.id) for item in env.objects), *around]
 
 
-def task_class(module: ModuleType) -> type[Task]:
+def find_task_class(module: ModuleType) -> type[Task]:
     """The last ``Task`` subclass that a program defines; raises ``SimulationError`` without one."""
     classes = [
         value
@@ -253,7 +259,7 @@ def task_class(module: ModuleType) -> type[Task]:
     return classes[-1]
 
 
-def names_task(tree: ast.Module) -> bool:
+def defines_task_class(tree: ast.Module) -> bool:
     """Whether source has a class that derives from ``Task``, directly, through others, or imported under another name.
 
     This reads the source alone, so that the program cannot change the answer.
@@ -270,13 +276,13 @@ def names_task(tree: ast.Module) -> bool:
     known = imported | ({"Task"} - bases.keys())
     grown = True
     while grown:
-        derived = {name for name, parents in bases.items() if any(_is_task(base, known) for base in parents)}
+        derived = {name for name, parents in bases.items() if any(_is_task_base(base, known) for base in parents)}
         grown = not derived <= known
         known |= derived
     return bool(known & bases.keys())
 
 
-def _is_task(base: ast.expr, known: set[str]) -> bool:
+def _is_task_base(base: ast.expr, known: set[str]) -> bool:
     if isinstance(base, ast.Attribute):
         return base.attr == "Task"
     return isinstance(base, ast.Name) and base.id in known

@@ -19,7 +19,7 @@ from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.goals import TaskAccounting
 from grs_agents.sim.instance import InstanceTie, NoFreeSpaceError, SimulationError
 from grs_agents.sim.motion import placement
-from grs_agents.sim.world import COLORS, Tabletop, as_pose, rotation_2d, templates
+from grs_agents.sim.world import COLORS, Tabletop, parse_pose, rotation_matrix_2d, templates
 
 _BEAD: Final = "sphere/sphere_rope.urdf"
 _BEAD_RADIUS: Final = 0.005
@@ -35,17 +35,17 @@ def add_rope(
 
     Raises ``SimulationError`` for beads that are too few or do not fit, ``NoFreeSpaceError`` where there is no room.
     """
-    first, last = (_corner_point(corner) for corner in corners)
+    first, last = (_parse_corner_point(corner) for corner in corners)
     step = (last - first) / max(n_parts, 1)
     spacing = float(np.linalg.norm(step))
     if n_parts < 2 or spacing < 0.002:
         raise SimulationError(
             f"make_ropes: {n_parts} beads over {spacing * n_parts:.3f} m", "give two corners apart, and more beads"
         )
-    points = _rope_curve_on_table(env, bounds, n_parts, spacing, min(radius, spacing / 2))
-    numbers = _beads(env, points, min(radius, spacing / 2), color_name)
+    points = _find_free_rope_curve(env, bounds, n_parts, spacing, min(radius, spacing / 2))
+    numbers = _add_beads(env, points, min(radius, spacing / 2), color_name)
     for parent, child in pairwise(numbers):
-        env.tie(
+        env.tie_objects(
             InstanceTie(
                 kind="point",
                 parent=parent,
@@ -54,23 +54,26 @@ def add_rope(
                 child_frame=((0.0, 0.0, 0.0), transforms.IDENTITY),
             )
         )
-    targets = [(transforms.vec3(first + (index + 0.5) * step), transforms.IDENTITY) for index in range(n_parts)]
+    targets = [(transforms.to_vec3(first + (index + 0.5) * step), transforms.IDENTITY) for index in range(n_parts)]
     matches = np.clip(np.eye(n_parts) + np.eye(n_parts)[::-1], 0, 1)
     return [(number, (0.0, None)) for number in numbers], targets, matches
 
 
-def _corner_point(corner: Any) -> FloatArray:
+def _parse_corner_point(corner: Any) -> FloatArray:
     point = np.asarray(corner[0] if np.ndim(corner[0]) else corner, dtype=np.float64)
     if point.shape != (3,) or not np.isfinite(point).all():
         raise SimulationError(f"make_ropes: corner {corner!r} is no point", "give (x, y, z) in metres")
     return point
 
 
-def _beads(env: Tabletop, points: FloatArray, radius: float, color_name: str) -> list[int]:
+def _add_beads(env: Tabletop, points: FloatArray, radius: float, color_name: str) -> list[int]:
     """Add beads at points (N, 2), each with its x axis towards the next."""
     urdf, color = _BEAD, None if color_name == "red" else color_name
     if abs(radius - _BEAD_RADIUS) > 1e-6:
-        urdf, color = templates.fill(env.library, "sphere/sphere-template.urdf", {"DIM": (2 * radius,) * 3}), color_name
+        urdf, color = (
+            templates.fill_template(env.library, "sphere/sphere-template.urdf", {"DIM": (2 * radius,) * 3}),
+            color_name,
+        )
     steps = np.diff(points, axis=0, append=2 * points[-1:] - points[-2:-1])
     numbers: list[int] = []
     for index, ((x, y), (dx, dy)) in enumerate(zip(points, steps, strict=True)):
@@ -80,18 +83,18 @@ def _beads(env: Tabletop, points: FloatArray, radius: float, color_name: str) ->
     return numbers
 
 
-def _rope_curve_on_table(env: Tabletop, bounds: FloatArray, count: int, spacing: float, radius: float) -> FloatArray:
+def _find_free_rope_curve(env: Tabletop, bounds: FloatArray, count: int, spacing: float, radius: float) -> FloatArray:
     """Points (count, 2) of a curve with equal steps that lies free on the table, within reach."""
-    standing = [env.outline(item.id) for item in env.objects]
+    standing = [env.object_prism(item.id) for item in env.objects]
     for bend in _BENDS:
         for _ in range(_TRIES):
-            curve = _curve(count, spacing, bend * float(env.rng.uniform(0.5, 1.0) * env.rng.choice([-1.0, 1.0])))
+            curve = _arc_points(count, spacing, bend * float(env.rng.uniform(0.5, 1.0) * env.rng.choice([-1.0, 1.0])))
             size = (*(np.ptp(curve, axis=0) + 2 * radius), 2 * radius)
-            pose = placement.random_pose(size, bounds, standing, env.rng, env.arm)
+            pose = placement.sample_free_pose(size, bounds, standing, env.rng, env.arm)
             if pose is None:
                 break
-            points = curve @ rotation_2d(transforms.yaw_of(pose[1])).T + np.asarray(pose[0][:2])
-            if env.arm.reachable(np.column_stack([points, np.full(count, 2 * radius)])).all():
+            points = curve @ rotation_matrix_2d(transforms.yaw_of_quaternion(pose[1])).T + np.asarray(pose[0][:2])
+            if env.arm.reachable_mask(np.column_stack([points, np.full(count, 2 * radius)])).all():
                 return points
     raise NoFreeSpaceError(
         f"no free place for a rope of {count} beads, {count * spacing:.2f} m, among {len(env.objects)} objects",
@@ -99,7 +102,7 @@ def _rope_curve_on_table(env: Tabletop, bounds: FloatArray, count: int, spacing:
     )
 
 
-def _curve(count: int, spacing: float, bend: float) -> FloatArray:
+def _arc_points(count: int, spacing: float, bend: float) -> FloatArray:
     """Points (count, 2) on an arc that turns by ``bend`` radians, about the middle of their box."""
     headings = bend * (np.arange(count - 1) / max(count - 2, 1) - 0.5)
     steps = spacing * np.stack([np.cos(headings), np.sin(headings)], axis=1)
@@ -148,12 +151,12 @@ class TaskKit:
         self, env: Environment
     ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.int32]]:
         """Colour (H, W, 3), height (H, W; m) and object id (H, W; 0 = none) from above, ``pix_size`` metres a pixel."""
-        return cameras.top_down_maps(env.objects, env.library, self.bounds, self.pix_size)
+        return cameras.render_top_down_maps(env.objects, env.library, self.bounds, self.pix_size)
 
     def add_corner_anchor_for_pose(self, env: Environment, pose: Any) -> int:
         """Mark a pose on the table with an L of two thin lines that nothing touches; returns its id."""
-        placed = as_pose(pose if len(pose) == 2 else (pose, transforms.IDENTITY), "add_corner_anchor_for_pose")
-        corner = templates.fill(env.library, "corner/corner-template.urdf", _CORNER)
+        placed = parse_pose(pose if len(pose) == 2 else (pose, transforms.IDENTITY), "add_corner_anchor_for_pose")
+        corner = templates.fill_template(env.library, "corner/corner-template.urdf", _CORNER)
         return env.add_object(corner, placed, "fixed")
 
     def color_random_brown(self, obj: int) -> None:
@@ -165,7 +168,7 @@ class TaskKit:
         """Whether the library has an asset."""
         env = self.grs.reset_in
         library = env.library if env is not None else templates.default_library()
-        return templates.asset_name(path, library) in library
+        return templates.resolve_asset_name(path, library) in library
 
     def make_piles(self, env: Environment, block_color: Any = None, *_: Any, **__: Any) -> list[int]:
         """Strew ``num_blocks`` cubes of 1 cm over a patch of 20 cm in the middle of the table; returns their ids.
@@ -227,7 +230,7 @@ class TaskKit:
 
     def get_box_object_points(self, obj: int) -> FloatArray:
         """Points (3, N) spread over an object's collision volume, object frame, metres."""
-        return np.copy(self.grs.env.volume(obj).points)
+        return np.copy(self.grs.env.object_collision_points(obj).points)
 
     def get_target_sample_surface_points(
         self, model: str, scale: Sequence[float], pose: Pose, num_points: int = 50
@@ -236,15 +239,19 @@ class TaskKit:
         import trimesh
 
         library, name = self.grs.env.library, "/".join(PurePosixPath(model.replace("\\", "/")).parts[-2:])
-        mesh: Any = trimesh.load_mesh(library.mesh_path(name))
-        points = _sample_surface(np.asarray(mesh.triangles, dtype=np.float64) * np.asarray(scale), num_points, self.rng)
-        return [(transforms.vec3(point), transforms.IDENTITY) for point in transforms.apply(pose, points.T).T]
+        mesh: Any = trimesh.load_mesh(library.mesh_or_texture_path(name))
+        points = _sample_upward_surface(
+            np.asarray(mesh.triangles, dtype=np.float64) * np.asarray(scale), num_points, self.rng
+        )
+        return [
+            (transforms.to_vec3(point), transforms.IDENTITY) for point in transforms.transform_points(pose, points.T).T
+        ]
 
     get_sphere_object_points = get_box_object_points
     get_mesh_object_points = get_box_object_points
 
 
-def _sample_surface(triangles: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
+def _sample_upward_surface(triangles: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
     """Points (count, 3) drawn evenly, as seen from above, from those of the triangles (N, 3, 3) that face upwards."""
     corner, first, second = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     area = np.maximum(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0], 0.0)
@@ -262,7 +269,7 @@ SIZE: Final = (0.08, 0.08, 0.02)
 """The most room, metres, that a shape of this scale takes."""
 
 
-def kitting_objects(
+def add_kitting_objects(
     env: Tabletop,
     place: Callable[[Sequence[float]], Any],
     targets: Sequence[Any],
@@ -285,7 +292,7 @@ def kitting_objects(
     matches: list[FloatArray] = []
     for shape, color in zip(shapes, colors, strict=False):
         replace = {"FNAME": f"{shape:02d}.obj", "SCALE": SCALE, "COLOR": color}
-        urdf = templates.fill(env.library, "kitting/object-template.urdf", replace)
+        urdf = templates.fill_template(env.library, "kitting/object-template.urdf", replace)
         number = env.add_object(urdf, place(SIZE))
         objects.append((number, (SYMMETRIES[shape], None)))
         row = np.zeros(len(targets))

@@ -8,17 +8,17 @@ from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.world import colors
 
 IDENTITY = transforms.IDENTITY
-apply = transforms.apply
+apply = transforms.transform_points
 eulerXYZ_to_quatXYZW = transforms.eulerXYZ_to_quatXYZW
-invert = transforms.invert
-multiply = transforms.multiply
+invert = transforms.invert_pose
+multiply = transforms.compose_poses
 multiply_quaternions = transforms.multiply_quaternions
-plain_pose = transforms.plain_pose
-quat = transforms.quat
+plain_pose = transforms.parse_pose
+quat = transforms.to_unit_quaternion
 quatXYZW_to_eulerXYZ = transforms.quatXYZW_to_eulerXYZ
-rotation_matrix = transforms.rotation_matrix
-vec3 = transforms.vec3
-yaw_of = transforms.yaw_of
+rotation_matrix = transforms.quaternion_to_matrix
+vec3 = transforms.to_vec3
+yaw_of = transforms.yaw_of_quaternion
 COLORS = colors.COLORS
 COLORS_NAMES = list(COLORS)
 TRAIN_COLORS = ["blue", "red", "green", "yellow", "brown", "gray", "cyan"]

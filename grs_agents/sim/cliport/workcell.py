@@ -13,7 +13,7 @@ from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.cliport import cameras, end_effectors
 from grs_agents.sim.instance import SimulationError, UnsupportedError
 from grs_agents.sim.motion import placement, tool_paths
-from grs_agents.sim.world import Recording, Tabletop, VisibleScene, as_pose
+from grs_agents.sim.world import Recording, Tabletop, VisibleScene, parse_pose
 
 _SPEED: Final = 1.0
 """Radians a second of the fastest joint in ``movej``."""
@@ -36,12 +36,12 @@ class ActionSpace:
     def sample(self, rng: np.random.Generator) -> dict[str, Pose]:
         """A random action, without turning."""
         points = rng.uniform(self.low, self.high, (2, 3)).tolist()
-        return {f"pose{index}": as_pose((point, None), "action") for index, point in enumerate(points)}
+        return {f"pose{index}": parse_pose((point, None), "action") for index, point in enumerate(points)}
 
     def contains(self, action: Any) -> bool:
         """Whether an action has both poses, within the bounds."""
         try:
-            poses = [as_pose(action[key], key) for key in ("pose0", "pose1")]
+            poses = [parse_pose(action[key], key) for key in ("pose0", "pose1")]
         except (SimulationError, KeyError, TypeError):
             return False
         return all((self.low <= pose[0]).all() and (pose[0] <= self.high).all() for pose in poses)
@@ -56,7 +56,7 @@ class Workcell(Tabletop):
     @property
     def homej(self) -> FloatArray:
         """Joint positions (dof,) of the waiting arm, radians."""
-        return self.arm.home.copy()
+        return self.arm.home_joints.copy()
 
     @property
     def ee(self) -> end_effectors.Suction | end_effectors.Spatula:
@@ -79,25 +79,25 @@ class Workcell(Tabletop):
         The pose is a position (m) and how the tool is turned (xyzw) from pointing straight down; it may tilt. Raises
         ``UnreachableError`` where limits, the table or the arm itself are in the way.
         """
-        position, rotation = as_pose(pose, "solve_ik")
-        _, tilt = tool_paths.split_yaw_tilt(rotation)
+        position, rotation = parse_pose(pose, "solve_ik")
+        _, tilt = tool_paths.split_into_yaw_and_tilt(rotation)
         tilted, physics = bool(np.any(tilt)), self.physics
-        if not tilted and not self.arm.can_reach(position):
+        if not tilted and not self.arm.can_reach_point(position):
             raise UnreachableError(
-                f"{placement.point_text(position)} {placement.reach_note(position, self.arm)}",
+                f"{placement.format_point(position)} {placement.describe_out_of_reach(position, self.arm)}",
                 "give a pose within reach",
             )
-        joints = self.arm.solve_poses(
-            np.array([position]), transforms.rotation_matrix(rotation)[None], physics.commanded
+        joints = self.arm.solve_ik_for_poses(
+            np.array([position]), transforms.quaternion_to_matrix(rotation)[None], physics.commanded_joint_positions
         )
         how = f"with the tool tilted by {np.linalg.norm(tilt):.2f} rad" if tilted else "with the tool down"
-        if not self.arm.within_limits(joints):
+        if not self.arm.is_path_within_limits(joints):
             raise UnreachableError(
-                f"{placement.point_text(position)} cannot be reached {how}", "give a pose within reach"
+                f"{placement.format_point(position)} cannot be reached {how}", "give a pose within reach"
             )
-        if (gap := self.arm.gap(joints)) is not None:
+        if (gap := self.arm.first_collision_along(joints)) is not None:
             raise UnreachableError(
-                f"{placement.point_text(position)} cannot be reached {how}: {gap}", "give a pose within reach"
+                f"{placement.format_point(position)} cannot be reached {how}: {gap}", "give a pose within reach"
             )
         return joints[0]
 
@@ -111,30 +111,33 @@ class Workcell(Tabletop):
         if target.shape != (self.arm.dof,) or not np.isfinite(target).all():
             count = self.arm.dof
             raise SimulationError(f"movej: {targj!r} are not {count} joint positions", f"give {count} finite numbers")
-        if not self.arm.within_limits(target[None]):
-            bounds = [f"{low:.2f}..{high:.2f}" for low, high in zip(self.arm.low, self.arm.high, strict=True)]
+        if not self.arm.is_path_within_limits(target[None]):
+            bounds = [
+                f"{low:.2f}..{high:.2f}"
+                for low, high in zip(self.arm.lower_joint_limits, self.arm.upper_joint_limits, strict=True)
+            ]
             raise UnreachableError(f"movej: {targj!r} is beyond the joints' limits", f"stay within {', '.join(bounds)}")
-        start = physics.joints
+        start = physics.joint_positions
         seconds = 1.5 * float(np.abs(target - start).max()) / _SPEED
         share = np.linspace(0.0, 1.0, max(2, int(seconds / self.timestep)))[:, None]
         path = start + (3 * share**2 - 2 * share**3) * (target - start)
         path = path[: max(2, int(timeout / self.timestep))]
-        if (gap := self.arm.gap(path)) is not None:
+        if (gap := self.arm.first_collision_along(path)) is not None:
             raise UnreachableError(
                 f"movej: on its way {gap}", "give joint positions that keep it clear, e.g. of env.solve_ik(pose)"
             )
-        physics.follow(path)
-        physics.arrive(path[-1])
-        return bool(np.abs(physics.joints - target).max() > _REACHED)
+        physics.follow_joint_path(path)
+        physics.wait_for_joint_positions(path[-1])
+        return bool(np.abs(physics.joint_positions - target).max() > _REACHED)
 
     def movep(self, pose: Any, speed: float = 0.01) -> bool:
         """Move the cup's tip to a pose; returns whether it failed to arrive, as ``movej``."""
         return self.movej(self.solve_ik(pose), speed)
 
     @property
-    def sight(self) -> VisibleScene:
+    def visible_scene(self) -> VisibleScene:
         """What there is to see now."""
-        joints = self.homej if self._physics is None else self._physics.joints
+        joints = self.homej if self._physics is None else self._physics.joint_positions
         poses = tuple(self.get_object_pose(number) for number in self._objects)
         return VisibleScene(
             tuple(self._objects.values()), self.library, joints, self.arm, self.tool, poses, self.background
@@ -144,7 +147,7 @@ class Workcell(Tabletop):
         self, config: Mapping[str, Any], *_: Any, **__: Any
     ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.int32]]:
         """Colour (H, W, 3), depth (H, W; m along the optical axis) and object id (H, W; -1 = none) of one camera."""
-        picture = cameras.render_config(self.sight, config)
+        picture = cameras.render_from_camera_config(self.visible_scene, config)
         return picture.color, picture.depth, picture.owner
 
     def render(self, mode: str = "rgb_array") -> npt.NDArray[np.uint8]:

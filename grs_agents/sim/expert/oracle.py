@@ -13,7 +13,7 @@ from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.expert import placement_planner
 from grs_agents.sim.goals import SceneView, ScoredTask, has_toppled
 from grs_agents.sim.instance import Goal, Stop
-from grs_agents.sim.motion import Blocked, ReachTest, Spot, find_grasp, point_text, reach_note
+from grs_agents.sim.motion import Blocked, ReachTest, Spot, describe_out_of_reach, find_grasp, format_point
 from grs_agents.sim.world import Tabletop
 
 _SAMPLES: Final = 24
@@ -42,43 +42,46 @@ class RopePlanner:
     def __init__(self) -> None:
         self._chosen: dict[tuple[int, ...], FloatArray] = {}
 
-    def ranked(self, goal: Goal, view: SceneView, pos_eps: float) -> list[tuple[int, FloatArray]]:
+    def rank_bead_moves(self, goal: Goal, view: SceneView, pos_eps: float) -> list[tuple[int, FloatArray]]:
         """Rows of beads to take and where to (2,), metres, the most useful first; empty: all are in place."""
-        beads = np.array([view.pose(number)[0][:2] for number in goal.objects])
+        beads = np.array([view.object_pose(number)[0][:2] for number in goal.objects])
         key = goal.objects
         if key not in self._chosen:
             ways = _rope_target_orders(goal)
             self._chosen[key] = min(ways, key=lambda way: float(np.linalg.norm(way - beads, axis=1).sum()))
         wanted = self._chosen[key]
-        now = _rope_cost(beads, wanted, pos_eps)
+        now = _rope_placement_cost(beads, wanted, pos_eps)
         after = np.array(
-            [_rope_cost(dragged_rope(beads, row, wanted[row]), wanted, pos_eps) for row in range(len(beads))]
+            [
+                _rope_placement_cost(predict_dragged_rope(beads, row, wanted[row]), wanted, pos_eps)
+                for row in range(len(beads))
+            ]
         )
         off = np.linalg.norm(wanted - beads, axis=1)
         order = sorted(range(len(beads)), key=lambda row: (after[row] > now, round(float(after[row]), 4), -off[row]))
         return [(row, wanted[row]) for row in order if off[row] > 0.3 * pos_eps]
 
 
-def dragged_rope(beads: FloatArray, row: int, target: FloatArray) -> FloatArray:
+def predict_dragged_rope(beads: FloatArray, row: int, target: FloatArray) -> FloatArray:
     """Where beads (N, 2) come to lie when one of them is brought straight to a target (2,), metres."""
     points = beads.copy()
     lengths = np.linalg.norm(np.diff(beads, axis=0), axis=1)
     for share in np.linspace(0.0, 1.0, _SAMPLES)[1:]:
         points[row] = beads[row] + share * (target - beads[row])
         for index in range(row + 1, len(points)):
-            points[index] = _follow_bead(points[index], points[index - 1], lengths[index - 1])
+            points[index] = _restore_bead_spacing(points[index], points[index - 1], lengths[index - 1])
         for index in range(row - 1, -1, -1):
-            points[index] = _follow_bead(points[index], points[index + 1], lengths[index])
+            points[index] = _restore_bead_spacing(points[index], points[index + 1], lengths[index])
     return points
 
 
-def _follow_bead(point: FloatArray, leader: FloatArray, length: float) -> FloatArray:
+def _restore_bead_spacing(point: FloatArray, leader: FloatArray, length: float) -> FloatArray:
     x, y = point[0] - leader[0], point[1] - leader[1]
     scale = length / max(float((x * x + y * y) ** 0.5), 1e-9)
     return np.array([leader[0] + scale * x, leader[1] + scale * y])
 
 
-def _rope_cost(beads: FloatArray, wanted: FloatArray, pos_eps: float) -> float:
+def _rope_placement_cost(beads: FloatArray, wanted: FloatArray, pos_eps: float) -> float:
     off = np.linalg.norm(beads - wanted, axis=1)
     return float((off + _MISS * np.clip(off / (0.7 * pos_eps) - 0.4, 0.0, 1.0)).sum())
 
@@ -118,164 +121,168 @@ class Oracle:
         del obs, info
         if self._episode is not self.table.recorder:
             self._episode = self.table.recorder
-            self._forget()
+            self._reset_episode_memory()
         self.table.recorder.stop = None
-        decision = self._decide()
+        decision = self._choose_action_or_stop()
         if isinstance(decision, Stop):
             self.table.recorder.stop = decision
             return None
         return decision
 
-    def _forget(self) -> None:
+    def _reset_episode_memory(self) -> None:
         """A new episode begins."""
         self._attempts.clear()
         self._planner = placement_planner.Planner()
         self._ropes = RopePlanner()
 
-    def _decide(self) -> Action | Stop:
+    def _choose_action_or_stop(self) -> Action | Stop:
         if not self.task.grs.stated:
             return Stop("nothing_to_do", "the task states no goal: its reset() never calls add_goal")
         if not self.task.goals:
             return Stop("success", "every goal is met")
-        return self._plan_goals(SceneView(self.table, self.task.grs.stated, self.task.goals))
+        return self._plan_for_unmet_goals(SceneView(self.table, self.task.grs.stated, self.task.goals))
 
-    def _plan_goals(self, view: SceneView) -> Action | Stop:
+    def _plan_for_unmet_goals(self, view: SceneView) -> Action | Stop:
         """The next action for the goals that are not met, or why there is none."""
         for goal in self.task.goals:
-            if is_rope_goal(goal, view) and (plan := self._plan_rope(goal, view)) is not None:
+            if is_rope_goal(goal, view) and (plan := self._plan_rope_action(goal, view)) is not None:
                 return plan
             reasons: list[Stop] = []
-            for row in self._order(goal, view):
-                plan = self._plan(goal, row, view, 0)
+            for row in self._unplaced_rows_in_order(goal, view):
+                plan = self._plan_object_action(goal, row, view, 0)
                 if not isinstance(plan, Stop):
                     return plan
                 reasons.append(plan)
             if reasons:
                 return reasons[0]
-        return self._nothing_left()
+        return self._explain_nothing_to_move()
 
-    def _nothing_left(self) -> Stop:
+    def _explain_nothing_to_move(self) -> Stop:
         """Goals are open, yet no object is left to move."""
         if not self.table.recorder.actions:
             return Stop("nothing_to_do", "every object is at its target already, before the robot does anything")
-        clauses = self.table.recorder.episode().shortfalls
+        clauses = self.table.recorder.build_episode().shortfalls
         why = f": {clauses[0]}" if clauses else ""
         return Stop("partial", f"no object is left to move, yet {len(self.task.goals)} goals are not met{why}")
 
-    def _plan_rope(self, goal: Goal, view: SceneView) -> Action | None:
+    def _plan_rope_action(self, goal: Goal, view: SceneView) -> Action | None:
         """Take the bead of a rope to its place that helps the most; None if none can be taken."""
-        for row, target in self._ropes.ranked(goal, view, self.task.pos_eps):
+        for row, target in self._ropes.rank_bead_moves(goal, view, self.task.pos_eps):
             number = goal.objects[row]
             attempt = (len(self.task.goals), number)
-            hold = self._hold(number, view) if self._attempts.get(attempt, 0) < _ATTEMPTS else None
+            hold = self._find_pick_point(number, view) if self._attempts.get(attempt, 0) < _ATTEMPTS else None
             spot = Spot((float(target[0]), float(target[1])), 0.0, 0.0)
             if isinstance(hold, tuple) and ReachTest(hold[2], self.table.arm)(np.array([spot.center]), np.zeros(1))[0]:
                 self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
-                return _action(number, hold, spot, view)
+                return _make_pick_place_action(number, hold, spot, view)
         return None
 
-    def _order(self, goal: Goal, view: SceneView) -> list[int]:
+    def _unplaced_rows_in_order(self, goal: Goal, view: SceneView) -> list[int]:
         """Rows of the goal whose objects are not yet placed: low targets and big objects first."""
-        scores = self.task.grs.scores(goal)
-        if goal.kind in ("stacked", "aligned"):
+        scores = self.task.grs.score_goal_objects(goal)
+        if goal.relation_kind in ("stacked", "aligned"):
             met = min(scores) >= _PLACED
-            return [] if met else self._planner.rows(goal, view)
+            return [] if met else self._planner.rows_to_move(goal, view)
         rows = [row for row, score in enumerate(scores) if score < _PLACED]
 
         def key(row: int) -> tuple[float, float, int]:
-            heights = [goal.targets[index][0][2] for index in goal.options(row)]
+            heights = [goal.targets[index][0][2] for index in goal.allowed_target_indices(row)]
             lowest = min(heights, default=0.0) if goal.metric == "pose" else 0.0
-            size = view.extent(goal.objects[row])
+            size = view.object_extent_xy(goal.objects[row])
             return (round(lowest, 3), -size[0] * size[1], row)
 
         return sorted(rows, key=key)
 
-    def _plan(self, goal: Goal, row: int, view: SceneView, depth: int) -> Action | Stop:
+    def _plan_object_action(self, goal: Goal, row: int, view: SceneView, depth: int) -> Action | Stop:
         """The action that brings one object of a goal nearer to its target, or why there is none."""
         number = goal.objects[row]
         attempt = (len(self.task.goals), number)
         if self._attempts.get(attempt, 0) >= _ATTEMPTS:
-            return self._given_up(number, view)
-        hold = self._hold(number, view)
+            return self._explain_giving_up(number, view)
+        hold = self._find_pick_point(number, view)
         if isinstance(hold, Stop):
             return hold
         if isinstance(hold, Blocked):
-            return self._clear(hold, number, view, depth)
-        lift = hold[2] - view.outline(number).low
-        target = self._planner.target(goal, row, self.task, view, lift)
+            return self._plan_blocker_removal(hold, number, view, depth)
+        lift = hold[2] - view.object_prism(number).low
+        target = self._planner.choose_target(goal, row, self.task, view, lift)
         if isinstance(target, Stop):
             return target
         if isinstance(target, Blocked):
-            cleared = self._clear(target, number, view, depth)
+            cleared = self._plan_blocker_removal(target, number, view, depth)
             if target.otherwise is None or not isinstance(cleared, Stop):
                 return cleared
             target = target.otherwise
         self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
-        return _action(number, hold, target, view)
+        return _make_pick_place_action(number, hold, target, view)
 
-    def _hold(self, number: int, view: SceneView) -> Vec3 | Blocked | Stop:
+    def _find_pick_point(self, number: int, view: SceneView) -> Vec3 | Blocked | Stop:
         """Where to pick an object up, or what lies on it, or why it cannot be picked."""
-        name, position = view.name(number), view.pose(number)[0]
-        if not view.is_free(number):
+        name, position = view.object_name(number), view.object_pose(number)[0]
+        if not view.is_object_movable(number):
             return Stop("error", f"{name} is 'fixed' and cannot be moved; add it as 'rigid'", (name,))
-        if not self.table.arm.can_reach((position[0], position[1], view.outline(number).high)):
-            note = reach_note((position[0], position[1], view.outline(number).high), self.table.arm)
-            return Stop("unreachable", f"object {name} at {point_text(position)} {note}", (name,))
-        hold = find_grasp(view.physics, number, position, view.outline(number), view.others(number))
+        if not self.table.arm.can_reach_point((position[0], position[1], view.object_prism(number).high)):
+            note = describe_out_of_reach((position[0], position[1], view.object_prism(number).high), self.table.arm)
+            return Stop("unreachable", f"object {name} at {format_point(position)} {note}", (name,))
+        hold = find_grasp(
+            view.physics, number, position, view.object_prism(number), view.prisms_of_other_objects(number)
+        )
         if hold.point is not None:
             return hold.point
-        movable = [other for other in hold.covered_by if view.is_free(other)]
+        movable = [other for other in hold.covered_by if view.is_object_movable(other)]
         if movable:
             return Blocked(movable[0])
-        names = tuple(view.name(other) for other in hold.covered_by)
+        names = tuple(view.object_name(other) for other in hold.covered_by)
         return Stop("unreachable", f"the top of {name} is covered by {', '.join(names) or 'nothing known'}", (name,))
 
-    def _clear(self, blocked: Blocked, number: int, view: SceneView, depth: int) -> Action | Stop:
+    def _plan_blocker_removal(self, blocked: Blocked, number: int, view: SceneView, depth: int) -> Action | Stop:
         """Move what is in the way: to its own target if it has one, else aside."""
-        blocker, name = blocked.blocker, view.name(blocked.blocker)
+        blocker, name = blocked.blocker, view.object_name(blocked.blocker)
         stop = Stop(
             "target_occupied",
-            f"{view.name(number)}: its way or target is occupied by {name}, which cannot be moved aside",
-            (view.name(number), name),
+            f"{view.object_name(number)}: its way or target is occupied by {name}, which cannot be moved aside",
+            (view.object_name(number), name),
         )
         attempt = (-1, blocker)
         if depth >= _DEPTH or self._attempts.get(attempt, 0) >= _ATTEMPTS:
             return stop
         for goal in self.task.goals:
-            scores = self.task.grs.scores(goal)
+            scores = self.task.grs.score_goal_objects(goal)
             if blocker in goal.objects and scores[goal.objects.index(blocker)] < _PLACED:
-                plan = self._plan(goal, goal.objects.index(blocker), view, depth + 1)
+                plan = self._plan_object_action(goal, goal.objects.index(blocker), view, depth + 1)
                 if not isinstance(plan, Stop):
                     return plan
-        hold = self._hold(blocker, view)
+        hold = self._find_pick_point(blocker, view)
         if isinstance(hold, Blocked):
-            return self._clear(hold, blocker, view, depth + 1)
+            return self._plan_blocker_removal(hold, blocker, view, depth + 1)
         if isinstance(hold, Stop):
             return stop
-        spot = placement_planner.spot_aside(blocker, blocked.keep_free, view, hold[2] - view.outline(blocker).low)
+        spot = placement_planner.find_spot_aside(
+            blocker, blocked.keep_free, view, hold[2] - view.object_prism(blocker).low
+        )
         if spot is None:
             return stop
         self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
-        return _action(blocker, hold, spot, view)
+        return _make_pick_place_action(blocker, hold, spot, view)
 
-    def _given_up(self, number: int, view: SceneView) -> Stop:
-        name, tilt = view.name(number), np.rad2deg(view.tilt(number))
+    def _explain_giving_up(self, number: int, view: SceneView) -> Stop:
+        name, tilt = view.object_name(number), np.rad2deg(view.object_tilt(number))
         notes = [action.note for action in self.table.recorder.actions if action.object in (number, None)]
         last = f"; last: {notes[-1]}" if notes else ""
         if has_toppled(number, view, np.pi / 4):
             fallen = f"{name} toppled (tilt {tilt:.0f} deg) and was not placed in {_ATTEMPTS} tries{last}"
             return Stop("toppled", fallen, (name,))
-        where = point_text(view.pose(number)[0])
+        where = format_point(view.object_pose(number)[0])
         detail = f"{name} was not brought to its target in {_ATTEMPTS} tries, it is at {where}{last}"
         return Stop("dropped", detail, (name,))
 
 
-def _action(number: int, hold: Vec3, spot: Spot, view: SceneView) -> Action:
+def _make_pick_place_action(number: int, hold: Vec3, spot: Spot, view: SceneView) -> Action:
     """Cup poses that carry an object to a spot: the cup keeps its place on the object."""
-    center = view.pose(number)[0]
+    center = view.object_pose(number)[0]
     x, y = hold[0] - center[0], hold[1] - center[1]
     cos, sin = float(np.cos(spot.turn)), float(np.sin(spot.turn))
-    lift = hold[2] - view.outline(number).low
+    lift = hold[2] - view.object_prism(number).low
     place = (spot.center[0] + cos * x - sin * y, spot.center[1] + sin * x + cos * y, spot.height + lift)
     return {
         "pose0": (hold, transforms.IDENTITY),

@@ -13,10 +13,10 @@ import numpy.typing as npt
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.arms import BLADE_THICKNESS, BLADE_WIDTH
 from grs_agents.sim.expert.oracle import Action, Oracle
-from grs_agents.sim.goals import SceneView, ScoredTask, zone_covered_by
+from grs_agents.sim.goals import SceneView, ScoredTask, zone_covered_by_object
 from grs_agents.sim.instance import Goal, Stop
-from grs_agents.sim.motion import HEIGHT, action_points
-from grs_agents.sim.world import Tabletop, rectangle, rotation_2d, signed_gaps
+from grs_agents.sim.motion import HEIGHT, action_points_for_stroke
+from grs_agents.sim.world import Tabletop, rectangle_outline, rotation_matrix_2d, signed_outline_gaps
 
 BoolArray = npt.NDArray[np.bool_]
 _LANES: Final = 11
@@ -40,36 +40,36 @@ class Strokes:
     end_points: FloatArray
 
     @property
-    def along(self) -> FloatArray:
+    def unit_directions(self) -> FloatArray:
         """Unit vectors (S, 2)."""
         step = self.end_points - self.start_points
         return step / np.linalg.norm(step, axis=1, keepdims=True)
 
-    def only(self, chosen: BoolArray) -> "Strokes":
+    def select_by_mask(self, chosen: BoolArray) -> "Strokes":
         """Those of them that are chosen (S,)."""
         return Strokes(self.start_points[chosen], self.end_points[chosen])
 
 
-def _ahead_and_aside(strokes: Strokes, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _project_onto_strokes(strokes: Strokes, places: FloatArray) -> tuple[FloatArray, FloatArray]:
     """How far ahead of the start and how far to the side (S, N) places (N, 2) are."""
-    along = strokes.along
+    along = strokes.unit_directions
     offset = places[None] - strokes.start_points[:, None]
     ahead = offset[..., 0] * along[:, :1] + offset[..., 1] * along[:, 1:]
     aside = offset[..., 1] * along[:, :1] - offset[..., 0] * along[:, 1:]
     return ahead, aside
 
 
-def starts_clear_of_pieces(strokes: Strokes, pieces: Pieces, margin: float = 0.003) -> BoolArray:
+def find_clear_stroke_starts(strokes: Strokes, pieces: Pieces, margin: float = 0.003) -> BoolArray:
     """Which strokes (S,) begin where the blade comes down on nothing."""
-    ahead, aside = _ahead_and_aside(strokes, pieces.places)
+    ahead, aside = _project_onto_strokes(strokes, pieces.places)
     reach = pieces.radii * 1.3 + margin
     under = (ahead > -BLADE_THICKNESS - reach) & (ahead < reach) & (np.abs(aside) < BLADE_WIDTH / 2 + reach)
     return np.logical_not(under.any(axis=1))
 
 
-def predict_places(strokes: Strokes, pieces: Pieces) -> FloatArray:
+def predict_piece_positions(strokes: Strokes, pieces: Pieces) -> FloatArray:
     """Where the pieces (S, N, 2) would be after each stroke alone."""
-    ahead, aside = _ahead_and_aside(strokes, pieces.places)
+    ahead, aside = _project_onto_strokes(strokes, pieces.places)
     length = np.linalg.norm(strokes.end_points - strokes.start_points, axis=1)[:, None]
     half = BLADE_WIDTH / 2
     swept = (np.abs(aside) < half) & (ahead > 0)
@@ -89,7 +89,7 @@ def predict_places(strokes: Strokes, pieces: Pieces) -> FloatArray:
         full = np.maximum(front[rows, strip], here - radii[piece] + depth)
         pushed = active & (here > ahead[rows, piece])
         front[rows[pushed], strip[pushed]] = full[pushed]
-    return pieces.places[None] + (moved - ahead)[..., None] * strokes.along[:, None]
+    return pieces.places[None] + (moved - ahead)[..., None] * strokes.unit_directions[:, None]
 
 
 _DIRECTIONS: Final = 16
@@ -121,14 +121,14 @@ class Place:
     size: FloatArray
     yaw: float
 
-    def distance(self, points: FloatArray) -> FloatArray:
+    def distance_outside(self, points: FloatArray) -> FloatArray:
         """How far (...) points (..., 2) are outside, metres; 0 inside."""
-        local = np.abs((points - self.center) @ rotation_2d(self.yaw)) - self.size / 2
+        local = np.abs((points - self.center) @ rotation_matrix_2d(self.yaw)) - self.size / 2
         return np.linalg.norm(np.maximum(local, 0.0), axis=-1)
 
-    def entry(self, start_points: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def ray_entry_and_exit(self, start_points: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
         """How far along rays (R, 2) enter and leave it (R,), metres; infinite where they miss."""
-        origin, way = (start_points - self.center) @ rotation_2d(self.yaw), along @ rotation_2d(self.yaw)
+        origin, way = (start_points - self.center) @ rotation_matrix_2d(self.yaw), along @ rotation_matrix_2d(self.yaw)
         with np.errstate(divide="ignore", invalid="ignore"):
             first, second = (-self.size / 2 - origin) / way, (self.size / 2 - origin) / way
         enter, leave = np.fmin(first, second).max(axis=1), np.fmax(first, second).min(axis=1)
@@ -143,30 +143,30 @@ class PushOracle(Oracle):
         self._tried: list[FloatArray] = []
         self._least, self._vain = np.inf, 0
 
-    def _forget(self) -> None:
-        super()._forget()
+    def _reset_episode_memory(self) -> None:
+        super()._reset_episode_memory()
         self._tried, self._least, self._vain = [], np.inf, 0
 
-    def _plan_goals(self, view: SceneView) -> Action | Stop:
+    def _plan_for_unmet_goals(self, view: SceneView) -> Action | Stop:
         scene = _Scene(self.task, view)
         if not scene.places:
             return Stop("error", "no goal says where things are to be pushed to: state 'zone', 'pose' or in_zone")
-        cost = float(scene.cost(scene.pieces.places[None])[0])
+        cost = float(scene.placement_cost(scene.pieces.places[None])[0])
         self._vain = 0 if cost < self._least - _EFFORT else self._vain + 1
         self._least = min(self._least, cost)
         if cost == 0:
             return Stop("nothing_to_do", "every object is at its target already, before the robot does anything")
-        strokes, gain = scene.strokes()
-        best = next(self._passable(strokes, gain, scene), None) if self._vain < _PATIENCE else None
+        strokes, gain = scene.propose_strokes_with_gain()
+        best = next(self._rank_feasible_strokes(strokes, gain, scene), None) if self._vain < _PATIENCE else None
         if best is None:
-            return scene.why_not()
+            return scene.explain_no_stroke()
         start, end = strokes.start_points[best], strokes.end_points[best]
         self._tried = [*self._tried[-_TRIED:], np.hstack([start, end])]
-        back = strokes.along[best] * BLADE_THICKNESS / 2
-        first, last = action_points(start - back, end - back)
+        back = strokes.unit_directions[best] * BLADE_THICKNESS / 2
+        first, last = action_points_for_stroke(start - back, end - back)
         return {"pose0": (first, transforms.IDENTITY), "pose1": (last, transforms.IDENTITY)}
 
-    def _passable(self, strokes: Strokes, gain: FloatArray, scene: "_Scene") -> Iterator[int]:
+    def _rank_feasible_strokes(self, strokes: Strokes, gain: FloatArray, scene: "_Scene") -> Iterator[int]:
         """Strokes worth their effort, best first, that the arm can make and that were not made already."""
         for index in np.argsort(-gain, kind="stable"):
             if gain[index] < _EFFORT:
@@ -174,7 +174,7 @@ class PushOracle(Oracle):
             end_points = np.array([strokes.start_points[index], strokes.end_points[index]])
             known = any(float(np.abs(done - end_points.ravel()).max()) < 0.004 for done in self._tried)
             tips = np.column_stack([end_points, [HEIGHT, HEIGHT]])
-            if not known and self.table.arm.reachable(tips).all() and not scene.obstructed(*end_points):
+            if not known and self.table.arm.reachable_mask(tips).all() and not scene.is_stroke_obstructed(*end_points):
                 yield int(index)
 
 
@@ -183,21 +183,21 @@ class _Scene:
 
     def __init__(self, task: ScoredTask, view: SceneView) -> None:
         self.view = view
-        ids = tuple(number for number in view.ids if view.is_free(number))
-        outlines = [view.outline(number).outline for number in ids]
-        areas = np.array([0.5 * abs(_twice_area(outline)) for outline in outlines])
-        centers = np.array([view.pose(number)[0][:2] for number in ids]).reshape(-1, 2)
+        ids = tuple(number for number in view.object_ids if view.is_object_movable(number))
+        outlines = [view.object_prism(number).outline for number in ids]
+        areas = np.array([0.5 * abs(_twice_signed_area(outline)) for outline in outlines])
+        centers = np.array([view.object_pose(number)[0][:2] for number in ids]).reshape(-1, 2)
         self.pieces = Pieces(ids, centers, np.sqrt(areas) / 2)
         self.places: dict[int, list[Place]] = {}
         for goal in task.goals:
             for row, number in enumerate(goal.objects):
                 if number in ids and number not in self.places:
                     spread = np.linalg.norm(outlines[ids.index(number)] - centers[ids.index(number)], axis=1).max()
-                    if places := _places(goal, row, float(spread), task.pos_eps, view):
+                    if places := _goal_places_for_object(goal, row, float(spread), task.pos_eps, view):
                         self.places[number] = places
-        self._groups = self._grouped()
+        self._groups = self._group_pieces_by_places()
 
-    def _grouped(self) -> list[tuple[npt.NDArray[np.intp], list[Place]]]:
+    def _group_pieces_by_places(self) -> list[tuple[npt.NDArray[np.intp], list[Place]]]:
         """Rows of pieces that share their places, as all grains of a pile do."""
         groups: list[tuple[list[int], list[Place]]] = []
         for row, number in enumerate(self.pieces.ids):
@@ -211,41 +211,41 @@ class _Scene:
                 groups.append(([row], places))
         return [(np.array(rows), places) for rows, places in groups]
 
-    def cost(self, places: FloatArray) -> FloatArray:
+    def placement_cost(self, places: FloatArray) -> FloatArray:
         """How far (S,) pieces at ``places`` (S, N, 2) are from where they belong, all together, metres."""
         total = np.zeros(len(places))
         for rows, wanted in self._groups:
-            away = np.min([place.distance(places[:, rows]) for place in wanted], axis=0)
+            away = np.min([place.distance_outside(places[:, rows]) for place in wanted], axis=0)
             total += (away + _ASTRAY * np.minimum(1.0, away / 0.004)).sum(axis=1)
         others = [row for row, number in enumerate(self.pieces.ids) if number not in self.places]
         if others:
             total += _SIDE * np.linalg.norm(places[:, others] - self.pieces.places[others], axis=2).sum(axis=1)
         return total
 
-    def strokes(self) -> tuple[Strokes, FloatArray]:
+    def propose_strokes_with_gain(self) -> tuple[Strokes, FloatArray]:
         """Strokes worth a thought, and what each is expected to gain (S,)."""
         parts = [
             part
             for rows, wanted in self._groups
-            for place in _emptiest_places(wanted, self.pieces.places)
-            for part in self._towards(place, rows[place.distance(self.pieces.places[rows]) > 0])
+            for place in _choose_emptiest_places(wanted, self.pieces.places)
+            for part in self._strokes_towards_place(place, rows[place.distance_outside(self.pieces.places[rows]) > 0])
         ]
         if not parts:
             return Strokes(np.zeros((0, 2)), np.zeros((0, 2))), np.zeros(0)
         strokes = Strokes(
             np.vstack([part.start_points for part in parts]), np.vstack([part.end_points for part in parts])
         )
-        strokes = strokes.only(starts_clear_of_pieces(strokes, self.pieces))
+        strokes = strokes.select_by_mask(find_clear_stroke_starts(strokes, self.pieces))
         pairs = sum(len(rows) * len(wanted) for rows, wanted in self._groups)
         count, most = len(strokes.start_points), max(_FEWEST, _PAIRS // max(1, pairs))
         if count > most:
             chosen = np.zeros(count, dtype=np.bool_)
             chosen[np.linspace(0, count - 1, most).astype(np.intp)] = True
-            strokes = strokes.only(chosen)
-        now = self.cost(self.pieces.places[None])[0]
-        return strokes, now - self.cost(predict_places(strokes, self.pieces))
+            strokes = strokes.select_by_mask(chosen)
+        now = self.placement_cost(self.pieces.places[None])[0]
+        return strokes, now - self.placement_cost(predict_piece_positions(strokes, self.pieces))
 
-    def _towards(self, place: Place, astray: npt.NDArray[np.intp]) -> Iterator[Strokes]:
+    def _strokes_towards_place(self, place: Place, astray: npt.NDArray[np.intp]) -> Iterator[Strokes]:
         """Strokes from behind astray pieces (rows) into a place, in many directions side by side."""
         points, radius = self.pieces.places[astray], float(self.pieces.radii[astray].max(initial=0.0))
         for index in range(_DIRECTIONS if len(points) else 0):
@@ -257,7 +257,7 @@ class _Scene:
             first = np.where(near, ahead[None], np.inf).min(axis=1) - 1.5 * radius - 0.004
             lanes, first = lanes[near.any(axis=1)], first[near.any(axis=1)]
             start_points = place.center + lanes[:, None] * across + first[:, None] * along
-            enter, leave = place.entry(start_points, np.broadcast_to(along, start_points.shape))
+            enter, leave = place.ray_entry_and_exit(start_points, np.broadcast_to(along, start_points.shape))
             lengths = [np.where(enter + depth <= leave, enter + depth, np.nan) for depth in _DEPTHS]
             abreast = (place.center - start_points) @ along
             for length in [*lengths, 0.5 * abreast, np.where(np.isfinite(enter), np.nan, abreast)]:
@@ -265,51 +265,57 @@ class _Scene:
                 if good.any():
                     yield Strokes(start_points[good], start_points[good] + (length[good, None] - radius) * along)
 
-    def obstructed(self, start: FloatArray, end: FloatArray) -> bool:
+    def is_stroke_obstructed(self, start: FloatArray, end: FloatArray) -> bool:
         """Whether the blade would meet something fixed between two points (2,)."""
         way = end - start
         middle, length = (start + end) / 2, float(np.linalg.norm(way)) + 0.02
-        area = rectangle((float(middle[0]), float(middle[1])), (length, BLADE_WIDTH), float(np.arctan2(way[1], way[0])))
+        area = rectangle_outline(
+            (float(middle[0]), float(middle[1])), (length, BLADE_WIDTH), float(np.arctan2(way[1], way[0]))
+        )
         return any(
-            signed_gaps(area, prism.outline, np.zeros((1, 2)))[0] < 0
+            signed_outline_gaps(area, prism.outline, np.zeros((1, 2)))[0] < 0
             for prism in self.view.prisms
-            if not self.view.is_free(prism.owner)
+            if not self.view.is_object_movable(prism.owner)
         )
 
-    def why_not(self) -> Stop:
+    def explain_no_stroke(self) -> Stop:
         """No stroke is worth its effort: what is still astray."""
         places = self.pieces.places
         astray: list[int] = []
         for rows, wanted in self._groups:
-            away = np.min([place.distance(places[rows]) for place in wanted], axis=0)
+            away = np.min([place.distance_outside(places[rows]) for place in wanted], axis=0)
             astray += [self.pieces.ids[int(row)] for row in rows[away > 0]]
-        names = tuple(dict.fromkeys(self.view.name(number) for number in astray))
-        far = [number for number in astray if not self.view.arm.can_reach((*self.view.pose(number)[0][:2], HEIGHT))]
+        names = tuple(dict.fromkeys(self.view.object_name(number) for number in astray))
+        far = [
+            number
+            for number in astray
+            if not self.view.arm.can_reach_point((*self.view.object_pose(number)[0][:2], HEIGHT))
+        ]
         if far:
             return Stop("unreachable", f"{len(far)} of {len(astray)} objects astray are out of the arm's reach", names)
         return Stop("partial", f"no stroke brings the last {len(astray)} objects nearer to their targets", names)
 
 
-def _places(goal: Goal, row: int, spread: float, pos_eps: float, view: SceneView) -> list[Place]:
+def _goal_places_for_object(goal: Goal, row: int, spread: float, pos_eps: float, view: SceneView) -> list[Place]:
     """Where the centre of an object of a goal may be; ``spread``: from its centre to its farthest corner, metres."""
     zones = goal.zones
-    if goal.kind == "in_zone":
-        zones = (zone_covered_by(goal.reference, view),)
+    if goal.relation_kind == "in_zone":
+        zones = (zone_covered_by_object(goal.reference_id, view),)
     if zones:
         return [
             Place(
                 np.asarray(zone.pose[0][:2]),
                 np.maximum(np.asarray(zone.size[:2]) - 2 * spread - 0.002, 0.004),
-                transforms.yaw_of(zone.pose[1]),
+                transforms.yaw_of_quaternion(zone.pose[1]),
             )
             for zone in zones
         ]
-    targets = [goal.targets[index] for index in goal.options(row)]
+    targets = [goal.targets[index] for index in goal.allowed_target_indices(row)]
     side = np.full(2, 1.2 * pos_eps)
-    return [Place(np.asarray(target[0][:2]), side, transforms.yaw_of(target[1])) for target in targets]
+    return [Place(np.asarray(target[0][:2]), side, transforms.yaw_of_quaternion(target[1])) for target in targets]
 
 
-def _emptiest_places(places: list[Place], points: FloatArray) -> list[Place]:
+def _choose_emptiest_places(places: list[Place], points: FloatArray) -> list[Place]:
     """At most ``_AIMS`` of the places: far from all points (N, 2) and from one another."""
     if len(places) <= _AIMS:
         return places
@@ -330,6 +336,6 @@ def _are_same_places(first: list[Place], second: list[Place]) -> bool:
     )
 
 
-def _twice_area(outline: FloatArray) -> float:
+def _twice_signed_area(outline: FloatArray) -> float:
     x, y = outline[:, 0], outline[:, 1]
     return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))

@@ -10,8 +10,19 @@ import numpy.typing as npt
 
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
-from grs_agents.sim.expert.zone_packing import explain_no_spot, pack_zone, region_of, turns_to_try
-from grs_agents.sim.goals import SceneView, ScoredTask, shortfall, shortfalls, zone_covered_by
+from grs_agents.sim.expert.zone_packing import (
+    explain_or_unblock_zone,
+    pack_objects_into_zone,
+    region_of_zone,
+    yaw_turns_to_try,
+)
+from grs_agents.sim.goals import (
+    SceneView,
+    ScoredTask,
+    explain_goal_shortfalls,
+    explain_object_shortfall,
+    zone_covered_by_object,
+)
 from grs_agents.sim.instance import Goal, Stop
 from grs_agents.sim.motion import (
     Blocked,
@@ -20,13 +31,13 @@ from grs_agents.sim.motion import (
     Region,
     Spot,
     Target,
-    find_spot,
-    point_text,
-    reach_note,
-    turned_outline,
+    describe_out_of_reach,
+    find_free_spot,
+    format_point,
+    rotated_outline_at_origin,
     wrap_angle,
 )
-from grs_agents.sim.world import Prism, rest_heights, signed_gaps
+from grs_agents.sim.world import Prism, rest_heights_at_offsets, signed_outline_gaps
 
 _GAPS: Final = (0.015, 0.006, 0.003)
 _MARGIN: Final = 0.3
@@ -43,220 +54,254 @@ class RelationPlanner:
     def __init__(self) -> None:
         self._lines: dict[Goal, dict[int, tuple[float, float]]] = {}
 
-    def target(self, goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
+    def choose_target(self, goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
         """Where the object of one row of a typed goal should go, or why nowhere; arguments as `Planner` takes them."""
         number = goal.objects[row]
-        if goal.kind == "upright":
-            return _cannot_right(number, view)
-        if goal.kind == "stacked":
-            return _on_top(goal.objects[goal.objects.index(number) - 1], goal, number, task, view, lift)
-        if goal.kind == "aligned":
-            return self._in_line(goal, number, task, view, lift)
-        if goal.kind == "near":
-            return _first_valid_spot(_spots_beside(goal, number, view, lift), goal, number, task, view, lift)
-        return _spot_on_reference(goal, number, task, view, lift)
+        if goal.relation_kind == "upright":
+            return _explain_toppled_object(number, view)
+        if goal.relation_kind == "stacked":
+            return _choose_stack_target(goal.objects[goal.objects.index(number) - 1], goal, number, task, view, lift)
+        if goal.relation_kind == "aligned":
+            return self._choose_line_target(goal, number, task, view, lift)
+        if goal.relation_kind == "near":
+            return _choose_first_valid_spot(
+                _candidate_spots_beside(goal, number, view, lift), goal, number, task, view, lift
+            )
+        return _choose_spot_on_reference(goal, number, task, view, lift)
 
-    def rows(self, goal: Goal, view: SceneView) -> list[int]:
+    def rows_to_move(self, goal: Goal, view: SceneView) -> list[int]:
         """Rows of a ``stacked`` or ``aligned`` goal whose objects must move, in the order in which they must."""
-        if goal.kind == "stacked":
+        if goal.relation_kind == "stacked":
             levels = range(1, len(goal.objects))
-            return [level for level in levels if shortfall(goal, goal.objects[level], view)]
+            return [level for level in levels if explain_object_shortfall(goal, goal.objects[level], view)]
         planned = self._lines.get(goal, {})
         return [
             row
             for row, number in enumerate(goal.objects)
-            if number not in planned or math.dist(planned[number], view.pose(number)[0][:2]) > _ARRIVED
+            if number not in planned or math.dist(planned[number], view.object_pose(number)[0][:2]) > _ARRIVED
         ]
 
-    def _in_line(self, goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
-        plan = self._lines.get(goal) or _plan_line(goal, view, lift)
+    def _choose_line_target(self, goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
+        plan = self._lines.get(goal) or _plan_line_positions(goal, view, lift)
         if plan is None:
-            name = view.name(number)
+            name = view.object_name(number)
             return Stop("no_free_space", f"no free line within reach for {len(goal.objects)} objects", (name,))
         self._lines[goal] = plan
-        spot = _lower_at(plan[number], 0.0, number, view)
-        blocker = _in_the_way(spot, number, view)
+        spot = _rest_spot_at_point(plan[number], 0.0, number, view)
+        blocker = _find_blocker_at_spot(spot, number, view)
         if blocker is not None:
-            return Blocked(blocker, (_outline_at(number, spot, view),))
-        placed = {other: _pose_at(Spot(plan[other], 0.0, 0.0), other, view) for other in goal.objects}
-        if any(shortfalls(goal, view.supposing(placed), task.rot_eps)):
-            return _no_spot(goal, number, view)
-        return spot if _reached(spot, view, lift) else _too_far(number, spot, view, lift)
+            return Blocked(blocker, (_object_prism_at_spot(number, spot, view),))
+        placed = {other: _object_pose_at_spot(Spot(plan[other], 0.0, 0.0), other, view) for other in goal.objects}
+        if any(explain_goal_shortfalls(goal, view.copy_with_object_poses(placed), task.rot_eps)):
+            return _explain_no_valid_spot(goal, number, view)
+        return spot if _is_spot_reachable(spot, view, lift) else _explain_unreachable_spot(number, spot, view, lift)
 
 
 def view_after_placing(spot: Spot, number: int, view: SceneView) -> SceneView:
     """The scene once an object has been put at a spot."""
-    return view.supposing({number: _pose_at(spot, number, view)})
+    return view.copy_with_object_poses({number: _object_pose_at_spot(spot, number, view)})
 
 
-def _pose_at(spot: Spot, number: int, view: SceneView) -> Pose:
-    (_, _, z), rotation = view.pose(number)
+def _object_pose_at_spot(spot: Spot, number: int, view: SceneView) -> Pose:
+    (_, _, z), rotation = view.object_pose(number)
     about = ((0.0, 0.0, 0.0), transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, spot.turn)))
-    turned_by = transforms.multiply(about, ((0.0, 0.0, 0.0), rotation))[1]
-    return (spot.center[0], spot.center[1], spot.height + z - view.outline(number).low), transforms.quat(turned_by)
+    turned_by = transforms.compose_poses(about, ((0.0, 0.0, 0.0), rotation))[1]
+    return (
+        spot.center[0],
+        spot.center[1],
+        spot.height + z - view.object_prism(number).low,
+    ), transforms.to_unit_quaternion(turned_by)
 
 
-def _first_valid_spot(
+def _choose_first_valid_spot(
     spots: Iterator[Spot], goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float
 ) -> Spot | Stop:
     """The first spot within reach at which the goal's definition holds."""
     far: Spot | None = None
     for spot in spots:
-        if not _reached(spot, view, lift):
+        if not _is_spot_reachable(spot, view, lift):
             far = far or spot
-        elif not shortfall(goal, number, view_after_placing(spot, number, view), task.rot_eps):
+        elif not explain_object_shortfall(goal, number, view_after_placing(spot, number, view), task.rot_eps):
             return spot
-    return _too_far(number, far, view, lift) if far else _no_spot(goal, number, view)
+    return _explain_unreachable_spot(number, far, view, lift) if far else _explain_no_valid_spot(goal, number, view)
 
 
-def _reached(spot: Spot, view: SceneView, lift: float) -> bool:
+def _is_spot_reachable(spot: Spot, view: SceneView, lift: float) -> bool:
     return bool(ReachTest(lift, view.arm)(np.array([spot.center]), np.array([spot.height]))[0])
 
 
-def _too_far(number: int, spot: Spot, view: SceneView, lift: float) -> Stop:
+def _explain_unreachable_spot(number: int, spot: Spot, view: SceneView, lift: float) -> Stop:
     tip = (*spot.center, spot.height + lift)
     return Stop(
         "unreachable",
-        f"target of {view.name(number)} at {point_text(tip)} {reach_note(tip, view.arm)}",
-        (view.name(number),),
+        f"target of {view.object_name(number)} at {format_point(tip)} {describe_out_of_reach(tip, view.arm)}",
+        (view.object_name(number),),
     )
 
 
-def _no_spot(goal: Goal, number: int, view: SceneView) -> Stop:
-    other = "".join(f" {view.name(other)}" for other in goal.named[len(goal.objects) :])
-    words = f"no spot at which {view.name(number)} would be {str(goal.kind).replace('_', ' ')}{other} is free"
-    return Stop("target_occupied", words, (view.name(number),))
+def _explain_no_valid_spot(goal: Goal, number: int, view: SceneView) -> Stop:
+    other = "".join(f" {view.object_name(other)}" for other in goal.mentioned_object_ids[len(goal.objects) :])
+    name, kind = view.object_name(number), str(goal.relation_kind).replace("_", " ")
+    return Stop("target_occupied", f"no spot at which {name} would be {kind}{other} is free", (name,))
 
 
-def _outline_at(number: int, spot: Spot, view: SceneView) -> Prism:
-    return view.supposing({number: _pose_at(spot, number, view)}).outline(number)
+def _object_prism_at_spot(number: int, spot: Spot, view: SceneView) -> Prism:
+    return view.copy_with_object_poses({number: _object_pose_at_spot(spot, number, view)}).object_prism(number)
 
 
-def _lower_at(center: tuple[float, float], turn: float, number: int, view: SceneView) -> Spot:
+def _rest_spot_at_point(center: tuple[float, float], turn: float, number: int, view: SceneView) -> Spot:
     """Where an object comes to rest that is lowered at a point."""
-    shape = turned_outline(view.outline(number), np.asarray(view.pose(number)[0][:2]), turn)
-    height = rest_heights(shape, view.others(number), np.array([center]), -0.0005)
+    shape = rotated_outline_at_origin(view.object_prism(number), np.asarray(view.object_pose(number)[0][:2]), turn)
+    height = rest_heights_at_offsets(shape, view.prisms_of_other_objects(number), np.array([center]), -0.0005)
     return Spot(center, turn, float(height[0]))
 
 
-def _cannot_right(number: int, view: SceneView) -> Stop:
-    name, tilt = view.name(number), np.rad2deg(view.tilt(number))
+def _explain_toppled_object(number: int, view: SceneView) -> Stop:
+    name, tilt = view.object_name(number), np.rad2deg(view.object_tilt(number))
     return Stop(
         "toppled", f"{name} lies on its side (tilt {tilt:.0f} deg): a tool that points down cannot right it", (name,)
     )
 
 
-def _on_top(below: int, goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
+def _choose_stack_target(below: int, goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
     """Centred on what is below it, turned along with it; what stands there goes first."""
-    center = (view.pose(below)[0][0], view.pose(below)[0][1])
-    turn = wrap_angle(view.yaw(below) - view.yaw(number), np.pi / 2)
-    spots = [_lower_at(center, angle, number, view) for angle in (turn, 0.0)]
-    target = _first_valid_spot(iter(spots), goal, number, task, view, lift)
+    center = (view.object_pose(below)[0][0], view.object_pose(below)[0][1])
+    turn = wrap_angle(view.object_yaw(below) - view.object_yaw(number), np.pi / 2)
+    spots = [_rest_spot_at_point(center, angle, number, view) for angle in (turn, 0.0)]
+    target = _choose_first_valid_spot(iter(spots), goal, number, task, view, lift)
     if isinstance(target, Spot) or target.outcome == "unreachable":
         return target
-    blocker = _in_the_way(spots[0], number, view, below)
-    return Blocked(blocker, (_outline_at(number, spots[0], view),)) if blocker is not None else target
+    blocker = _find_blocker_at_spot(spots[0], number, view, below)
+    return Blocked(blocker, (_object_prism_at_spot(number, spots[0], view),)) if blocker is not None else target
 
 
-def _in_the_way(spot: Spot, number: int, view: SceneView, below: int = -1) -> int | None:
+def _find_blocker_at_spot(spot: Spot, number: int, view: SceneView, below: int = -1) -> int | None:
     """A movable object, other than the one ``below``, that holds an object up at a spot."""
-    shape = turned_outline(view.outline(number), np.asarray(view.pose(number)[0][:2]), spot.turn)
+    shape = rotated_outline_at_origin(view.object_prism(number), np.asarray(view.object_pose(number)[0][:2]), spot.turn)
     owners = [
         prism.owner
-        for prism in view.others(number, below)
+        for prism in view.prisms_of_other_objects(number, below)
         if prism.high > spot.height - 0.003
-        and view.is_free(prism.owner)
-        and signed_gaps(shape.outline, prism.outline, np.array([spot.center]))[0] < -0.0005
+        and view.is_object_movable(prism.owner)
+        and signed_outline_gaps(shape.outline, prism.outline, np.array([spot.center]))[0] < -0.0005
     ]
     return owners[0] if owners and spot.height > 0.003 else None
 
 
-def _spot_on_reference(goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
+def _choose_spot_on_reference(goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
     """In a container, on a support or in a zone: packed with its fellows, as clear of one another as fits."""
-    zone = zone_covered_by(goal.reference, view)
-    members = [number, *(other for other in _unplaced_fellows(goal, task, view) if other != number)]
-    plan = pack_zone(zone, members, view, lift)
+    zone = zone_covered_by_object(goal.reference_id, view)
+    members = [number, *(other for other in _unplaced_relation_members(goal, task, view) if other != number)]
+    plan = pack_objects_into_zone(zone, members, view, lift)
     candidates = [plan[number]] if number in plan else []
-    target = _first_valid_spot(_candidate_spots(candidates, goal, number, view, lift), goal, number, task, view, lift)
+    target = _choose_first_valid_spot(
+        _candidate_reference_spots(candidates, goal, number, view, lift), goal, number, task, view, lift
+    )
     if isinstance(target, Spot):
         return target
-    reason = explain_no_spot(zone, number, members, view, lift)
+    reason = explain_or_unblock_zone(zone, number, members, view, lift)
     if isinstance(reason, Spot):
-        return _first_valid_spot(iter([reason]), goal, number, task, view, lift)
+        return _choose_first_valid_spot(iter([reason]), goal, number, task, view, lift)
     return reason
 
 
-def _unplaced_fellows(goal: Goal, task: ScoredTask, view: SceneView) -> list[int]:
+def _unplaced_relation_members(goal: Goal, task: ScoredTask, view: SceneView) -> list[int]:
     """Objects that goals still want there too, and are not there yet."""
     members: list[int] = []
     for other in task.goals:
-        if other.same_relation(goal):
-            members += [number for number in other.objects if shortfall(other, number, view, task.rot_eps)]
+        if other.has_same_relation(goal):
+            members += [
+                number for number in other.objects if explain_object_shortfall(other, number, view, task.rot_eps)
+            ]
     return list(dict.fromkeys(members))
 
 
-def _candidate_spots(first: Sequence[Spot], goal: Goal, number: int, view: SceneView, lift: float) -> Iterator[Spot]:
+def _candidate_reference_spots(
+    first: Sequence[Spot], goal: Goal, number: int, view: SceneView, lift: float
+) -> Iterator[Spot]:
     """Spots by preference: as packed; clear in the middle; centred, however it rests there."""
     yield from first
-    region = region_of(zone_covered_by(goal.reference, view))
-    body, center = view.outline(number), view.pose(number)[0]
-    turns = turns_to_try(number, region, view)
+    region = region_of_zone(zone_covered_by_object(goal.reference_id, view))
+    body, center = view.object_prism(number), view.object_pose(number)[0]
+    turns = yaw_turns_to_try(number, region, view)
     for gap in _GAPS:
-        spot = find_spot(body, center, turns, region, view.others(number), gap, ReachTest(lift, view.arm), spread=True)
+        spot = find_free_spot(
+            body,
+            center,
+            turns,
+            region,
+            view.prisms_of_other_objects(number),
+            gap,
+            ReachTest(lift, view.arm),
+            spread=True,
+        )
         if spot is not None:
             yield spot
-    if goal.kind != "inside":
+    if goal.relation_kind != "inside":
         for turn in turns:
-            yield _lower_at(region.center, turn, number, view)
+            yield _rest_spot_at_point(region.center, turn, number, view)
 
 
-def _spots_beside(goal: Goal, number: int, view: SceneView, lift: float) -> Iterator[Spot]:
+def _candidate_spots_beside(goal: Goal, number: int, view: SceneView, lift: float) -> Iterator[Spot]:
     """Free spots around the other object, at no more than the distance asked for."""
-    other, bound = view.outline(goal.reference), goal.distance or 0.0
-    body, center = view.outline(number), view.pose(number)[0]
-    x0, y0, x1, y1 = other.box
-    for turn in (0.0, wrap_angle(view.yaw(goal.reference) - view.yaw(number), np.pi / 2), np.pi / 2):
-        shape = turned_outline(body, np.asarray(center[:2]), turn)
+    other, bound = view.object_prism(goal.reference_id), goal.relation_distance or 0.0
+    body, center = view.object_prism(number), view.object_pose(number)[0]
+    x0, y0, x1, y1 = other.bounding_box_xy
+    for turn in (0.0, wrap_angle(view.object_yaw(goal.reference_id) - view.object_yaw(number), np.pi / 2), np.pi / 2):
+        shape = rotated_outline_at_origin(body, np.asarray(center[:2]), turn)
         reach = 2 * (float(np.abs(shape.outline).max()) + bound)
         region = Region(((x0 + x1) / 2, (y0 + y1) / 2), (x1 - x0 + 2 * reach, y1 - y0 + 2 * reach), 0.0)
         for share in (_MARGIN, 0.1):
-            suits = _near_enough(shape.outline, other.outline, (1 - share) * bound, ReachTest(lift, view.arm))
+            suits = _make_nearness_test(shape.outline, other.outline, (1 - share) * bound, ReachTest(lift, view.arm))
             for gap in (0.01, 0.004):
                 clear = min(gap, 0.5 * bound)
-                spot = find_spot(
-                    body, center, [turn], region, view.others(number), clear, suits, spread=True, near=center
+                spot = find_free_spot(
+                    body,
+                    center,
+                    [turn],
+                    region,
+                    view.prisms_of_other_objects(number),
+                    clear,
+                    suits,
+                    spread=True,
+                    near=center,
                 )
                 if spot is not None:
                     yield spot
 
 
-def _near_enough(
+def _make_nearness_test(
     shape: FloatArray, other: FloatArray, bound: float, suits: Callable[[FloatArray, FloatArray], Offsets]
 ) -> Callable[[FloatArray, FloatArray], Offsets]:
     def around(offsets: FloatArray, heights: FloatArray) -> Offsets:
-        return (signed_gaps(shape, other, offsets) < bound) & suits(offsets, heights)
+        return (signed_outline_gaps(shape, other, offsets) < bound) & suits(offsets, heights)
 
     return around
 
 
-def _plan_line(goal: Goal, view: SceneView, lift: float) -> dict[int, tuple[float, float]] | None:
+def _plan_line_positions(goal: Goal, view: SceneView, lift: float) -> dict[int, tuple[float, float]] | None:
     """Free places for all objects on a line across the table, in the order in which they lie across it."""
-    objects = sorted(goal.objects, key=lambda number: view.pose(number)[0][1])
-    widths = [max(view.outline(number).box[3] - view.outline(number).box[1], 0.01) for number in objects]
+    objects = sorted(goal.objects, key=lambda number: view.object_pose(number)[0][1])
+    widths = [
+        max(view.object_prism(number).bounding_box_xy[3] - view.object_prism(number).bounding_box_xy[1], 0.01)
+        for number in objects
+    ]
     least = max((first + second) / 2 for first, second in pairwise(widths)) + _BESIDE
-    step = goal.distance or least
+    step = goal.relation_distance or least
     places = (np.arange(len(objects)) - (len(objects) - 1) / 2) * step
-    obstacles = view.others(*objects)
+    obstacles = view.prisms_of_other_objects(*objects)
     bounds = view.bounds
-    middle = np.mean([view.pose(number)[0][:2] for number in objects], axis=0)
+    middle = np.mean([view.object_pose(number)[0][:2] for number in objects], axis=0)
     xs, ys = np.arange(bounds[0, 0], bounds[0, 1], 0.02), np.arange(bounds[1, 0], bounds[1, 1], 0.02)
     centers = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
     for axis in ((0.0, 1.0), (1.0, 0.0)):
         good = np.ones(len(centers), dtype=bool)
         for number, place in zip(objects, places, strict=True):
-            shape = turned_outline(view.outline(number), np.asarray(view.pose(number)[0][:2]), 0.0)
+            shape = rotated_outline_at_origin(
+                view.object_prism(number), np.asarray(view.object_pose(number)[0][:2]), 0.0
+            )
             offsets = centers + place * np.asarray(axis)
-            heights = rest_heights(shape, obstacles, offsets, 0.01)
+            heights = rest_heights_at_offsets(shape, obstacles, offsets, 0.01)
             inside = ((offsets >= bounds[:2, 0]) & (offsets <= bounds[:2, 1])).all(axis=1)
             good &= inside & (heights < 0.002) & ReachTest(lift, view.arm)(offsets, heights)
         if good.any():

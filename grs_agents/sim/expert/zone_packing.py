@@ -17,51 +17,54 @@ from grs_agents.sim.motion import (
     Region,
     Spot,
     Target,
-    find_spot,
-    point_text,
-    reach_note,
-    turned_outline,
+    describe_out_of_reach,
+    find_free_spot,
+    format_point,
+    rotated_outline_at_origin,
     wrap_angle,
 )
-from grs_agents.sim.world import Prism, inside_margin, signed_gaps
+from grs_agents.sim.world import Prism, margins_inside_outline, signed_outline_gaps
 
 GAPS: Final = (0.025, 0.012, 0.006, 0.003)
 """Free space asked for between neighbours in a zone, metres: as generous as fits."""
 
 
-def region_of(zone: Zone) -> Region:
+def region_of_zone(zone: Zone) -> Region:
     """A zone seen from above."""
     (x, y, _), rotation = zone.pose
-    return Region((x, y), zone.size[:2], transforms.yaw_of(rotation))
+    return Region((x, y), zone.size[:2], transforms.yaw_of_quaternion(rotation))
 
 
-def unplaced_members(zone: Zone, task: ScoredTask) -> list[int]:
+def unplaced_zone_members(zone: Zone, task: ScoredTask) -> list[int]:
     """Objects that goals still want in a zone, and are not there yet."""
     members: list[int] = []
     for goal in task.goals:
         if goal.metric == "zone" and zone in goal.zones:
-            scores = task.grs.scores(goal)
+            scores = task.grs.score_goal_objects(goal)
             members.extend(number for number, score in zip(goal.objects, scores, strict=True) if score < 0.985)
     return list(dict.fromkeys(members))
 
 
-def turns_to_try(number: int, region: Region, view: SceneView) -> list[float]:
+def yaw_turns_to_try(number: int, region: Region, view: SceneView) -> list[float]:
     """Turns (rad) worth trying: as it is if it is round, else along the region's sides."""
-    aligned = wrap_angle(region.yaw - view.yaw(number), np.pi / 2)
-    width, depth = view.extent(number)
+    aligned = wrap_angle(region.yaw - view.object_yaw(number), np.pi / 2)
+    width, depth = view.object_extent_xy(number)
     across = [wrap_angle(aligned + np.pi / 2, np.pi)] if abs(width - depth) > 0.002 else []
-    round_ = all(shape.kind in ("cylinder", "sphere") for shape in view.model(number).colliders)
-    return [0.0] if round_ and view.tilt(number) < 0.1 else [aligned, *across]
+    round_ = all(shape.kind in ("cylinder", "sphere") for shape in view.object_model(number).colliders)
+    return [0.0] if round_ and view.object_tilt(number) < 0.1 else [aligned, *across]
 
 
-def pack_zone(zone: Zone, members: Sequence[int], view: SceneView, lift: float) -> dict[int, Spot]:
+def pack_objects_into_zone(zone: Zone, members: Sequence[int], view: SceneView, lift: float) -> dict[int, Spot]:
     """Spots for as many members as fit together, the first one before all others; empty if it does not fit."""
-    region = region_of(zone)
-    first, rest = members[0], sorted(members[1:], key=lambda number: -float(np.prod(view.extent(number))))
+    region = region_of_zone(zone)
+    first, rest = members[0], sorted(members[1:], key=lambda number: -float(np.prod(view.object_extent_xy(number))))
     best: dict[int, Spot] = {}
     for gap in GAPS:
-        for order in ([first, *rest], sorted(members, key=lambda number: -float(np.prod(view.extent(number))))):
-            plan = _pack_once(region, order, view, lift, gap)
+        for order in (
+            [first, *rest],
+            sorted(members, key=lambda number: -float(np.prod(view.object_extent_xy(number)))),
+        ):
+            plan = _pack_region_in_order(region, order, view, lift, gap)
             if first in plan and len(plan) > len(best):
                 best = plan
             if len(best) == len(members):
@@ -69,12 +72,14 @@ def pack_zone(zone: Zone, members: Sequence[int], view: SceneView, lift: float) 
     return best
 
 
-def _pack_once(region: Region, order: Sequence[int], view: SceneView, lift: float, gap: float) -> dict[int, Spot]:
+def _pack_region_in_order(
+    region: Region, order: Sequence[int], view: SceneView, lift: float, gap: float
+) -> dict[int, Spot]:
     inner = Region(region.center, (region.size[0] - min(gap, 0.008), region.size[1] - min(gap, 0.008)), region.yaw)
-    obstacles = view.others(*order)
+    obstacles = view.prisms_of_other_objects(*order)
     plan: dict[int, Spot] = {}
     for number in order:
-        body, center = view.outline(number), view.pose(number)[0]
+        body, center = view.object_prism(number), view.object_pose(number)[0]
         standing = [
             *obstacles,
             *(
@@ -84,10 +89,10 @@ def _pack_once(region: Region, order: Sequence[int], view: SceneView, lift: floa
             ),
         ]
         alone = len(order) == 1
-        spot = find_spot(
+        spot = find_free_spot(
             body,
             center,
-            turns_to_try(number, region, view),
+            yaw_turns_to_try(number, region, view),
             inner,
             standing,
             gap,
@@ -97,71 +102,77 @@ def _pack_once(region: Region, order: Sequence[int], view: SceneView, lift: floa
         if spot is None:
             continue
         plan[number] = spot
-        shape = turned_outline(body, np.asarray(center[:2]), spot.turn)
+        shape = rotated_outline_at_origin(body, np.asarray(center[:2]), spot.turn)
         obstacles.append(
             Prism(shape.outline + np.asarray(spot.center), spot.height, spot.height + body.high - body.low, number)
         )
     return plan
 
 
-def explain_no_spot(zone: Zone, number: int, members: Sequence[int], view: SceneView, lift: float) -> Target:
+def explain_or_unblock_zone(zone: Zone, number: int, members: Sequence[int], view: SceneView, lift: float) -> Target:
     """Nothing is free: the zone is too small, out of reach, or taken; if taken, by what can be moved, or on what."""
-    region, name, body = region_of(zone), view.name(number), view.outline(number)
-    center, turns = view.pose(number)[0], turns_to_try(number, region, view)
-    width, depth = view.extent(number)
-    fixed = [prism for prism in view.others(number) if not view.is_free(prism.owner)]
+    region, name, body = region_of_zone(zone), view.object_name(number), view.object_prism(number)
+    center, turns = view.object_pose(number)[0], yaw_turns_to_try(number, region, view)
+    width, depth = view.object_extent_xy(number)
+    fixed = [prism for prism in view.prisms_of_other_objects(number) if not view.is_object_movable(prism.owner)]
 
     def anywhere(offsets: FloatArray, heights: FloatArray) -> npt.NDArray[np.bool_]:
         del heights
         return np.ones(len(offsets), dtype=bool)
 
     size = f"{region.size[0]:.2f} x {region.size[1]:.2f} m"
-    if find_spot(body, center, turns, region, fixed, 0.001, anywhere) is None:
+    if find_free_spot(body, center, turns, region, fixed, 0.001, anywhere) is None:
         return Stop(
             "target_too_small", f"target zone {size} is too small for {name} ({width:.2f} x {depth:.2f} m)", (name,)
         )
-    if find_spot(body, center, turns, region, fixed, 0.001, ReachTest(lift, view.arm)) is None:
+    if find_free_spot(body, center, turns, region, fixed, 0.001, ReachTest(lift, view.arm)) is None:
         tip = (region.center[0], region.center[1], lift)
         return Stop(
-            "unreachable", f"target zone of {name} at {point_text(zone.pose[0])} {reach_note(tip, view.arm)}", (name,)
+            "unreachable",
+            f"target zone of {name} at {format_point(zone.pose[0])} {describe_out_of_reach(tip, view.arm)}",
+            (name,),
         )
-    return _unblock(region, number, members, view, lift, size)
+    return _unblock_full_region(region, number, members, view, lift, size)
 
 
-def _unblock(region: Region, number: int, members: Sequence[int], view: SceneView, lift: float, size: str) -> Target:
+def _unblock_full_region(
+    region: Region, number: int, members: Sequence[int], view: SceneView, lift: float, size: str
+) -> Target:
     """What is to be moved out of a full region; a spot on top of what lies there; or why neither is possible."""
-    name, body = view.name(number), view.outline(number)
-    inside = _movable_in(region, number, view)
-    foreign = [other for other in inside if other in members or not _over_region(other, region, view)]
-    for other in foreign or _without_goal(inside, view):
-        return Blocked(other, (Prism(region.outline, 0.0, 1.0, number),))
-    turns, suits = turns_to_try(number, region, view), ReachTest(lift, view.arm)
-    center, others = view.pose(number)[0], view.others(number)
-    spot = find_spot(body, center, turns, region, others, 0.002, suits, spread=True, stack=True)
+    name, body = view.object_name(number), view.object_prism(number)
+    inside = _movable_objects_in_region(region, number, view)
+    foreign = [other for other in inside if other in members or not _is_wholly_in_region(other, region, view)]
+    for other in foreign or _objects_without_goal(inside, view):
+        return Blocked(other, (Prism(region.corner_points, 0.0, 1.0, number),))
+    turns, suits = yaw_turns_to_try(number, region, view), ReachTest(lift, view.arm)
+    center, others = view.object_pose(number)[0], view.prisms_of_other_objects(number)
+    spot = find_free_spot(body, center, turns, region, others, 0.002, suits, spread=True, stack=True)
     if spot is not None and spot.height + body.high - body.low < TALLEST_STACK:
         return spot
-    names = tuple(dict.fromkeys(view.name(other) for other in inside))
+    names = tuple(dict.fromkeys(view.object_name(other) for other in inside))
     detail = f"no room for {name} in the target zone {size}: occupied by {', '.join(names)}"
     return Stop("target_occupied", detail, (name, *names))
 
 
-def _movable_in(region: Region, number: int, view: SceneView) -> list[int]:
+def _movable_objects_in_region(region: Region, number: int, view: SceneView) -> list[int]:
     """The other movable objects that reach into a region."""
     return [
         other
-        for other in view.ids
+        for other in view.object_ids
         if other != number
-        and view.is_free(other)
-        and signed_gaps(view.outline(other).outline, region.outline, np.zeros((1, 2)))[0] < -0.002
+        and view.is_object_movable(other)
+        and signed_outline_gaps(view.object_prism(other).outline, region.corner_points, np.zeros((1, 2)))[0] < -0.002
     ]
 
 
-def _over_region(number: int, region: Region, view: SceneView) -> bool:
+def _is_wholly_in_region(number: int, region: Region, view: SceneView) -> bool:
     """Whether an object lies wholly in a region."""
-    return bool(inside_margin(view.outline(number).outline, region.outline, np.zeros((1, 2)))[0] > -0.01)
+    return bool(
+        margins_inside_outline(view.object_prism(number).outline, region.corner_points, np.zeros((1, 2)))[0] > -0.01
+    )
 
 
-def _without_goal(numbers: Sequence[int], view: SceneView) -> list[int]:
+def _objects_without_goal(numbers: Sequence[int], view: SceneView) -> list[int]:
     """Objects that no goal speaks of."""
     wanted = {number for goal in view.stated_goals for number in goal.objects}
     return [number for number in numbers if number not in wanted]

@@ -18,20 +18,20 @@ from grs_agents.sim.world import (
     Prism,
     Tabletop,
     Volume,
+    collider_prisms_at_pose,
     convex_hull,
-    footprint,
-    inside_margin,
-    intersection_outline,
-    nearby,
-    prisms,
-    rotation_2d,
-    signed_gaps,
+    find_nearby_prisms,
+    intersect_outlines,
+    margins_inside_outline,
+    object_prism_at_pose,
+    rotation_matrix_2d,
+    signed_outline_gaps,
 )
 
 _POINT = np.zeros((1, 2))
 
 
-def tilt_of(pose: Pose) -> float:
+def tilt_of_pose(pose: Pose) -> float:
     """The angle between an object's own z axis and the vertical, radians."""
     x, y, _, _ = pose[1]
     return math.acos(min(1.0, max(-1.0, 1 - 2 * (x * x + y * y))))
@@ -42,90 +42,94 @@ class SceneView:
 
     def __init__(self, table: Tabletop, stated: Sequence[Goal], open_goals: Sequence[Goal]) -> None:
         self._table, self.physics = table, table.physics
-        self.arm, self.bounds, self.places, self.ties = table.arm, table.bounds, table.places, table.ties
+        self.arm, self.bounds, self.places, self.ties = table.arm, table.bounds, table.places, table.object_ties
         self.stated_goals, self.open_goals = stated, open_goals
         self._items = {item.id: item for item in table.objects}
-        self._models = {number: table.shapes(number) for number in self._items}
-        self.prisms: list[Prism] = table.outlines()
+        self._models = {number: table.object_model(number) for number in self._items}
+        self.prisms: list[Prism] = table.collider_prisms()
         self._supposed: dict[int, Prism] = {}
 
-    def supposing(self, poses: Mapping[int, Pose]) -> "SceneView":
+    def copy_with_object_poses(self, poses: Mapping[int, Pose]) -> "SceneView":
         """The same scene with some objects elsewhere: what a plan would bring about."""
         other = copy.copy(self)
         other._items = self._items | {
             number: self._items[number].model_copy(update={"pose": pose}) for number, pose in poses.items()
         }
         other._supposed = self._supposed | {
-            number: footprint(self._models[number], pose, number) for number, pose in poses.items()
+            number: object_prism_at_pose(self._models[number], pose, number) for number, pose in poses.items()
         }
-        moved = [prism for number, pose in poses.items() for prism in prisms(self._models[number], pose, number)]
-        other.prisms = [*self.others(*poses), *moved]
+        moved = [
+            prism
+            for number, pose in poses.items()
+            for prism in collider_prisms_at_pose(self._models[number], pose, number)
+        ]
+        other.prisms = [*self.prisms_of_other_objects(*poses), *moved]
         return other
 
     @property
-    def ids(self) -> tuple[int, ...]:
+    def object_ids(self) -> tuple[int, ...]:
         """Every object."""
         return tuple(self._items)
 
-    def name(self, number: int) -> str:
+    def object_name(self, number: int) -> str:
         """The asset name of an object."""
         return self._items[number].asset
 
-    def pose(self, number: int) -> Pose:
+    def object_pose(self, number: int) -> Pose:
         """Where it is."""
         return self._items[number].pose
 
-    def yaw(self, number: int) -> float:
+    def object_yaw(self, number: int) -> float:
         """How it is turned about the vertical, radians."""
-        return transforms.yaw_of(self.pose(number)[1])
+        return transforms.yaw_of_quaternion(self.object_pose(number)[1])
 
-    def tilt(self, number: int) -> float:
+    def object_tilt(self, number: int) -> float:
         """The angle between its own z axis and the vertical, radians."""
-        return tilt_of(self.pose(number))
+        return tilt_of_pose(self.object_pose(number))
 
-    def tilt_at_start(self, number: int) -> float:
+    def object_tilt_at_start(self, number: int) -> float:
         """That angle when the scene had settled, before anything acted."""
         start = self.places.get(number)
-        return 0.0 if start is None else tilt_of(start)
+        return 0.0 if start is None else tilt_of_pose(start)
 
-    def model(self, number: int) -> ObjectModel:
+    def object_model(self, number: int) -> ObjectModel:
         """What it is made of."""
         return self._models[number]
 
-    def volume(self, number: int) -> Volume:
+    def object_volume(self, number: int) -> Volume:
         """Its collision volume."""
-        return self._table.volume(number)
+        return self._table.object_collision_points(number)
 
-    def is_free(self, number: int) -> bool:
+    def is_object_movable(self, number: int) -> bool:
         """Whether it can be moved."""
-        return self._table.is_free(number)
+        return self._table.is_object_movable(number)
 
-    def hollow(self, number: int) -> bool:
+    def is_object_hollow(self, number: int) -> bool:
         """Whether things can be put into it."""
-        return self._table.library.asset(self.name(number)).hollow
+        return self._table.library.asset(self.object_name(number)).hollow
 
-    def outline(self, number: int) -> Prism:
+    def object_prism(self, number: int) -> Prism:
         """One prism around the whole object."""
-        return self._supposed[number] if number in self._supposed else self._table.outline(number)
+        return self._supposed[number] if number in self._supposed else self._table.object_prism(number)
 
-    def parts(self, number: int) -> list[Prism]:
+    def collider_prisms(self, number: int) -> list[Prism]:
         """The prisms of one object's colliders."""
         return [prism for prism in self.prisms if prism.owner == number]
 
-    def extent(self, number: int) -> tuple[float, float]:
+    def object_extent_xy(self, number: int) -> tuple[float, float]:
         """Horizontal extents along its own axes as it stands, metres."""
-        outline = self.outline(number).outline @ rotation_2d(self.yaw(number))
+        outline = self.object_prism(number).outline @ rotation_matrix_2d(self.object_yaw(number))
         size = outline.max(axis=0) - outline.min(axis=0)
         return (float(size[0]), float(size[1]))
 
-    def others(self, *numbers: int) -> list[Prism]:
+    def prisms_of_other_objects(self, *numbers: int) -> list[Prism]:
         """The prisms of every object but these."""
         return [prism for prism in self.prisms if prism.owner not in numbers]
 
-    def over(self, number: int, point: Vec3) -> bool:
+    def is_point_over_object(self, number: int, point: Vec3) -> bool:
         """Whether a point lies above an object's outline, seen from above."""
         offset = np.array([[point[0], point[1]]])
-        return bool(inside_margin(_POINT, self.outline(number).outline, offset)[0] >= 0)
+        return bool(margins_inside_outline(_POINT, self.object_prism(number).outline, offset)[0] >= 0)
 
 
 _TOUCHING: Final = 0.006
@@ -137,50 +141,51 @@ _GRAIN: Final = 0.02
 """What is no larger than this lies as it falls: any of its sides will do, metres."""
 
 
-def objects_below(number: int, view: SceneView) -> set[int]:
+def supporting_object_ids(number: int, view: SceneView) -> set[int]:
     """Ids of the objects whose top an object's underside rests on; empty on the bare table."""
     own = [prism for prism in view.prisms if prism.owner == number]
     low = min((prism.low for prism in own), default=0.0)
     feet = [prism for prism in own if prism.low < low + _TOUCHING]
-    return {prism.owner for prism in view.others(number) if _carries(prism, feet)}
+    return {prism.owner for prism in view.prisms_of_other_objects(number) if _is_prism_under_feet(prism, feet)}
 
 
-def enclosing_objects(number: int, view: SceneView) -> set[int]:
+def enclosing_object_ids(number: int, view: SceneView) -> set[int]:
     """Ids of what an object on the table stands in, without a top of theirs under it: fixtures, rings."""
-    own = view.outline(number)
+    own = view.object_prism(number)
     return {
         other
-        for other in view.ids
+        for other in view.object_ids
         if own.low < _TOUCHING
         and other != number
-        and view.model(other).colliders
-        and view.outline(other).low < own.high
-        and view.outline(other).high > own.low
-        and view.over(other, view.pose(number)[0])
+        and view.object_model(other).colliders
+        and view.object_prism(other).low < own.high
+        and view.object_prism(other).high > own.low
+        and view.is_point_over_object(other, view.object_pose(number)[0])
     }
 
 
-def marks_under(number: int, view: SceneView) -> set[int]:
+def mark_ids_under_object(number: int, view: SceneView) -> set[int]:
     """Ids of the marks on the table on which an object stands; empty if it is not on the table."""
-    if view.outline(number).low > _TOUCHING:
+    if view.object_prism(number).low > _TOUCHING:
         return set()
     return {
         other
-        for other in view.ids
-        if not view.model(other).colliders
-        and abs(view.outline(other).high) < _TOUCHING
-        and view.over(other, view.pose(number)[0])
+        for other in view.object_ids
+        if not view.object_model(other).colliders
+        and abs(view.object_prism(other).high) < _TOUCHING
+        and view.is_point_over_object(other, view.object_pose(number)[0])
     }
 
 
-def _carries(prism: Prism, feet: Iterable[Prism]) -> bool:
+def _is_prism_under_feet(prism: Prism, feet: Iterable[Prism]) -> bool:
     return any(
-        abs(foot.low - prism.high) < _TOUCHING and signed_gaps(foot.outline, prism.outline, _POINT)[0] < _OVERLAP
+        abs(foot.low - prism.high) < _TOUCHING
+        and signed_outline_gaps(foot.outline, prism.outline, _POINT)[0] < _OVERLAP
         for foot in feet
     )
 
 
-def is_stable(parts: Sequence[Prism], height: float, center: FloatArray, others: Iterable[Prism]) -> bool:
+def is_placement_stable(parts: Sequence[Prism], height: float, center: FloatArray, others: Iterable[Prism]) -> bool:
     """Whether a body with its underside at a height (m) has its centre of mass (2,) over what would carry it."""
     if height < _TOUCHING:
         return True
@@ -188,22 +193,22 @@ def is_stable(parts: Sequence[Prism], height: float, center: FloatArray, others:
     feet = [part for part in parts if part.low < low + _TOUCHING]
     carriers = [prism for prism in others if abs(prism.high - height) < _TOUCHING]
     touching = [
-        intersection_outline(foot.outline, top.outline)
+        intersect_outlines(foot.outline, top.outline)
         for foot in feet
-        for top in nearby(foot, carriers, (0.0, 0.0), 0.0)
+        for top in find_nearby_prisms(foot, carriers, (0.0, 0.0), 0.0)
     ]
     base = convex_hull(np.vstack([np.zeros((0, 2)), *touching]))
-    return len(base) > 2 and bool(inside_margin(_POINT, base, center[None])[0] > _FOOTING)
+    return len(base) > 2 and bool(margins_inside_outline(_POINT, base, center[None])[0] > _FOOTING)
 
 
 def has_toppled(number: int, view: SceneView, tolerance: float) -> bool:
     """Whether an object is more tilted than at the start, by more than ``tolerance`` radians; no ball or grain is."""
-    model = view.model(number)
+    model = view.object_model(number)
     if all(shape.kind == "sphere" for shape in model.colliders) or max(model.size) <= _GRAIN:
         return False
-    return view.tilt(number) > view.tilt_at_start(number) + tolerance
+    return view.object_tilt(number) > view.object_tilt_at_start(number) + tolerance
 
 
 def is_at_rest(number: int, view: SceneView) -> bool:
     """Whether an object lies still, let go by the robot."""
-    return view.physics.held != number and view.physics.speed_of(number) < _STILL
+    return view.physics.held_object_id != number and view.physics.object_speed(number) < _STILL

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
-from grs_agents.sim.goals.relation_rules import shortfalls
+from grs_agents.sim.goals.relation_rules import explain_goal_shortfalls
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.instance import (
     LARGEST_POS_EPS,
@@ -20,12 +20,12 @@ from grs_agents.sim.instance import (
     ROTATION_TOLERANCE,
     Goal,
     SimulationError,
-    normalised_rewards,
+    normalise_goal_rewards,
 )
-from grs_agents.sim.world import Tabletop, share_inside
+from grs_agents.sim.world import Tabletop, volume_share_in_zones
 
 
-def angle_between(first: float, second: float, symmetry: float) -> float:
+def symmetric_yaw_difference(first: float, second: float, symmetry: float) -> float:
     """The smallest turn (rad) that aligns two yaws of something that repeats every ``symmetry``; 0 = any yaw."""
     if symmetry <= 0:
         return 0.0
@@ -33,12 +33,14 @@ def angle_between(first: float, second: float, symmetry: float) -> float:
     return float(min(difference, symmetry - difference))
 
 
-def pose_matches(
+def is_pose_at_target(
     pose: Pose, target: Pose, symmetry: float, pos_eps: float = POSITION_TOLERANCE, rot_eps: float = ROTATION_TOLERANCE
 ) -> bool:
     """Whether ``pose`` is at ``target``: xy within ``pos_eps`` metres, yaw within ``rot_eps`` radians."""
     distance = float(np.hypot(pose[0][0] - target[0][0], pose[0][1] - target[0][1]))
-    turn = angle_between(transforms.yaw_of(pose[1]), transforms.yaw_of(target[1]), symmetry)
+    turn = symmetric_yaw_difference(
+        transforms.yaw_of_quaternion(pose[1]), transforms.yaw_of_quaternion(target[1]), symmetry
+    )
     return distance < pos_eps and turn < rot_eps
 
 
@@ -75,18 +77,18 @@ class TaskAccounting:
             raise SimulationError("the task was not reset yet", "call env.set_task(task) and env.reset()")
         return self.reset_in
 
-    def begin(self, env: Tabletop) -> None:
+    def begin_reset(self, env: Tabletop) -> None:
         """A reset begins: no goal is stated."""
         self.reset_in, self.stated, self.total = env, (), 0.0
 
-    def close(self, env: Tabletop) -> None:
+    def finish_reset(self, env: Tabletop) -> None:
         """A reset is done: the goals are stated, their rewards add up to 1, tolerances are within bounds."""
         task, self.reset_in = self._task, env
         if not task.goals:
-            env.warn("the task states no goal: its reset() never calls add_goal")
-        goals, doubt = normalised_rewards(task.goals)
+            env.record_warning("the task states no goal: its reset() never calls add_goal")
+        goals, doubt = normalise_goal_rewards(task.goals)
         if doubt:
-            env.warn(doubt)
+            env.record_warning(doubt)
         words = task.lang_goals or [task.lang_template]
         task.lang_goals = [words[min(index, len(words) - 1)] for index in range(len(goals))]
         task.goals = [
@@ -97,31 +99,36 @@ class TaskAccounting:
         task.pos_eps = _bounded_tolerance(env, "pos_eps", task.pos_eps, LARGEST_POS_EPS)
         task.rot_eps = _bounded_tolerance(env, "rot_eps", task.rot_eps, LARGEST_ROT_EPS)
 
-    def scores(self, goal: Goal) -> list[float]:
+    def score_goal_objects(self, goal: Goal) -> list[float]:
         """For each object of a goal, how far (0..1) it is where it should be."""
         task, env = self._task, self.env
         if goal.relation is not None:
             view = SceneView(env, self.stated, task.goals)
-            return [float(not clause) for clause in shortfalls(goal, view, task.rot_eps)]
+            return [float(not clause) for clause in explain_goal_shortfalls(goal, view, task.rot_eps)]
         poses = [env.get_object_pose(number) for number in goal.objects]
         if goal.metric == "zone":
             ceiling = float(task.zone_bounds[2, 1])
             pairs = zip(goal.objects, poses, strict=True)
-            return [share_inside(env.volume(number), pose, goal.zones, ceiling) for number, pose in pairs]
-        return [float(self._is_placed(goal, row, pose)) for row, pose in enumerate(poses)]
+            return [
+                volume_share_in_zones(env.object_collision_points(number), pose, goal.zones, ceiling)
+                for number, pose in pairs
+            ]
+        return [float(self._is_object_placed(goal, row, pose)) for row, pose in enumerate(poses)]
 
-    def _is_placed(self, goal: Goal, row: int, pose: Pose) -> bool:
+    def _is_object_placed(self, goal: Goal, row: int, pose: Pose) -> bool:
         eps, symmetry = (self._task.pos_eps, self._task.rot_eps), goal.symmetries[row]
-        return any(pose_matches(pose, goal.targets[index], symmetry, *eps) for index in goal.options(row))
+        return any(
+            is_pose_at_target(pose, goal.targets[index], symmetry, *eps) for index in goal.allowed_target_indices(row)
+        )
 
-    def count(self) -> tuple[int, int]:
+    def count_placed_objects(self) -> tuple[int, int]:
         """How many objects of all goals are where they should be, and how many there are."""
         waiting = {id(goal) for goal in self._task.goals}
         placed = wanted = 0
         for goal in self.stated:
             wanted += len(goal.objects)
             met = id(goal) not in waiting
-            placed += len(goal.objects) if met else sum(score > 0.98 for score in self.scores(goal))
+            placed += len(goal.objects) if met else sum(score > 0.98 for score in self.score_goal_objects(goal))
         return placed, wanted
 
 
@@ -129,5 +136,5 @@ def _bounded_tolerance(env: Tabletop, name: str, value: float, bound: float) -> 
     """A tolerance within its bounds; noted where it was not."""
     if 0 < value <= bound:
         return float(value)
-    env.warn(f"{name}={value:.3g} is not within 0..{bound:.3g}, taken as {bound:.3g}")
+    env.record_warning(f"{name}={value:.3g} is not within 0..{bound:.3g}, taken as {bound:.3g}")
     return bound

@@ -1,5 +1,5 @@
 """A task as data: objects, goals, and how an episode with them ended."""
 
-from grs_agents.doors import door
+from grs_agents.lazy_exports import attach_lazy_exports
 
-__getattr__, __dir__, __all__ = door(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)

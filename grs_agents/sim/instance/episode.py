@@ -100,7 +100,7 @@ class Stop:
     objects: tuple[str, ...] = ()
 
 
-def stop_from_error(error: GrsError) -> Stop:
+def make_stop_from_error(error: GrsError) -> Stop:
     """An error as the end of an episode."""
     return Stop(error.outcome if isinstance(error, SimulationError) else "error", str(error))
 
@@ -121,11 +121,11 @@ class Recorder:
     complete: bool = False
     look: "Callable[[Recorder], None] | None" = None  # measures how the scene stands, when somebody wants to know
 
-    def episode(self) -> Episode:
+    def build_episode(self) -> Episode:
         """The episode so far."""
         if self.look is not None:
             self.look(self)
-        stop = self._ending()
+        stop = self._determine_stop_reason()
         return Episode(
             outcome=stop.outcome,
             reward=round(self.reward, 9),
@@ -139,7 +139,7 @@ class Recorder:
             shortfalls=self.shortfalls,
         )
 
-    def _ending(self) -> Stop:
+    def _determine_stop_reason(self) -> Stop:
         count = f"{self.placed} of {self.wanted} objects placed after {len(self.actions)} of max_steps={self.max_steps}"
         if self.complete:
             return Stop("success", f"every goal met: {count}, reward {self.reward:.2f}")
@@ -165,9 +165,9 @@ def set_last_recorder(recorder: Recorder) -> None:
 
 def last_episode() -> dict[str, Any] | None:
     """The episode of the most recent environment in this process as JSON, or None."""
-    return _latest[0].episode().model_dump(mode="json") if _latest else None
+    return _latest[0].build_episode().model_dump(mode="json") if _latest else None
 
 
-def clear_episodes() -> None:
+def clear_last_episode() -> None:
     """Forget the last episode, e.g. before the next test."""
     _latest.clear()

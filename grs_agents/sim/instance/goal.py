@@ -26,7 +26,7 @@ LONGEST_SENTENCE: Final = 2000
 UPRIGHT_WITHIN: Final = math.radians(15)
 
 
-def check_quaternion(pose: Pose, what: str) -> None:
+def check_unit_quaternion(pose: Pose, what: str) -> None:
     """Refuse a pose whose rotation is no unit quaternion, with a ``ValueError``."""
     norm = math.hypot(*pose[1])
     if not 0.99 < norm < 1.01:
@@ -50,7 +50,7 @@ class Relation(Frozen):
     distance: Annotated[float, Field(allow_inf_nan=False, gt=0, le=1)] | None = None
 
     @model_validator(mode="after")
-    def _checked(self) -> Self:
+    def _check_reference(self) -> Self:
         if (self.reference is not None) != (self.kind in REFERENCED):
             raise ValueError(f"relation {self.kind} with reference {self.reference}: {REFERENCED} have one")
         return self
@@ -79,7 +79,7 @@ class Goal(Frozen):
     relation: Relation | None = None  # for its metric; such a goal has no targets
 
     @model_validator(mode="after")
-    def _checked(self) -> Self:
+    def _check_consistency(self) -> Self:
         if self.metric == "pose" and not self.targets:
             raise ValueError("a pose goal needs at least one target pose")
         if self.metric == "zone" and not self.zones:
@@ -91,35 +91,37 @@ class Goal(Frozen):
         if any(len(row) != len(self.targets) for row in self.matches):
             raise ValueError(f"each row of matches needs {len(self.targets)} entries, one for each target")
         for pose in self.targets:
-            check_quaternion(pose, "target")
+            check_unit_quaternion(pose, "target")
         return self
 
     @property
-    def kind(self) -> Kind | None:
+    def relation_kind(self) -> Kind | None:
         """The kind of relation that a typed goal asks for, None for other goals."""
         return self.relation.kind if self.relation is not None else None
 
     @property
-    def distance(self) -> float | None:
+    def relation_distance(self) -> float | None:
         """The distance that a typed goal asks for, metres, if it asks for any."""
         return self.relation.distance if self.relation is not None else None
 
     @property
-    def reference(self) -> int:
+    def reference_id(self) -> int:
         """Id of the container, support, zone or neighbour of a typed goal that has one."""
-        assert self.relation is not None and self.relation.reference is not None, f"{self.kind} without a reference"
+        assert self.relation is not None and self.relation.reference is not None, (
+            f"{self.relation_kind} without a reference"
+        )
         return self.relation.reference
 
     @property
-    def named(self) -> tuple[int, ...]:
+    def mentioned_object_ids(self) -> tuple[int, ...]:
         """Ids of all objects that it speaks of, the reference among them."""
-        return (*self.objects, self.reference) if self.kind in REFERENCED else self.objects
+        return (*self.objects, self.reference_id) if self.relation_kind in REFERENCED else self.objects
 
-    def options(self, row: int) -> list[int]:
+    def allowed_target_indices(self, row: int) -> list[int]:
         """Indices of the targets that will do for the object of one row."""
         return [index for index, match in enumerate(self.matches[row]) if match]
 
-    def same_relation(self, other: "Goal") -> bool:
+    def has_same_relation(self, other: "Goal") -> bool:
         """Whether two typed goals ask for one relation to one object."""
         return (
             self.relation is not None
@@ -132,7 +134,7 @@ class Goal(Frozen):
         relation, count = self.relation, len(self.objects)
         if relation is None:
             return
-        ids, distance = self.named, relation.distance
+        ids, distance = self.mentioned_object_ids, relation.distance
         if len(set(ids)) != len(ids):
             raise SimulationError(f"{relation.kind} was given an object twice: {list(ids)}", "give different ids")
         least = {"stacked": 2, "aligned": 2 if distance else 3}.get(relation.kind, 1)
@@ -143,7 +145,7 @@ class Goal(Frozen):
             raise SimulationError(f"{relation.kind}: {distance} m is out of range", "give metres in 0..1")
 
 
-def _typed_goal(
+def _make_relation_goal(
     kind: Kind, objects: tuple[int, ...], reference: int | None = None, distance: float | None = None
 ) -> Goal:
     goal = Goal.model_construct(
@@ -163,59 +165,63 @@ def _typed_goal(
 
 def inside(objs: int | Iterable[int], container: int) -> Goal:
     """The objects lie in a container: below its rim, within its outline, held by it or by one another."""
-    return _typed_goal("inside", _ids(objs), _id(container))
+    return _make_relation_goal("inside", _parse_object_ids(objs), _parse_object_id(container))
 
 
 def on(objs: int | Iterable[int], support: int) -> Goal:
     """The objects rest on a support, their centres over it."""
-    return _typed_goal("on", _ids(objs), _id(support))
+    return _make_relation_goal("on", _parse_object_ids(objs), _parse_object_id(support))
 
 
 def stacked(objs: Sequence[int]) -> Goal:
     """Each object rests on the one before it, its centre over it; the first is the bottom, which may be fixed."""
-    return _typed_goal("stacked", _ids(objs))
+    return _make_relation_goal("stacked", _parse_object_ids(objs))
 
 
 def near(objs: int | Iterable[int], other: int, distance: float = 0.05) -> Goal:
     """The objects lie beside another one, with a gap of at most ``distance`` metres."""
-    return _typed_goal("near", _ids(objs), _id(other), _metres("near", distance))
+    return _make_relation_goal(
+        "near", _parse_object_ids(objs), _parse_object_id(other), _parse_distance("near", distance)
+    )
 
 
 def aligned(objs: Sequence[int], spacing: float | None = None) -> Goal:
     """The objects' centres lie on one line, within 1 cm; ``spacing``: metres from each centre to the next, or any."""
-    return _typed_goal("aligned", _ids(objs), None, None if spacing is None else _metres("aligned", spacing))
+    return _make_relation_goal(
+        "aligned", _parse_object_ids(objs), None, None if spacing is None else _parse_distance("aligned", spacing)
+    )
 
 
 def upright(objs: int | Iterable[int]) -> Goal:
     """The objects stand with their own z axis within 15 degrees of the vertical."""
-    return _typed_goal("upright", _ids(objs))
+    return _make_relation_goal("upright", _parse_object_ids(objs))
 
 
 def in_zone(objs: int | Iterable[int], zone: int) -> Goal:
     """The objects lie wholly over a zone, on what it lies on or on one another."""
-    return _typed_goal("in_zone", _ids(objs), _id(zone))
+    return _make_relation_goal("in_zone", _parse_object_ids(objs), _parse_object_id(zone))
 
 
-def _id(number: Any) -> int:
+def _parse_object_id(number: Any) -> int:
     if isinstance(number, int | np.integer) and not isinstance(number, bool):
         return int(cast(int, number))
     raise SimulationError(f"a relation was given {number!r} as an object", "give ids that env.add_object returned")
 
 
-def _metres(kind: str, value: Any) -> float:
+def _parse_distance(kind: str, value: Any) -> float:
     try:
         return float(value)
     except (TypeError, ValueError) as error:
         raise SimulationError(f"{kind}: {value!r} is no distance"[:150], "give metres in 0..1") from error
 
 
-def _ids(objs: Any) -> tuple[int, ...]:
+def _parse_object_ids(objs: Any) -> tuple[int, ...]:
     if isinstance(objs, Iterable):
-        return tuple(_id(number) for number in cast(Iterable[Any], objs))
-    return (_id(objs),)
+        return tuple(_parse_object_id(number) for number in cast(Iterable[Any], objs))
+    return (_parse_object_id(objs),)
 
 
-def normalised_rewards(goals: Sequence[Goal]) -> tuple[list[Goal], str]:
+def normalise_goal_rewards(goals: Sequence[Goal]) -> tuple[list[Goal], str]:
     """The goals with rewards that add up to 1, and a word on it if they had to be scaled."""
     total = sum(goal.max_reward for goal in goals)
     if not goals or abs(total - 1) <= 0.01:

@@ -10,7 +10,7 @@ import numpy as np
 from grs_agents.base import Vec3
 from grs_agents.geometry import FloatArray
 from grs_agents.sim.arms import CUP_RADIUS
-from grs_agents.sim.world import Physics, Prism, inside_margin, nearby, nearest_point
+from grs_agents.sim.world import Physics, Prism, find_nearby_prisms, margins_inside_outline, nearest_point_of_outline
 
 _SPACING: Final = 0.009
 _MOST: Final = 120
@@ -31,14 +31,14 @@ SEALED: Final = 0.7
 """The share of the lip that must be on the object for the cup to hold it."""
 
 
-def sealed_share(physics: Physics, number: int) -> float:
+def cup_sealed_fraction(physics: Physics, number: int) -> float:
     """The share of the cup's lip, where the cup is now, that lies on an object: 0..1."""
     matrix: FloatArray = np.array(physics.data.site_xmat[physics.world.tip_site]).reshape(3, 3)
-    axis, start = matrix[:, 2], np.asarray(physics.tip) - 0.02 * matrix[:, 2]
-    depth, owner = physics.ray(start, axis)
+    axis, start = matrix[:, 2], np.asarray(physics.tip_position) - 0.02 * matrix[:, 2]
+    depth, owner = physics.cast_ray(start, axis)
     if owner != number or abs(depth - 0.02) > 0.02:
         return 0.0
-    rays = [physics.ray(start + _RIM * (dx * matrix[:, 0] + dy * matrix[:, 1]), axis) for dx, dy in _RING]
+    rays = [physics.cast_ray(start + _RIM * (dx * matrix[:, 0] + dy * matrix[:, 1]), axis) for dx, dy in _RING]
     return sum(other == number and abs(far - depth) <= _GIVE for far, other in rays) / len(rays)
 
 
@@ -54,16 +54,16 @@ def find_grasp(physics: Physics, number: int, center: Vec3, outline: Prism, othe
     """The flattest open point near the centre of an object; ``others`` are thin things that rays would miss."""
     best: tuple[float, Vec3 | None] = (np.inf, None)
     covered: Counter[int] = Counter()
-    around = nearby(outline, others, (0.0, 0.0), _BODY + _SWAY)
-    for rank, (x, y) in enumerate(_candidates(center, outline)):
+    around = find_nearby_prisms(outline, others, (0.0, 0.0), _BODY + _SWAY)
+    for rank, (x, y) in enumerate(_candidate_grasp_points(center, outline)):
         if best[0] <= _FARTHER * rank:
             break  # nothing that is left can be better
-        height, owner = physics.height_below(x, y)
+        height, owner = physics.surface_height_below(x, y)
         if owner != number:
             if owner >= 0 and height > outline.low:
                 covered[owner] += 1
             continue
-        roughness, beside = _hindrance(physics, number, around, (x, y, height))
+        roughness, beside = _score_grasp_point(physics, number, around, (x, y, height))
         if beside >= 0:
             covered[beside] += 1
             continue
@@ -73,21 +73,21 @@ def find_grasp(physics: Physics, number: int, center: Vec3, outline: Prism, othe
     return Grasp(best[1], () if best[1] else tuple(owner for owner, _ in covered.most_common()))
 
 
-def _hindrance(physics: Physics, number: int, others: Sequence[Prism], point: Vec3) -> tuple[float, int]:
+def _score_grasp_point(physics: Physics, number: int, others: Sequence[Prism], point: Vec3) -> tuple[float, int]:
     """How rough a point of an object is for the cup, 0 = not at all, and the id of what is in its way, or -1."""
-    roughness, beside = _seal_roughness(physics, number, *point)
+    roughness, beside = _estimate_seal_cost(physics, number, *point)
     if beside >= 0:
         return roughness, beside
-    room, neighbour = _clearance(physics, others, *point)
+    room, neighbour = _cup_clearance(physics, others, *point)
     return roughness + max(0.0, _SWAY - room), neighbour if room < 0 else -1
 
 
-def _candidates(center: Vec3, outline: Prism) -> list[tuple[float, float]]:
-    x0, y0, x1, y1 = outline.box
+def _candidate_grasp_points(center: Vec3, outline: Prism) -> list[tuple[float, float]]:
+    x0, y0, x1, y1 = outline.bounding_box_xy
     xs = center[0] + np.arange(np.ceil((x0 - center[0]) / _SPACING), (x1 - center[0]) / _SPACING) * _SPACING
     ys = center[1] + np.arange(np.ceil((y0 - center[1]) / _SPACING), (y1 - center[1]) / _SPACING) * _SPACING
     grid = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
-    inside = grid[inside_margin(np.zeros((1, 2)), outline.outline, grid) > 0.002]
+    inside = grid[margins_inside_outline(np.zeros((1, 2)), outline.outline, grid) > 0.002]
     middle = np.array([[center[0], center[1]]])
     distance = np.linalg.norm(inside - middle, axis=1)
     ordered = np.vstack([middle, inside[np.argsort(distance, kind="stable")]])
@@ -95,28 +95,28 @@ def _candidates(center: Vec3, outline: Prism) -> list[tuple[float, float]]:
     return [(float(x), float(y)) for x, y in ordered[::step]]
 
 
-def _clearance(physics: Physics, others: Sequence[Prism], x: float, y: float, height: float) -> tuple[float, int]:
+def _cup_clearance(physics: Physics, others: Sequence[Prism], x: float, y: float, height: float) -> tuple[float, int]:
     """How far, metres, the cup is from what stands up beside a point, and what that is: rays go to nearest outlines."""
     point, room, found = np.array([x, y]), _SWAY, -1
     for prism in others:
         if prism.high <= height + _STEP:
             continue
-        foot = nearest_point(prism.outline, point)
+        foot = nearest_point_of_outline(prism.outline, point)
         away = float(np.linalg.norm(foot - point))
         if 0 < away < _BODY + room:
             beyond = foot + (foot - point) * (0.001 / away)
-            top, owner = physics.height_below(float(beyond[0]), float(beyond[1]))
+            top, owner = physics.surface_height_below(float(beyond[0]), float(beyond[1]))
             if owner == prism.owner and top > height + _STEP:
                 room, found = away - _BODY, owner
     return room, found
 
 
-def _seal_roughness(physics: Physics, number: int, x: float, y: float, height: float) -> tuple[float, int]:
+def _estimate_seal_cost(physics: Physics, number: int, x: float, y: float, height: float) -> tuple[float, int]:
     """How little of the cup's lip would seal (0 all; from 1 on too little), and what else is in its way, or -1."""
     missing, step = 0, 0.0
     for dx, dy in _RING:
         for radius in (_RIM, 0.013):
-            around, owner = physics.height_below(x + radius * float(dx), y + radius * float(dy))
+            around, owner = physics.surface_height_below(x + radius * float(dx), y + radius * float(dy))
             if owner != number and around > height + _STEP:
                 return 1.0, owner
             if around > height + _GIVE:

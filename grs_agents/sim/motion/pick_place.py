@@ -11,17 +11,17 @@ from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.arms import CUP_RADIUS
 from grs_agents.sim.motion import grasp
-from grs_agents.sim.motion.placement import point_text
+from grs_agents.sim.motion.placement import format_point
 from grs_agents.sim.motion.tool_paths import (
     Pace,
     ToolPose,
     candidate_routes,
-    highest_obstacle_along,
-    pace_for_mass,
+    max_obstacle_height_along,
     plan_joint_path,
     polar_path,
+    safe_pace_for_mass,
     smoothstep,
-    split_yaw_tilt,
+    split_into_yaw_and_tilt,
     tool_up_axis,
 )
 from grs_agents.sim.world import HOLDING_FORCE, Physics, Prism
@@ -61,27 +61,29 @@ class PickPlace:
     def __init__(self, physics: Physics, obstacles: Sequence[Prism], names: dict[int, str]) -> None:
         self.physics, self.obstacles, self.names = physics, obstacles, names
         self.arm = physics.arm
-        self.yaw, self.tilt = split_yaw_tilt(physics.tip_rotation())
+        self.yaw, self.tilt = split_into_yaw_and_tilt(physics.suction_tip_rotation())
         self._hindrance = ""
 
-    def run(self, pick: Pose, place: Pose) -> PickPlaceResult:
+    def pick_and_place(self, pick: Pose, place: Pose) -> PickPlaceResult:
         """Pick where the cup touches, and place with the cup lowered at its place pose until contact.
 
         What is held is turned, and tilted, as ``place`` is against ``pick``.
         """
-        turn, tilt = split_yaw_tilt(
-            transforms.multiply_quaternions(transforms.quat(place[1]), transforms.invert(((0, 0, 0), pick[1]))[1])
+        turn, tilt = split_into_yaw_and_tilt(
+            transforms.multiply_quaternions(
+                transforms.to_unit_quaternion(place[1]), transforms.invert_pose(((0, 0, 0), pick[1]))[1]
+            )
         )
-        ready = self._ready(transforms.vec3(pick[0]), transforms.vec3(place[0]), turn)
-        grasped, note = self._pick(transforms.vec3(pick[0]), ready)
+        ready = self._choose_pick_yaw(transforms.to_vec3(pick[0]), transforms.to_vec3(place[0]), turn)
+        grasped, note = self._pick_object(transforms.to_vec3(pick[0]), ready)
         if grasped is None:
             return PickPlaceResult(None, False, note)
-        note = self._place(grasped, ToolPose(transforms.vec3(place[0]), self.yaw + turn, tilt))
+        note = self._place_object(grasped, ToolPose(transforms.to_vec3(place[0]), self.yaw + turn, tilt))
         return PickPlaceResult(grasped, note == "placed", note)
 
-    def _ready(self, pick: Vec3, place: Vec3, turn: float) -> float:
+    def _choose_pick_yaw(self, pick: Vec3, place: Vec3, turn: float) -> float:
         """The tool's yaw at which to pick so that the wrist's limits allow the turn to the place afterwards."""
-        tip, seed = self.physics.tip, self.physics.commanded
+        tip, seed = self.physics.tip_position, self.physics.commanded_joint_positions
         height = max(tip[2], pick[2], place[2])
         stops = [(x, y, height) for x, y, _ in (tip, pick, place)]
         for first in _TURNS:
@@ -91,65 +93,67 @@ class PickPlace:
             )
             before, after = (np.linspace(0.0, 1.0, count) for count in counts)
             yaws = self.yaw + np.concatenate([before * first, first + after * turn])
-            if self.arm.within_limits(self.arm.solve(points, yaws, seed)):
+            if self.arm.is_path_within_limits(self.arm.solve_ik_tool_down(points, yaws, seed)):
                 return self.yaw + first
         return self.yaw
 
-    def _pick(self, point: Vec3, yaw: float) -> tuple[int | None, str]:
+    def _pick_object(self, point: Vec3, yaw: float) -> tuple[int | None, str]:
         physics = self.physics
         near = ToolPose((point[0], point[1], point[2] + 0.008), yaw)
-        if not self._travel(near, CUP_RADIUS + 0.04, 0.0, self.obstacles, FREE_SPEED):
-            return None, f"the arm cannot reach {point_text(point)} with the tool down{self._hindrance}"
+        if not self._travel_over_obstacles(near, CUP_RADIUS + 0.04, 0.0, self.obstacles, FREE_SPEED):
+            return None, f"the arm cannot reach {format_point(point)} with the tool down{self._hindrance}"
         lowest = ToolPose((point[0], point[1], max(_LOWEST, point[2] - 0.03)), yaw)
-        if not self._descend(near, lowest, lambda: bool(physics.touched())):
-            return None, f"the arm cannot reach {point_text(lowest.point)} with the tool down{self._hindrance}"
-        touched = sorted(physics.touched() & physics.world.welds.keys())
+        if not self._descend_until(near, lowest, lambda: bool(physics.objects_touching_cup())):
+            return None, f"the arm cannot reach {format_point(lowest.point)} with the tool down{self._hindrance}"
+        touched = sorted(physics.objects_touching_cup() & physics.world.welds.keys())
         if not touched:
-            fixed = sorted(physics.touched())
+            fixed = sorted(physics.objects_touching_cup())
             what = f"{self.names[fixed[0]]}, which is fixed," if fixed else "nothing to grasp"
-            return None, f"{what} at {point_text(point)}"
-        best = max(touched, key=lambda number: grasp.sealed_share(physics, number))
-        share = grasp.sealed_share(physics, best)
+            return None, f"{what} at {format_point(point)}"
+        best = max(touched, key=lambda number: grasp.cup_sealed_fraction(physics, number))
+        share = grasp.cup_sealed_fraction(physics, best)
         if share < grasp.SEALED and best not in physics.world.beads:
-            self._retreat()
+            self._retreat_upwards()
             return None, (
-                f"the cup finds no seal on {self.names[best]} at {point_text(point)}: {share:.0%} of its lip lies on "
+                f"the cup finds no seal on {self.names[best]} at {format_point(point)}: {share:.0%} of its lip lies on "
                 f"it, it needs {grasp.SEALED:.0%}"
             )
         physics.cup.grasp(best)
         return best, "grasped"
 
-    def _place(self, grasped: int, place: ToolPose) -> str:
+    def _place_object(self, grasped: int, place: ToolPose) -> str:
         physics = self.physics
         up = tool_up_axis(place.tilt)
         tilted = bool(up[2] < 1.0)
-        radius, drop = self._extent_below_tip(grasped)
-        near = place.moved(0.012 * up)
-        if not self._carry(grasped, near, radius, drop, tilted):
-            if physics.held is None:
-                self._retreat()
-                return self._dropped(grasped)
-            self._put_down()
-            how = f"over its neighbours to {point_text(place.point)}" + (" so tilted" if tilted else "")
+        radius, drop = self._held_object_extent(grasped)
+        near = place.shifted_by(0.012 * up)
+        if not self._carry_object(grasped, near, radius, drop, tilted):
+            if physics.held_object_id is None:
+                self._retreat_upwards()
+                return self._describe_drop(grasped)
+            self._put_down_held_object()
+            how = f"over its neighbours to {format_point(place.point)}" + (" so tilted" if tilted else "")
             return f"the arm cannot carry {self.names[grasped]} {how}{self._hindrance}"
         deepest = max(drop - 0.01, place.point[2] - 0.25, _LOWEST)
-        lowest = place.moved(-0.03 * up) if tilted else ToolPose((*place.point[:2], deepest), place.yaw)
-        self._descend(near, lowest, lambda: physics.held is None or physics.supported(grasped))
+        lowest = place.shifted_by(-0.03 * up) if tilted else ToolPose((*place.point[:2], deepest), place.yaw)
+        self._descend_until(
+            near, lowest, lambda: physics.held_object_id is None or physics.is_object_supported(grasped)
+        )
         physics.step(10)
-        held = physics.held == grasped
-        self._release(up)
-        return "placed" if held else self._dropped(grasped)
+        held = physics.held_object_id == grasped
+        self._release_and_retreat(up)
+        return "placed" if held else self._describe_drop(grasped)
 
-    def _extent_below_tip(self, number: int) -> tuple[float, float]:
+    def _held_object_extent(self, number: int) -> tuple[float, float]:
         """How far an object reaches from the tip to the side, and below it, metres."""
-        tip = self.physics.tip
+        tip = self.physics.tip_position
         own = [obstacle for obstacle in self.obstacles if obstacle.owner == number]
         if not own:
             return 0.05, 0.0
         radius = max(float(np.linalg.norm(prism.outline - np.asarray(tip[:2]), axis=1).max()) for prism in own)
         return radius, max(0.0, tip[2] - min(prism.low for prism in own))
 
-    def _carry(self, number: int, end: ToolPose, radius: float, drop: float, tilted: bool) -> bool:
+    def _carry_object(self, number: int, end: ToolPose, radius: float, drop: float, tilted: bool) -> bool:
         """Travel to a pose with an object that reaches ``radius`` to the side of the tip and ``drop`` below it."""
         limp = self.physics.world.limp
         tied = number in limp
@@ -157,42 +161,48 @@ class PickPlace:
         others = [obstacle for obstacle in self.obstacles if obstacle.owner not in fellows]
         hanging = float(np.hypot(radius, drop)) if tilted else drop
         speed, clearance = (ROPE_SPEED, _ROPE_CLEARANCE) if tied else (HELD_SPEED, _CLEARANCE)
-        return self._travel(end, (hanging if tilted else radius) + 0.01, hanging, others, speed, clearance)
+        return self._travel_over_obstacles(
+            end, (hanging if tilted else radius) + 0.01, hanging, others, speed, clearance
+        )
 
-    def _dropped(self, number: int) -> str:
+    def _describe_drop(self, number: int) -> str:
         name, slip = self.names[number], self.physics.cup.slip
         if slip is None or slip.number != number:
             return f"{name} was dropped on the way"
-        weight = self.physics.mass(number)
+        weight = self.physics.object_mass(number)
         return (
             f"{name} ({weight:.2g} kg) slipped off the cup, which holds {HOLDING_FORCE:.0f} N: "
             f"it pulled with {slip.load:.0f} N"
         )
 
-    def _put_down(self) -> None:
-        physics, held, tip = self.physics, self.physics.held, self._here()
-        self._descend(tip, tip.moved(np.array([0.0, 0.0, -0.02])), lambda: held is not None and physics.supported(held))
-        self._release(_UP)
+    def _put_down_held_object(self) -> None:
+        physics, held, tip = self.physics, self.physics.held_object_id, self._current_tool_pose()
+        self._descend_until(
+            tip,
+            tip.shifted_by(np.array([0.0, 0.0, -0.02])),
+            lambda: held is not None and physics.is_object_supported(held),
+        )
+        self._release_and_retreat(_UP)
 
-    def _release(self, up: FloatArray) -> None:
+    def _release_and_retreat(self, up: FloatArray) -> None:
         self.physics.cup.release()
         self.physics.step(_LETTING_GO)
         if up[2] < 1.0:
-            here = self._here()
-            self._go((here, here.moved(_PEELING * up)), 0.2)
-            self._retreat()
+            here = self._current_tool_pose()
+            self._follow_tool_poses((here, here.shifted_by(_PEELING * up)), 0.2)
+            self._retreat_upwards()
         else:
-            self._retreat(_PEELING + _RETREAT)
+            self._retreat_upwards(_PEELING + _RETREAT)
 
-    def _retreat(self, height: float = _RETREAT) -> None:
-        here = self._here()
-        self._go((here, here.moved(height * _UP)), FREE_SPEED)
-        self.physics.settle()
+    def _retreat_upwards(self, height: float = _RETREAT) -> None:
+        here = self._current_tool_pose()
+        self._follow_tool_poses((here, here.shifted_by(height * _UP)), FREE_SPEED)
+        self.physics.simulate_until_at_rest()
 
-    def _here(self) -> ToolPose:
-        return ToolPose(self.physics.tip, self.yaw, self.tilt)
+    def _current_tool_pose(self) -> ToolPose:
+        return ToolPose(self.physics.tip_position, self.yaw, self.tilt)
 
-    def _travel(
+    def _travel_over_obstacles(
         self,
         end: ToolPose,
         radius: float,
@@ -206,20 +216,20 @@ class PickPlace:
         ``drop`` (m) is how far what hangs from the cup reaches below it. False if there was no way (the arm has not
         moved) or the cup let go, where it stops.
         """
-        tip, held, self._hindrance = self.physics.tip, self.physics.held, ""
+        tip, held, self._hindrance = self.physics.tip_position, self.physics.held_object_id, ""
         for route in candidate_routes(tip, end.point):
             way: list[Vec3] = [tip]
             for start, stop in pairwise(route):
-                height = highest_obstacle_along(start, stop, radius, obstacles) + drop + clearance
+                height = max_obstacle_height_along(start, stop, radius, obstacles) + drop + clearance
                 height = max(height, end.point[2] if stop == end.point else 0.0, tip[2] + 0.02 if drop else 0.0)
                 way += [(start[0], start[1], height), (stop[0], stop[1], height)]
-            if self._go(self._turning((*way, end.point), end), speed):
+            if self._follow_tool_poses(self._make_tool_poses((*way, end.point), end), speed):
                 return True
-            if self.physics.held != held:
+            if self.physics.held_object_id != held:
                 return False
         return False
 
-    def _turning(self, points: Sequence[Vec3], end: ToolPose) -> list[ToolPose]:
+    def _make_tool_poses(self, points: Sequence[Vec3], end: ToolPose) -> list[ToolPose]:
         """Poses at the points, the tool turned as it is now until its longest stretch and as at the end after it."""
         longest = max(
             range(1, len(points)), key=lambda i: float(np.linalg.norm(np.subtract(points[i][:2], points[i - 1][:2])))
@@ -229,44 +239,50 @@ class PickPlace:
             for index, point in enumerate(points)
         ]
 
-    def _go(self, poses: Sequence[ToolPose], speed: float) -> bool:
+    def _follow_tool_poses(self, poses: Sequence[ToolPose], speed: float) -> bool:
         """Follow straight stretches; False, without moving, if the arm cannot or would hit the table or itself."""
         physics = self.physics
-        gait = pace_for_mass(speed, None if physics.held is None else physics.mass(physics.held), physics.timestep)
-        careful = replace(gait, acceleration=min(gait.acceleration, _LIGHT if physics.held is None else _CAREFUL))
+        gait = safe_pace_for_mass(
+            speed,
+            None if physics.held_object_id is None else physics.object_mass(physics.held_object_id),
+            physics.timestep,
+        )
+        careful = replace(
+            gait, acceleration=min(gait.acceleration, _LIGHT if physics.held_object_id is None else _CAREFUL)
+        )
         legs: list[FloatArray] = []
-        seed = physics.commanded
+        seed = physics.commanded_joint_positions
         for start, end in pairwise(poses):
             last = end is poses[-1]
             legs.append(plan_joint_path(self.arm, start, end, careful if last else gait, seed))
             seed = legs[-1][-1]
             if not np.isfinite(seed).all():
                 return False
-        if not self._possible(np.concatenate(legs)):
+        if not self._is_joint_path_feasible(np.concatenate(legs)):
             return False
-        held = physics.held
+        held = physics.held_object_id
         for leg in legs:
-            if physics.follow(leg, None if held is None else lambda: physics.held is None):
-                self.yaw, self.tilt = split_yaw_tilt(physics.tip_rotation())
+            if physics.follow_joint_path(leg, None if held is None else lambda: physics.held_object_id is None):
+                self.yaw, self.tilt = split_into_yaw_and_tilt(physics.suction_tip_rotation())
                 return False
-        physics.arrive(legs[-1][-1])
+        physics.wait_for_joint_positions(legs[-1][-1])
         self.yaw, self.tilt = poses[-1].yaw, poses[-1].tilt
         return True
 
-    def _descend(self, start: ToolPose, end: ToolPose, stop: Callable[[], bool]) -> bool:
+    def _descend_until(self, start: ToolPose, end: ToolPose, stop: Callable[[], bool]) -> bool:
         """Feel the way until ``stop``; False, without moving, if the arm cannot go all of it."""
         gait = Pace(TOUCH_SPEED, 0.0, self.physics.timestep, even=True)
-        path = plan_joint_path(self.arm, start, end, gait, self.physics.commanded)
-        if not self._possible(path):
+        path = plan_joint_path(self.arm, start, end, gait, self.physics.commanded_joint_positions)
+        if not self._is_joint_path_feasible(path):
             return False
-        self.physics.follow(path, stop)
+        self.physics.follow_joint_path(path, stop)
         return True
 
-    def _possible(self, path: FloatArray) -> bool:
+    def _is_joint_path_feasible(self, path: FloatArray) -> bool:
         """Whether the arm can follow joint positions (N, dof): within limits, clear of the table and itself."""
-        if not self.arm.within_limits(path):
+        if not self.arm.is_path_within_limits(path):
             return False
-        gap = self.arm.gap(path)
+        gap = self.arm.first_collision_along(path)
         if gap is not None:
             self._hindrance = f": {gap}"
         return gap is None

@@ -14,7 +14,14 @@ from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.arms import Arm
 from grs_agents.sim.instance import Stop
-from grs_agents.sim.world import Prism, inside_margin, rectangle, rest_heights, rotation_2d, signed_gaps
+from grs_agents.sim.world import (
+    Prism,
+    margins_inside_outline,
+    rectangle_outline,
+    rest_heights_at_offsets,
+    rotation_matrix_2d,
+    signed_outline_gaps,
+)
 
 _BATCH: Final = 256
 _BATCHES: Final = 6
@@ -23,7 +30,7 @@ _LEVEL: Final = 0.012
 """Supports that differ by less than this are one level, metres."""
 
 
-def random_pose(
+def sample_free_pose(
     size: Sequence[float],
     bounds: FloatArray,
     obstacles: Sequence[Prism],
@@ -35,9 +42,9 @@ def random_pose(
     x, y, z = (max(abs(float(extent)), 0.001) for extent in size)
     for _ in range(_BATCHES):
         yaw = float(rng.uniform(-np.pi, np.pi))
-        outline = rectangle((0.0, 0.0), (x, y), yaw)
+        outline = rectangle_outline((0.0, 0.0), (x, y), yaw)
         offsets = rng.uniform(bounds[:2, 0], bounds[:2, 1], size=(_BATCH, 2))
-        free = _free_offsets(outline, z, offsets, bounds, obstacles, arm, gap)
+        free = _free_position_mask(outline, z, offsets, bounds, obstacles, arm, gap)
         if free.any():
             chosen = offsets[int(np.argmax(free))]
             rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, yaw))
@@ -45,7 +52,7 @@ def random_pose(
     return None
 
 
-def _free_offsets(
+def _free_position_mask(
     outline: FloatArray,
     top: float,
     offsets: FloatArray,
@@ -62,11 +69,11 @@ def _free_offsets(
             [bounds[0, 0], bounds[1, 1]],
         ]
     )
-    free = inside_margin(outline, around, offsets) >= 0
+    free = margins_inside_outline(outline, around, offsets) >= 0
     for height in (top, top + 0.15):
-        free &= arm.reachable(np.column_stack([offsets, np.full(len(offsets), height)]))
+        free &= arm.reachable_mask(np.column_stack([offsets, np.full(len(offsets), height)]))
     for obstacle in obstacles:
-        free &= signed_gaps(outline, obstacle.outline, offsets) >= gap
+        free &= signed_outline_gaps(outline, obstacle.outline, offsets) >= gap
     return free
 
 
@@ -79,15 +86,15 @@ class Region:
     yaw: float
 
     @property
-    def outline(self) -> FloatArray:
+    def corner_points(self) -> FloatArray:
         """Its corners (4, 2)."""
-        return rectangle(self.center, self.size, self.yaw)
+        return rectangle_outline(self.center, self.size, self.yaw)
 
-    def grid(self, spacing: float) -> FloatArray:
+    def grid_points(self, spacing: float) -> FloatArray:
         """Points (N, 2) that cover it, its centre among them."""
         axes = [np.arange(-int(extent / 2 / spacing), int(extent / 2 / spacing) + 1) * spacing for extent in self.size]
         local = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-        return local @ rotation_2d(self.yaw).T + np.asarray(self.center)
+        return local @ rotation_matrix_2d(self.yaw).T + np.asarray(self.center)
 
 
 @dataclass(frozen=True)
@@ -99,12 +106,12 @@ class Spot:
     height: float
 
 
-def turned_outline(body: Prism, center: FloatArray, angle: float) -> Prism:
+def rotated_outline_at_origin(body: Prism, center: FloatArray, angle: float) -> Prism:
     """A body's outline about its own centre, turned and moved to the origin."""
-    return Prism((body.outline - center) @ rotation_2d(angle).T, body.low, body.high, body.owner)
+    return Prism((body.outline - center) @ rotation_matrix_2d(angle).T, body.low, body.high, body.owner)
 
 
-def find_spot(
+def find_free_spot(
     body: Prism,
     center: Vec3,
     yaws: Sequence[float],
@@ -124,55 +131,61 @@ def find_spot(
     ``stack``, any level will do.
     """
     spacing = float(np.clip(min(region.size) / 24, 0.003, 0.015))
-    offsets = region.grid(spacing)
+    offsets = region.grid_points(spacing)
     for angle in yaws:
-        shape = turned_outline(body, np.asarray(center[:2]), angle)
-        margin = inside_margin(shape.outline, region.outline, offsets)
+        shape = rotated_outline_at_origin(body, np.asarray(center[:2]), angle)
+        margin = margins_inside_outline(shape.outline, region.corner_points, offsets)
         within = margin >= 0.0005
         if not within.any():
             continue
         inside = offsets[within]
-        neighbours = _obstacles_near(obstacles, region, shape)
-        heights = rest_heights(shape, neighbours, inside, gap)
-        floor = float(rest_heights(shape, neighbours, inside, -0.002).min()) if not stack else float(heights.min())
+        neighbours = _obstacles_near_region(obstacles, region, shape)
+        heights = rest_heights_at_offsets(shape, neighbours, inside, gap)
+        floor = (
+            float(rest_heights_at_offsets(shape, neighbours, inside, -0.002).min())
+            if not stack
+            else float(heights.min())
+        )
         level = (heights <= max(floor, 0.0) + _LEVEL) if not stack else np.ones(len(heights), dtype=bool)
         good = level & suits(inside, heights)
-        steady = good & _supported_at_centre(inside, heights, neighbours)
+        steady = good & _centre_supported_mask(inside, heights, neighbours)
         good = steady if steady.any() else good
         if good.any():
-            chosen = _choose_row(inside[good], heights[good], region, near or region.center if spread else None)
+            chosen = _choose_spot_index(inside[good], heights[good], region, near or region.center if spread else None)
             point = inside[good][chosen]
             return Spot((float(point[0]), float(point[1])), angle, float(heights[good][chosen]))
     return None
 
 
-def _supported_at_centre(offsets: FloatArray, heights: FloatArray, obstacles: Sequence[Prism]) -> npt.NDArray[np.bool_]:
+def _centre_supported_mask(
+    offsets: FloatArray, heights: FloatArray, obstacles: Sequence[Prism]
+) -> npt.NDArray[np.bool_]:
     """Where (N,) a body's centre is over what carries it: it will not tip, as it would on a rim."""
     supported = heights < _FLUSH
     for prism in obstacles:
         near = np.abs(heights - prism.high) < _FLUSH
         if near.any():
-            supported |= near & (inside_margin(np.zeros((1, 2)), prism.outline, offsets) > 0)
+            supported |= near & (margins_inside_outline(np.zeros((1, 2)), prism.outline, offsets) > 0)
     return supported
 
 
-def _obstacles_near(obstacles: Sequence[Prism], region: Region, shape: Prism) -> list[Prism]:
+def _obstacles_near_region(obstacles: Sequence[Prism], region: Region, shape: Prism) -> list[Prism]:
     reach = float(np.hypot(*region.size)) / 2 + float(np.linalg.norm(shape.outline, axis=1).max()) + 0.05
     center = np.asarray(region.center)
     close_by: list[Prism] = []
     for obstacle in obstacles:
-        x0, y0, x1, y1 = obstacle.box
+        x0, y0, x1, y1 = obstacle.bounding_box_xy
         nearest = np.clip(center, (x0, y0), (x1, y1))
         if float(np.linalg.norm(nearest - center)) < reach:
             close_by.append(obstacle)
     return close_by
 
 
-def _choose_row(points: FloatArray, heights: FloatArray, region: Region, near: Sequence[float] | None) -> int:
+def _choose_spot_index(points: FloatArray, heights: FloatArray, region: Region, near: Sequence[float] | None) -> int:
     """The row nearest a point, else the first one from the region's far corner on, low levels first."""
     if near is not None:
         return int(np.argmin(np.linalg.norm(points - np.asarray(near[:2]), axis=1) + heights))
-    local = (points - np.asarray(region.center)) @ rotation_2d(region.yaw)
+    local = (points - np.asarray(region.center)) @ rotation_matrix_2d(region.yaw)
     return int(np.lexsort((-local[:, 1], -local[:, 0], np.round(heights, 2)))[0])
 
 
@@ -208,10 +221,10 @@ class ReachTest:
     def __call__(self, offsets: FloatArray, heights: FloatArray) -> npt.NDArray[np.bool_]:
         tips = np.column_stack([offsets, heights + self.lift])
         above = tips + np.array([0.0, 0.0, _APPROACH])
-        return self.arm.reachable(tips) & self.arm.reachable(above)
+        return self.arm.reachable_mask(tips) & self.arm.reachable_mask(above)
 
 
-def reach_note(tip: Sequence[float], arm: Arm) -> str:
+def describe_out_of_reach(tip: Sequence[float], arm: Arm) -> str:
     """How a point lies out of reach, in words."""
     distance = float(np.hypot(tip[0], tip[1]))
     if distance > arm.farthest:
@@ -221,6 +234,6 @@ def reach_note(tip: Sequence[float], arm: Arm) -> str:
     return f"cannot be reached at height {tip[2]:.2f} m with the tool down, {distance:.2f} m from the base"
 
 
-def point_text(point: Sequence[float]) -> str:
+def format_point(point: Sequence[float]) -> str:
     """A point (x, y, z) in words, to the centimetre."""
     return f"({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f})"

@@ -9,7 +9,7 @@ from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.arms import BLADE_THICKNESS, BLADE_WIDTH, trapezoidal_profile
 from grs_agents.sim.motion.pick_place import FREE_SPEED, PickPlace
-from grs_agents.sim.motion.placement import point_text, wrap_angle
+from grs_agents.sim.motion.placement import format_point, wrap_angle
 from grs_agents.sim.motion.tool_paths import ToolPose
 
 HEIGHT: Final = 0.005
@@ -42,7 +42,7 @@ def stroke_endpoints(pose0: Pose, pose1: Pose) -> tuple[FloatArray, FloatArray] 
     return start - BEFORE * along, end - SHORT * along
 
 
-def action_points(start: FloatArray, end: FloatArray) -> tuple[Vec3, Vec3]:
+def action_points_for_stroke(start: FloatArray, end: FloatArray) -> tuple[Vec3, Vec3]:
     """The positions of ``pose0`` and ``pose1`` for which the tip moves from ``start`` to ``end`` (2,), metres."""
     along = (end - start) / np.linalg.norm(end - start)
     first, last = start + BEFORE * along, end + SHORT * along
@@ -58,62 +58,64 @@ class Push(PickPlace):
         if way is None:
             return PushResult((), f"pose0 and pose1 are less than {SHORT - BEFORE:.2f} m apart, that pushes nothing")
         physics = self.physics
-        before = {number: physics.pose(number)[0] for number in physics.world.addresses}
-        note = self._along(*way)
+        before = {number: physics.object_pose(number)[0] for number in physics.world.addresses}
+        note = self._execute_stroke(*way)
         moved = {
-            number: float(np.linalg.norm(np.subtract(physics.pose(number)[0], start)))
+            number: float(np.linalg.norm(np.subtract(physics.object_pose(number)[0], start)))
             for number, start in before.items()
         }
         pushed = sorted((number for number in moved if moved[number] > _MOVED), key=lambda number: -moved[number])
         return PushResult(tuple(pushed), note)
 
-    def _along(self, start: FloatArray, end: FloatArray) -> str:
-        physics, points = self.physics, straight_path(self.physics.timestep, start, end)
-        yaw = self._over(start, end, points)
+    def _execute_stroke(self, start: FloatArray, end: FloatArray) -> str:
+        physics, points = self.physics, straight_tip_path(self.physics.timestep, start, end)
+        yaw = self._move_above_start(start, end, points)
         if yaw is None:
-            return f"the arm cannot reach {point_text(transforms.vec3(start))} with the tool down{self._hindrance}"
-        low, high = self._poses(start, yaw)
-        self._descend(high, low, lambda: bool(physics.touched()))
-        under = sorted(physics.touched())
-        if under and physics.tip[2] > HEIGHT + 0.004:
-            self._retreat()
-            return f"the blade came down on {self.names[under[0]]} at {point_text(transforms.vec3(start))}"
-        path = self.arm.solve(points, np.full(len(points), yaw), physics.commanded)
-        if not self._possible(path):
-            self._retreat()
-            way = f"from {point_text(low.point)} to {point_text(transforms.vec3(end))}"
+            return f"the arm cannot reach {format_point(transforms.to_vec3(start))} with the tool down{self._hindrance}"
+        low, high = self._stroke_start_poses(start, yaw)
+        self._descend_until(high, low, lambda: bool(physics.objects_touching_cup()))
+        under = sorted(physics.objects_touching_cup())
+        if under and physics.tip_position[2] > HEIGHT + 0.004:
+            self._retreat_upwards()
+            return f"the blade came down on {self.names[under[0]]} at {format_point(transforms.to_vec3(start))}"
+        path = self.arm.solve_ik_tool_down(points, np.full(len(points), yaw), physics.commanded_joint_positions)
+        if not self._is_joint_path_feasible(path):
+            self._retreat_upwards()
+            way = f"from {format_point(low.point)} to {format_point(transforms.to_vec3(end))}"
             return f"the arm cannot push on {way}{self._hindrance}"
-        physics.follow(path)
-        physics.arrive(path[-1])
-        self._retreat()
+        physics.follow_joint_path(path)
+        physics.wait_for_joint_positions(path[-1])
+        self._retreat_upwards()
         return "pushed"
 
-    def _poses(self, start: FloatArray, yaw: float) -> tuple[ToolPose, ToolPose]:
+    def _stroke_start_poses(self, start: FloatArray, yaw: float) -> tuple[ToolPose, ToolPose]:
         """Where a stroke begins, and above it."""
-        return ToolPose(transforms.vec3(start), yaw), ToolPose(
-            transforms.vec3(start + np.array([0.0, 0.0, _ABOVE])), yaw
+        return ToolPose(transforms.to_vec3(start), yaw), ToolPose(
+            transforms.to_vec3(start + np.array([0.0, 0.0, _ABOVE])), yaw
         )
 
-    def _over(self, start: FloatArray, end: FloatArray, points: FloatArray) -> float | None:
+    def _move_above_start(self, start: FloatArray, end: FloatArray, points: FloatArray) -> float | None:
         """Go above the start; the yaw of the blade there, None if there is no way.
 
         Stroke after stroke in one sense would wind the wrist up to its limit, so the next best turns are tried too.
         """
-        if not self.arm.reachable(np.array([start, end])).all():
+        if not self.arm.reachable_mask(np.array([start, end])).all():
             return None
         least = wrap_angle(float(np.arctan2(end[1] - start[1], end[0] - start[0])) - self.yaw, np.pi)
         for turn in sorted((least + half * np.pi for half in range(-2, 3)), key=abs):
             yaw = self.yaw + turn
-            path = self.arm.solve(points, np.full(len(points), yaw), self.physics.commanded)
+            path = self.arm.solve_ik_tool_down(
+                points, np.full(len(points), yaw), self.physics.commanded_joint_positions
+            )
             radius = BLADE_WIDTH / 2 + BLADE_THICKNESS
-            if self.arm.within_limits(path) and self._travel(
-                self._poses(start, yaw)[1], radius, 0.0, self.obstacles, FREE_SPEED
+            if self.arm.is_path_within_limits(path) and self._travel_over_obstacles(
+                self._stroke_start_poses(start, yaw)[1], radius, 0.0, self.obstacles, FREE_SPEED
             ):
                 return yaw
         return None
 
 
-def straight_path(timestep: float, start: FloatArray, end: FloatArray) -> FloatArray:
+def straight_tip_path(timestep: float, start: FloatArray, end: FloatArray) -> FloatArray:
     """The tip's straight way (N, 3) from start to end (3,), metres, one row a time step."""
     length = float(np.linalg.norm(end - start))
     ramp = min(_RAMP, length / _SPEED)

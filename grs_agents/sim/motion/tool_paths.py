@@ -31,9 +31,9 @@ class ToolPose:
     yaw: float
     tilt: Vec3 = (0.0, 0.0, 0.0)
 
-    def moved(self, offset: FloatArray) -> "ToolPose":
+    def shifted_by(self, offset: FloatArray) -> "ToolPose":
         """The pose shifted by (3,) metres."""
-        return ToolPose(transforms.vec3(np.asarray(self.point) + offset), self.yaw, self.tilt)
+        return ToolPose(transforms.to_vec3(np.asarray(self.point) + offset), self.yaw, self.tilt)
 
 
 @dataclass(frozen=True)
@@ -46,13 +46,13 @@ class Pace:
     even: bool = False
 
 
-def pace_for_mass(speed: float, mass: float | None, timestep: float) -> Pace:
+def safe_pace_for_mass(speed: float, mass: float | None, timestep: float) -> Pace:
     """How to move with ``mass`` (kg; None: nothing) on the cup, so that its own inertia does not tear it off."""
     spare = _QUICKEST if mass is None else min(_QUICKEST, _SHARE * HOLDING_FORCE / max(mass, 1e-6) - _GRAVITY)
     return Pace(speed, float(max(spare, _SLOWEST)), timestep)
 
 
-def split_yaw_tilt(rotation: Quat) -> tuple[float, Vec3]:
+def split_into_yaw_and_tilt(rotation: Quat) -> tuple[float, Vec3]:
     """A rotation as a turn about the vertical (rad, nearest zero), then a tilt about a level axis (rotation vector)."""
     _, _, z, w = rotation
     yaw = 2 * float(np.arctan2(z, w))
@@ -62,15 +62,15 @@ def split_yaw_tilt(rotation: Quat) -> tuple[float, Vec3]:
     vector = np.array(swing[:3]) * (1.0 if swing[3] >= 0 else -1.0)
     sine = float(np.linalg.norm(vector))
     angle = 2 * float(np.arctan2(sine, abs(swing[3])))
-    return (yaw, (0.0, 0.0, 0.0)) if angle < _UPRIGHT else (yaw, transforms.vec3(vector / sine * angle))
+    return (yaw, (0.0, 0.0, 0.0)) if angle < _UPRIGHT else (yaw, transforms.to_vec3(vector / sine * angle))
 
 
 def tool_up_axis(tilt: Vec3) -> FloatArray:
     """The unit vector (3,) out of the back of a tool that is tilted."""
-    return rotations_from_vectors(np.array([tilt]))[0][:, 2]
+    return rotations_from_rotvecs(np.array([tilt]))[0][:, 2]
 
 
-def rotations_from_vectors(vectors: FloatArray) -> FloatArray:
+def rotations_from_rotvecs(vectors: FloatArray) -> FloatArray:
     """The rotations (N, 3, 3) of rotation vectors (N, 3)."""
     angle = np.linalg.norm(vectors, axis=1)
     x, y, z = (vectors / np.maximum(angle, 1e-12)[:, None]).T
@@ -120,17 +120,17 @@ def plan_joint_path(arm: Arm, start: ToolPose, end: ToolPose, gait: Pace, seed: 
     points = polar_path(start.point, end.point, share)
     yaws = start.yaw + share * (end.yaw - start.yaw)
     if not tilting.any():
-        return arm.solve(points, yaws, seed)
+        return arm.solve_ik_tool_down(points, yaws, seed)
     leans = tilting[0] + share[:, None] * (tilting[1] - tilting[0])
-    return arm.solve_poses(points, rotations_from_vectors(leans) @ rotations_about_z(yaws), seed)
+    return arm.solve_ik_for_poses(points, rotations_from_rotvecs(leans) @ rotations_about_z(yaws), seed)
 
 
-def highest_obstacle_along(start: Vec3, end: Vec3, radius: float, obstacles: Sequence[Prism]) -> float:
+def max_obstacle_height_along(start: Vec3, end: Vec3, radius: float, obstacles: Sequence[Prism]) -> float:
     """The top of the highest obstacle that comes within ``radius`` of the way from start to end."""
     if not obstacles:
         return 0.0
     points = polar_path(start, end, smoothstep(24))[:, :2]
-    boxes = np.array([obstacle.box for obstacle in obstacles])
+    boxes = np.array([obstacle.bounding_box_xy for obstacle in obstacles])
     outside = np.maximum(boxes[:, None, :2] - points[None], points[None] - boxes[:, None, 2:])
     near = np.linalg.norm(np.maximum(outside, 0.0), axis=2).min(axis=1) < radius
     heights = np.array([obstacle.high for obstacle in obstacles])

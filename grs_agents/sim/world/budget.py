@@ -1,8 +1,8 @@
 """What one call may simulate: time steps in all, objects and mesh vertices on the table at once.
 
-A process serves one call, and ``limit_call`` says once what that may cost. Catching an error of these gains nothing:
-steps that are used up stay used up, and ``reached`` says afterwards which limit was met. The limits keep programs from
-asking for too much; the limits of the sandbox keep the host safe from hostile code.
+A process serves one call, and ``set_call_limits`` says once what that may cost. Catching an error of these gains
+nothing: steps that are used up stay used up, and ``describe_reached_limit`` says afterwards which limit was met. The
+limits keep programs from asking for too much; the limits of the sandbox keep the host safe from hostile code.
 """
 
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from grs_agents.sim.instance import (
     SimulationBudgetError,
     SimulationError,
     VertexLimitError,
-    clear_episodes,
+    clear_last_episode,
 )
 from grs_agents.sim.world.footprints import cached_per_model
 
@@ -32,23 +32,23 @@ class _Call:
 _call = _Call()
 
 
-def limit_call(limits: Limits) -> None:
+def set_call_limits(limits: Limits) -> None:
     """Begin a call that may simulate so much. Without this, steps are limited for each environment alone."""
     _call.limits, _call.steps_left, _call.reached = limits, limits.simulated_steps, None
 
 
-def begin_test() -> None:
+def reset_before_test() -> None:
     """Forget the last episode, and which limit was reached; what is used up stays so."""
-    clear_episodes()
+    clear_last_episode()
     _call.reached = None
 
 
-def reached() -> SimulationError | None:
-    """The latest error of a limit since ``begin_test``."""
+def latest_limit_error() -> SimulationError | None:
+    """The latest error of a limit since ``reset_before_test``."""
     return _call.reached
 
 
-def reached_limit() -> str | None:
+def describe_reached_limit() -> str | None:
     """The same in words, the outcome first."""
     error = _call.reached
     return None if error is None else f"{error.outcome}: {error}"
@@ -60,24 +60,24 @@ class Budget:
     def __init__(self, steps: int = DEFAULT_BUDGET) -> None:
         self.limit = self.left = steps
 
-    def spend(self, steps: int) -> None:
+    def spend_steps(self, steps: int) -> None:
         """Take ``steps``; raises ``SimulationBudgetError`` if not so many are left, and from then on always."""
-        _spend_for_the_call(steps)
+        _spend_call_steps(steps)
         self.left -= steps
         if self.left < 0:
-            raise _record(
+            raise _record_limit_error(
                 SimulationBudgetError(
                     f"the environment used up its {self.limit} simulated steps", "reset less often or do less in a step"
                 )
             )
 
 
-def _spend_for_the_call(steps: int) -> None:
+def _spend_call_steps(steps: int) -> None:
     if _call.steps_left is None:
         return
     _call.steps_left -= steps
     if _call.steps_left < 0:
-        raise _record(
+        raise _record_limit_error(
             SimulationBudgetError(
                 f"the call used up its {_call.limits.simulated_steps} simulated steps",
                 "simulate less in all tests or seeds together, or raise limits.simulated_steps",
@@ -85,19 +85,21 @@ def _spend_for_the_call(steps: int) -> None:
         )
 
 
-def check_objects(count: int) -> None:
+def check_object_count(count: int) -> None:
     """Raise ``ObjectLimitError`` if so many objects may not be on the table."""
     most = _call.limits.objects
     if count > most:
-        raise _record(ObjectLimitError(f"{count} objects are on the table, {most} are the most", "add fewer objects"))
+        raise _record_limit_error(
+            ObjectLimitError(f"{count} objects are on the table, {most} are the most", "add fewer objects")
+        )
 
 
-def add_vertices(count: int, shapes: ObjectModel, library: Library) -> int:
+def add_to_vertex_count(count: int, shapes: ObjectModel, library: Library) -> int:
     """Vertices of the meshes on the table with one more object; raises ``VertexLimitError`` for too many."""
-    count += _vertices_of(shapes, library)
+    count += _count_mesh_vertices(shapes, library)
     most = _call.limits.mesh_vertices
     if count > most:
-        raise _record(
+        raise _record_limit_error(
             VertexLimitError(
                 f"the meshes on the table have {count} vertices, {most} are the most", "use simpler or fewer meshes"
             )
@@ -106,11 +108,11 @@ def add_vertices(count: int, shapes: ObjectModel, library: Library) -> int:
 
 
 @cached_per_model
-def _vertices_of(shapes: ObjectModel, library: Library) -> int:
+def _count_mesh_vertices(shapes: ObjectModel, library: Library) -> int:
     meshes = [shape.mesh or "" for shape in (*shapes.colliders, *shapes.visuals) if shape.kind == "mesh"]
-    return sum(len(read_vertices(library.mesh_path(mesh))) for mesh in meshes)
+    return sum(len(read_vertices(library.mesh_or_texture_path(mesh))) for mesh in meshes)
 
 
-def _record(error: SimulationError) -> SimulationError:
+def _record_limit_error(error: SimulationError) -> SimulationError:
     _call.reached = error
     return error

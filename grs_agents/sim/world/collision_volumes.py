@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose
-from grs_agents.geometry import FloatArray, half_spaces, transforms
+from grs_agents.geometry import FloatArray, hull_half_spaces, transforms
 from grs_agents.library import Library, ObjectModel, Shape, read_vertices
 from grs_agents.sim.instance import Zone
 from grs_agents.sim.world.footprints import cached_per_model
@@ -35,36 +35,36 @@ _shares: dict[tuple[int, Pose, tuple[Zone, ...], float], tuple[Volume, float]] =
 
 
 @cached_per_model
-def volume_of(model: ObjectModel, library: Library) -> Volume:
+def sample_collision_volume(model: ObjectModel, library: Library) -> Volume:
     """Collision volume of an object, one point for a mark; raises ``InputError`` for a mesh that cannot be read."""
     if not model.colliders:
         return Volume(np.zeros((3, 1)), np.ones(1))
-    solids = [_Solid.of(shape, library) for shape in model.colliders]
+    solids = [_Solid.from_shape(shape, library) for shape in model.colliders]
     widest = max(float((solid.high - solid.low).max()) for solid in solids)
     cell = max((sum(solid.size for solid in solids) / _POINTS) ** (1 / 3), widest / _ALONG)
-    clouds = [solid.points(cell) for solid in solids]
+    clouds = [solid.sample_points_inside(cell) for solid in solids]
     weights = np.concatenate(
         [np.full(cloud.shape[1], solid.size / cloud.shape[1]) for solid, cloud in zip(solids, clouds, strict=True)]
     )
     return Volume(np.hstack(clouds), weights / weights.sum())
 
 
-def share_inside(volume: Volume, pose: Pose, zones: Sequence[Zone], ceiling: float) -> float:
+def volume_share_in_zones(volume: Volume, pose: Pose, zones: Sequence[Zone], ceiling: float) -> float:
     """The share of an object's volume that lies over any of the zones and below ``ceiling`` (m)."""
     key = (id(volume), pose, tuple(zones), ceiling)
     known = _shares.get(key)  # most objects lie where they lay when the score was last asked for
     if known is None:
         if len(_shares) >= _REMEMBERED:
             _shares.clear()
-        known = _shares[key] = (volume, _share_inside(volume, pose, zones, ceiling))
+        known = _shares[key] = (volume, _compute_share_in_zones(volume, pose, zones, ceiling))
     return known[1]
 
 
-def _share_inside(volume: Volume, pose: Pose, zones: Sequence[Zone], ceiling: float) -> float:
-    points = transforms.apply(pose, volume.points)
+def _compute_share_in_zones(volume: Volume, pose: Pose, zones: Sequence[Zone], ceiling: float) -> float:
+    points = transforms.transform_points(pose, volume.points)
     inside = np.zeros(points.shape[1], dtype=bool)
     for zone in zones:
-        local = transforms.apply(transforms.invert(zone.pose), points)
+        local = transforms.transform_points(transforms.invert_pose(zone.pose), points)
         inside |= (np.abs(local[0]) <= zone.size[0] / 2) & (np.abs(local[1]) <= zone.size[1] / 2)
     return min(1.0, round(float(volume.weights[inside & (points[2] < ceiling)].sum()), 9))
 
@@ -80,11 +80,11 @@ class _Solid:
     size: float
 
     @staticmethod
-    def of(shape: Shape, library: Library) -> "_Solid":
+    def from_shape(shape: Shape, library: Library) -> "_Solid":
         faces = np.zeros((0, 4))
         if shape.kind == "mesh":
-            vertices = read_vertices(library.mesh_path(shape.mesh or "")) * np.asarray(shape.size)
-            low, high, faces = vertices.min(axis=0), vertices.max(axis=0), half_spaces(vertices)
+            vertices = read_vertices(library.mesh_or_texture_path(shape.mesh or "")) * np.asarray(shape.size)
+            low, high, faces = vertices.min(axis=0), vertices.max(axis=0), hull_half_spaces(vertices)
         else:
             radius, length = shape.size[0], shape.size[1] if shape.kind == "cylinder" else 2 * shape.size[0]
             half = np.asarray(shape.size if shape.kind == "box" else (2 * radius, 2 * radius, length)) / 2
@@ -92,29 +92,29 @@ class _Solid:
         whole = float(np.prod(high - low))
         share = {"box": 1.0, "cylinder": np.pi / 4, "sphere": np.pi / 6}.get(shape.kind)
         if share is None:
-            grid = _grid(low, high, np.full(3, _FINE))
-            share = max(float(_within_half_spaces(faces, grid).mean()), 1e-3)
+            grid = _grid_cell_centers(low, high, np.full(3, _FINE))
+            share = max(float(_are_within_half_spaces(faces, grid).mean()), 1e-3)
         return _Solid(shape, low, high, faces, max(whole * share, 1e-12))
 
-    def points(self, cell: float) -> FloatArray:
+    def sample_points_inside(self, cell: float) -> FloatArray:
         """Points (3, N) of a grid of about ``cell`` metres that lie in the solid, object frame."""
         counts = np.maximum(1, np.round((self.high - self.low) / cell))
         if self.shape.kind != "box":
             counts = np.maximum(counts, _ROUND)
-        grid = _grid(self.low, self.high, counts)
-        inside = self._inside(grid)
+        grid = _grid_cell_centers(self.low, self.high, counts)
+        inside = self._contains_points(grid)
         kept = grid[:, inside] if inside.any() else ((self.low + self.high) / 2)[:, None]
-        return transforms.apply((self.shape.position, self.shape.quaternion), kept)
+        return transforms.transform_points((self.shape.position, self.shape.quaternion), kept)
 
-    def _inside(self, grid: FloatArray) -> npt.NDArray[np.bool_]:
+    def _contains_points(self, grid: FloatArray) -> npt.NDArray[np.bool_]:
         if self.shape.kind in ("box", "mesh"):
-            return _within_half_spaces(self.faces, grid)
+            return _are_within_half_spaces(self.faces, grid)
         across = grid if self.shape.kind == "sphere" else grid[:2]
         within: npt.NDArray[np.bool_] = np.square(across).sum(axis=0) <= self.shape.size[0] ** 2
         return within
 
 
-def _grid(low: FloatArray, high: FloatArray, counts: FloatArray) -> FloatArray:
+def _grid_cell_centers(low: FloatArray, high: FloatArray, counts: FloatArray) -> FloatArray:
     """The centres (3, N) of equal cells of a box."""
     axes = [
         a + (np.arange(int(count)) + 0.5) * (b - a) / int(count) for a, b, count in zip(low, high, counts, strict=True)
@@ -122,5 +122,5 @@ def _grid(low: FloatArray, high: FloatArray, counts: FloatArray) -> FloatArray:
     return np.array(np.meshgrid(*axes, indexing="ij")).reshape(3, -1)
 
 
-def _within_half_spaces(faces: FloatArray, points: FloatArray) -> npt.NDArray[np.bool_]:
+def _are_within_half_spaces(faces: FloatArray, points: FloatArray) -> npt.NDArray[np.bool_]:
     return np.asarray((faces[:, :3] @ points <= faces[:, 3:] + 1e-9).all(axis=0), dtype=np.bool_)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from grs_agents.sim.instance import SimulationError
 
 
-def rgba(color: str | Sequence[float]) -> tuple[float, float, float, float]:
+def color_to_rgba(color: str | Sequence[float]) -> tuple[float, float, float, float]:
     """Red, green, blue, alpha, 0..1, of a name or three or four numbers; others are a ``SimulationError``."""
     if isinstance(color, str):
         if color not in COLORS:

@@ -11,9 +11,9 @@ from typing import Any, Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.engine import mujoco
-from grs_agents.library import Library, ObjectModel, Shape, add_shape, convex_volume, shape_volume
-from grs_agents.sim.arms import ROBOT_CONTYPE, Arm, fit_spatula, get_arm
+from grs_agents.library import Library, ObjectModel, Shape, add_shape_geom, convex_mesh_volume, shape_volume
+from grs_agents.mujoco_import import mujoco
+from grs_agents.sim.arms import ROBOT_CONTYPE, Arm, get_arm, replace_cup_with_spatula
 from grs_agents.sim.instance import InstanceObject, InstanceTie, SimulationError
 from grs_agents.sim.world import templates
 from grs_agents.sim.world.colors import COLORS
@@ -25,12 +25,12 @@ _BEAD_DAMPING: Final = 6e-5
 """Of what is tied at a point: added to its inertia (kg m^2), and against its turning (N m s/rad)."""
 
 
-def ids_tied_at_points(ties: Sequence[InstanceTie]) -> frozenset[int]:
+def ids_of_point_tied_objects(ties: Sequence[InstanceTie]) -> frozenset[int]:
     """Ids of what a point ties to another."""
     return frozenset(number for tie in ties if tie.kind == "point" for number in (tie.parent, tie.child))
 
 
-def add_ties(spec: Any, ties: Sequence[InstanceTie], timestep: float) -> None:
+def add_tie_constraints(spec: Any, ties: Sequence[InstanceTie], timestep: float) -> None:
     """One equality of two sites for each tie, between the bodies called ``object_<id>``."""
     for index, tie in enumerate(ties):
         names: list[str] = []
@@ -43,10 +43,10 @@ def add_ties(spec: Any, ties: Sequence[InstanceTie], timestep: float) -> None:
         )
         equality.solref = (2 * timestep, 1.0)
         if tie.kind == "point":
-            _make_bead(spec, tie)
+            _tune_bead_dynamics(spec, tie)
 
 
-def _make_bead(spec: Any, tie: InstanceTie) -> None:
+def _tune_bead_dynamics(spec: Any, tie: InstanceTie) -> None:
     """Small things on a joint are slow to turn: it keeps the joint steady, and balls from rolling off as marbles do."""
     for number in (tie.parent, tie.child):
         for joint in spec.body(f"object_{number}").joints:
@@ -87,15 +87,17 @@ class World:
     beads: frozenset[int] = frozenset()  # those of them that are so small that the cup always seals
 
 
-def model_of(item: InstanceObject, library: Library) -> ObjectModel:
+def load_object_model(item: InstanceObject, library: Library) -> ObjectModel:
     """The shapes of an object or filled template; one too large, or too thin, is a ``SimulationError``."""
     if not item.fill:
-        return library.model(item.asset)
-    return templates.cached_filling(library, "model", item.asset, item.fill, lambda: _filled_template(item, library))
+        return library.load_object_model(item.asset)
+    return templates.cached_template_result(
+        library, "model", item.asset, item.fill, lambda: _load_filled_template(item, library)
+    )
 
 
-def _filled_template(item: InstanceObject, library: Library) -> ObjectModel:
-    shapes = library.filled(item.asset, item.fill)
+def _load_filled_template(item: InstanceObject, library: Library) -> ObjectModel:
+    shapes = library.load_filled_template(item.asset, item.fill)
     solids = [shape.size for shape in shapes.colliders if shape.kind != "mesh"]
     thinnest = min(
         [LARGEST, *(shapes.size if shapes.colliders else ()), *(length for size in solids for length in size)]
@@ -112,12 +114,12 @@ def _format_size(size: Sequence[float]) -> str:
     return " x ".join(f"{extent:.3g}" for extent in size)
 
 
-def is_free(item: InstanceObject, shapes: ObjectModel) -> bool:
+def is_movable(item: InstanceObject, shapes: ObjectModel) -> bool:
     """Whether the object can move: not fixed, and solid enough to touch anything."""
     return item.category != "fixed" and bool(shapes.colliders)
 
 
-def new_spec(timestep: float) -> Any:
+def create_base_world_spec(timestep: float) -> Any:
     """An empty world with the options that were measured to be fast and steady, the table and a light."""
     spec = mujoco.MjSpec()
     spec.modelname = "grs"
@@ -145,7 +147,7 @@ def new_spec(timestep: float) -> Any:
     return spec
 
 
-def build(
+def build_world(
     objects: Sequence[InstanceObject],
     library: Library,
     timestep: float = TIMESTEP,
@@ -155,32 +157,32 @@ def build(
     arm: Arm | None = None,
     background: str | None = None,
 ) -> World:
-    """Compile a world. It does not depend on where the objects stand: ``place`` says that to each new state of it.
+    """Compile a world. It does not depend on where the objects stand: ``reset_world_to_poses`` sets that.
 
     ``visuals`` adds what is only seen (meshes, marks on the table); a spatula takes nothing up, so there are no suction
     welds beside it. Raises ``UnknownNameError`` for an asset that the library has not, ``SimulationError`` for a filled
     template that is too large or too thin, or a scene that MuJoCo takes for impossible.
     """
-    spec = new_spec(timestep)
+    spec = create_base_world_spec(timestep)
     arm = arm or get_arm()
     arm.add(spec)
     if tool == "spatula":
-        fit_spatula(spec)
-    models = {item.id: model_of(item, library) for item in objects}
-    free = [item.id for item in objects if is_free(item, models[item.id])]
+        replace_cup_with_spatula(spec)
+    models = {item.id: load_object_model(item, library) for item in objects}
+    free = [item.id for item in objects if is_movable(item, models[item.id])]
     for item in objects:
         _add_object(spec, item, models[item.id], library, visuals)
     if background is not None:
-        _add_background(spec, library.model(background), library, visuals)
+        _add_background(spec, library.load_object_model(background), library, visuals)
     graspable = free if tool == "suction" else []
     if len(ties) > _FEW_TIES or len(free) - len(graspable) > _CROWD:
         _use_iterative_solver(spec)
-    _add_suction(spec, graspable, timestep)
-    add_ties(spec, ties, timestep)
-    return _index_world(_compile_spec(spec), arm, models, free, graspable, ids_tied_at_points(ties))
+    _add_suction_welds(spec, graspable, timestep)
+    add_tie_constraints(spec, ties, timestep)
+    return _make_indexed_world(_compile_spec(spec), arm, models, free, graspable, ids_of_point_tied_objects(ties))
 
 
-def _index_world(
+def _make_indexed_world(
     model: Any,
     arm: Arm,
     models: Mapping[int, ObjectModel],
@@ -225,7 +227,7 @@ def _use_iterative_solver(spec: Any) -> None:
         geom.condim = 3 if geom.condim == 4 else geom.condim
 
 
-def _add_suction(spec: Any, graspable: Sequence[int], timestep: float) -> None:
+def _add_suction_welds(spec: Any, graspable: Sequence[int], timestep: float) -> None:
     """One weld to the cup, switched off, for each object that it may take."""
     for number in graspable:
         weld = spec.add_equality(
@@ -239,7 +241,7 @@ def _add_suction(spec: Any, graspable: Sequence[int], timestep: float) -> None:
         weld.solref = (2 * timestep, 1.0)
 
 
-def place(built: World, objects: Sequence[InstanceObject]) -> None:
+def reset_world_to_poses(built: World, objects: Sequence[InstanceObject]) -> None:
     """Set a world back to its beginning, with the objects it was built from at their poses, at rest."""
     # What cannot move is placed first: a state works out once, when it begins, where such bodies are.
     for item in objects:
@@ -256,10 +258,10 @@ def place(built: World, objects: Sequence[InstanceObject]) -> None:
 def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: Library, visuals: bool) -> None:
     name = f"object_{item.id}"
     body = spec.worldbody.add_body(name=name)
-    if is_free(item, shapes):
+    if is_movable(item, shapes):
         body.add_freejoint(name=name)
-    geoms = _add_colliders(spec, body, shapes, library, visuals)
-    volumes = [_volume(shape, library) for shape in shapes.colliders]
+    geoms = _add_collider_geoms(spec, body, shapes, library, visuals)
+    volumes = [_collider_volume(shape, library) for shape in shapes.colliders]
     total = sum(volumes)
     mass = shapes.mass if shapes.mass > 0 else max(0.02, _DENSITY * total)
     for geom, shape, volume in zip(geoms, shapes.colliders, volumes, strict=True):
@@ -267,22 +269,22 @@ def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: L
         geom.rgba = (*(item.color or shape.color or _GREY)[:3], 1.0)  # a ray misses what is wholly transparent
         if shape.kind == "sphere":
             geom.condim, geom.friction = 6, (shapes.friction, 0.01, _ROLLING)
-    for geom, shape in _add_visuals(spec, body, shapes, library, visuals):
-        geom.mass, geom.rgba = 0.0, item.color or shape.color or _named_color(item, library)
+    for geom, shape in _add_visual_geoms(spec, body, shapes, library, visuals):
+        geom.mass, geom.rgba = 0.0, item.color or shape.color or _asset_color_rgba(item, library)
 
 
 def _add_background(spec: Any, shapes: ObjectModel, library: Library, visuals: bool) -> None:
     """One body that never moves; objects and the arm bump into its boxes."""
     body = spec.worldbody.add_body(name="background")
-    _add_colliders(spec, body, shapes, library, visuals)
-    for geom, shape in _add_visuals(spec, body, shapes, library, visuals):
+    _add_collider_geoms(spec, body, shapes, library, visuals)
+    for geom, shape in _add_visual_geoms(spec, body, shapes, library, visuals):
         geom.rgba = shape.color or _GREY
         if shape.kind == "mesh":
             # It is open, so it has no volume.
             spec.mesh(geom.meshname).inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
 
 
-def _add_colliders(spec: Any, body: Any, shapes: ObjectModel, library: Library, visuals: bool) -> list[Any]:
+def _add_collider_geoms(spec: Any, body: Any, shapes: ObjectModel, library: Library, visuals: bool) -> list[Any]:
     """Add what is touched; it is seen only where ``visuals`` are not."""
     geoms = [
         _add_geom(spec, body, shape, library, f"{body.name}_{index}") for index, shape in enumerate(shapes.colliders)
@@ -293,7 +295,7 @@ def _add_colliders(spec: Any, body: Any, shapes: ObjectModel, library: Library, 
     return geoms
 
 
-def _add_visuals(
+def _add_visual_geoms(
     spec: Any, body: Any, shapes: ObjectModel, library: Library, visuals: bool
 ) -> Iterator[tuple[Any, Shape]]:
     """Add what is only seen, if ``visuals`` are asked for: each geom with its shape."""
@@ -303,32 +305,34 @@ def _add_visuals(
         yield geom, shape
 
 
-def _named_color(item: InstanceObject, library: Library) -> tuple[float, float, float, float]:
+def _asset_color_rgba(item: InstanceObject, library: Library) -> tuple[float, float, float, float]:
     """The library's word for an asset's colour, for meshes whose colour is in a texture."""
     name = library.asset(item.asset).color if item.asset in library else ""
     red, green, blue = COLORS.get(name, [0.7, 0.7, 0.7])
     return (red, green, blue, 1.0)
 
 
-def _volume(shape: Shape, library: Library) -> float:
+def _collider_volume(shape: Shape, library: Library) -> float:
     """Of a collider, m^3; the parts of an object share its mass in this proportion."""
     if shape.kind != "mesh":
         return shape_volume(shape)
-    return max(float(abs(np.prod(shape.size))) * convex_volume(library.mesh_path(shape.mesh or "")), 1e-12)
+    return max(
+        float(abs(np.prod(shape.size))) * convex_mesh_volume(library.mesh_or_texture_path(shape.mesh or "")), 1e-12
+    )
 
 
 def _add_geom(spec: Any, body: Any, shape: Shape, library: Library, name: str) -> Any:
-    return add_shape(spec, body, shape, name, library.mesh_path(shape.mesh) if shape.mesh else None)
+    return add_shape_geom(spec, body, shape, name, library.mesh_or_texture_path(shape.mesh) if shape.mesh else None)
 
 
-def arm_at_home(robot: str, library: Library) -> npt.NDArray[np.float64]:
+def arm_spheres_at_home(robot: str, library: Library) -> npt.NDArray[np.float64]:
     """(N, 4) spheres, centre and radius (m, robot frame), around each part of an arm at its home position.
 
     Raises ``InputError`` where the arm's file cannot be read or holds no arm.
     """
     arm = get_arm(robot)
-    built = build((), library, arm=arm)
-    built.data.qpos[: arm.dof] = arm.home
+    built = build_world((), library, arm=arm)
+    built.data.qpos[: arm.dof] = arm.home_joints
     mujoco.mj_forward(built.model, built.data)
     mine = built.model.geom_bodyid > 0
     return np.column_stack([built.data.geom_xpos[mine], built.model.geom_rbound[mine]])

@@ -44,7 +44,7 @@ class Prism:
     owner: int = -1
 
     @cached_property
-    def box(self) -> tuple[float, float, float, float]:
+    def bounding_box_xy(self) -> tuple[float, float, float, float]:
         """(x low, y low, x high, y high)."""
         low, high = self.outline.min(axis=0), self.outline.max(axis=0)
         return (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
@@ -71,7 +71,7 @@ def convex_hull(points: FloatArray) -> FloatArray:
     return np.array(lower[:-1] + upper[:-1], dtype=np.float64)
 
 
-def shape_points(shape: Shape, bounds: tuple[FloatArray, FloatArray]) -> FloatArray:
+def hull_points_of_shape(shape: Shape, bounds: tuple[FloatArray, FloatArray]) -> FloatArray:
     """Points (3, N) whose convex hull holds the shape, object frame; a mesh counts as ``bounds``."""
     if shape.kind == "mesh":
         low, high = bounds
@@ -88,20 +88,20 @@ def shape_points(shape: Shape, bounds: tuple[FloatArray, FloatArray]) -> FloatAr
         ends = np.repeat([-half_length, half_length], _CIRCLE)
         points = np.vstack([np.hstack([ring, ring]), ends])
     turned = transforms.IDENTITY if shape.kind == "sphere" else shape.quaternion
-    return transforms.apply((shape.position, turned), points)
+    return transforms.transform_points((shape.position, turned), points)
 
 
 @cached_per_model
-def _local_points(model: ObjectModel) -> tuple[FloatArray, ...]:
+def _collider_hull_points(model: ObjectModel) -> tuple[FloatArray, ...]:
     bounds = (np.asarray(model.bounds[0]), np.asarray(model.bounds[1]))
-    return tuple(shape_points(shape, bounds) for shape in model.colliders)
+    return tuple(hull_points_of_shape(shape, bounds) for shape in model.colliders)
 
 
 @cached_per_model
-def _turning_points(model: ObjectModel) -> list[tuple[FloatArray, float]]:
+def _rotating_collider_points(model: ObjectModel) -> list[tuple[FloatArray, float]]:
     """For each collider the points (3, N) of it that turn with the object, and how far it reaches from them anyhow."""
     parts: list[tuple[FloatArray, float]] = []
-    for shape, local in zip(model.colliders, _local_points(model), strict=True):
+    for shape, local in zip(model.colliders, _collider_hull_points(model), strict=True):
         center = np.asarray(shape.position)[:, None]
         ball = shape.kind == "sphere"
         parts.append((center, float((local - center)[2].min())) if ball else (local, 0.0))
@@ -109,64 +109,64 @@ def _turning_points(model: ObjectModel) -> list[tuple[FloatArray, float]]:
 
 
 @cached_per_model
-def _lowest_when_upright(model: ObjectModel) -> float:
+def _lowest_point_when_upright(model: ObjectModel) -> float:
     """The height of the lowest point of an object's colliders above its origin, whichever way it is turned upright."""
-    return min((float(points[2].min()) + drop for points, drop in _turning_points(model)), default=0.0)
+    return min((float(points[2].min()) + drop for points, drop in _rotating_collider_points(model)), default=0.0)
 
 
-def _posed_points(model: ObjectModel, pose: Pose) -> list[FloatArray]:
+def _collider_points_at_pose(model: ObjectModel, pose: Pose) -> list[FloatArray]:
     """Points (3, N) whose convex hull holds a collider, for each of an object at ``pose``; a ball's never turn."""
     clouds: list[FloatArray] = []
-    for shape, local in zip(model.colliders, _local_points(model), strict=True):
+    for shape, local in zip(model.colliders, _collider_hull_points(model), strict=True):
         if shape.kind == "sphere":
             center = np.asarray(shape.position)[:, None]
-            clouds.append(transforms.apply(pose, center) + (local - center))
+            clouds.append(transforms.transform_points(pose, center) + (local - center))
         else:
-            clouds.append(transforms.apply(pose, local))
+            clouds.append(transforms.transform_points(pose, local))
     return clouds
 
 
-def prisms(model: ObjectModel, pose: Pose, owner: int = -1) -> list[Prism]:
+def collider_prisms_at_pose(model: ObjectModel, pose: Pose, owner: int = -1) -> list[Prism]:
     """One prism for each collider of an object at ``pose``."""
     return [
         Prism(convex_hull(points[:2].T), float(points[2].min()), float(points[2].max()), owner)
-        for points in _posed_points(model, pose)
+        for points in _collider_points_at_pose(model, pose)
     ]
 
 
-def lowest_height(model: ObjectModel, pose: Pose) -> float:
+def lowest_height_at_pose(model: ObjectModel, pose: Pose) -> float:
     """The height of the lowest point of an object's colliders at ``pose``, metres."""
-    x, y, z, w = transforms.quat(pose[1])
+    x, y, z, w = transforms.to_unit_quaternion(pose[1])
     if x == y == 0:
-        return pose[0][2] + _lowest_when_upright(model)
+        return pose[0][2] + _lowest_point_when_upright(model)
     upward = np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])  # what turns into height
     return pose[0][2] + min(
-        (float((upward @ points).min()) + drop for points, drop in _turning_points(model)), default=0.0
+        (float((upward @ points).min()) + drop for points, drop in _rotating_collider_points(model)), default=0.0
     )
 
 
-def footprint(model: ObjectModel, pose: Pose, owner: int = -1) -> Prism:
+def object_prism_at_pose(model: ObjectModel, pose: Pose, owner: int = -1) -> Prism:
     """One prism around the whole object at ``pose``; a mark without colliders is a flat one."""
     if model.colliders:
-        points = np.hstack(_posed_points(model, pose))
+        points = np.hstack(_collider_points_at_pose(model, pose))
     else:
         corners = np.array(np.meshgrid(*zip(*model.bounds, strict=True), indexing="ij"), dtype=np.float64)
-        points = transforms.apply(pose, corners.reshape(3, -1))
+        points = transforms.transform_points(pose, corners.reshape(3, -1))
     return Prism(convex_hull(points[:2].T), float(points[2].min()), float(points[2].max()), owner)
 
 
-def rectangle(center: tuple[float, float], size: tuple[float, float], yaw: float) -> FloatArray:
+def rectangle_outline(center: tuple[float, float], size: tuple[float, float], yaw: float) -> FloatArray:
     """The outline (4, 2) of a turned rectangle."""
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.asarray(size) / 2
-    return corners @ rotation_2d(yaw).T + np.asarray(center)
+    return corners @ rotation_matrix_2d(yaw).T + np.asarray(center)
 
 
-def rotation_2d(yaw: float) -> FloatArray:
+def rotation_matrix_2d(yaw: float) -> FloatArray:
     """The 2 x 2 rotation by ``yaw`` radians."""
     return np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
 
 
-def _normals(outline: FloatArray) -> FloatArray:
+def _outward_edge_normals(outline: FloatArray) -> FloatArray:
     normals = np.empty_like(outline)
     x, y = outline[:, 0], outline[:, 1]
     normals[:-1, 0], normals[-1, 0] = y[1:] - y[:-1], y[0] - y[-1]
@@ -174,74 +174,77 @@ def _normals(outline: FloatArray) -> FloatArray:
     return normals / np.maximum(np.sqrt((normals * normals).sum(axis=1, keepdims=True)), 1e-12)
 
 
-def signed_gaps(moving: FloatArray, still: FloatArray, offsets: FloatArray) -> FloatArray:
+def signed_outline_gaps(moving: FloatArray, still: FloatArray, offsets: FloatArray) -> FloatArray:
     """Gaps (N,) of two convex outlines, ``moving`` at each of ``offsets`` (N, 2); negative where they overlap."""
     if len(moving) < 3 or len(still) < 3:
         return np.full(len(offsets), np.inf)
-    axes = np.vstack([_normals(moving), _normals(still)])
+    axes = np.vstack([_outward_edge_normals(moving), _outward_edge_normals(still)])
     own, other, shift = moving @ axes.T, still @ axes.T, offsets @ axes.T
     before = other.min(axis=0) - (own.max(axis=0) + shift)
     after = own.min(axis=0) + shift - other.max(axis=0)
     return np.maximum(before, after).max(axis=1)
 
 
-def inside_margin(moving: FloatArray, around: FloatArray, offsets: FloatArray) -> FloatArray:
+def margins_inside_outline(moving: FloatArray, around: FloatArray, offsets: FloatArray) -> FloatArray:
     """How far (N,) an outline shifted by ``offsets`` stays inside a convex outline; negative: it sticks out."""
-    axes = _normals(around)
+    axes = _outward_edge_normals(around)
     limit = (around * axes).sum(axis=1)
     return (limit - ((moving @ axes.T).max(axis=0) + offsets @ axes.T)).min(axis=1)
 
 
-def rest_heights(body: Prism, obstacles: Iterable[Prism], offsets: FloatArray, gap: float) -> FloatArray:
+def rest_heights_at_offsets(body: Prism, obstacles: Iterable[Prism], offsets: FloatArray, gap: float) -> FloatArray:
     """The height (N,) at which a body lowered at each offset would come to rest; 0 is the table top."""
     heights = np.zeros(len(offsets))
     if not len(offsets):
         return heights
     low, high = body.outline.min(axis=0) + offsets.min(axis=0), body.outline.max(axis=0) + offsets.max(axis=0)
     for obstacle in obstacles:
-        x0, y0, x1, y1 = obstacle.box
+        x0, y0, x1, y1 = obstacle.bounding_box_xy
         if x0 > high[0] + gap or y0 > high[1] + gap or x1 < low[0] - gap or y1 < low[1] - gap:
             continue
-        touching = signed_gaps(body.outline, obstacle.outline, offsets) < gap
+        touching = signed_outline_gaps(body.outline, obstacle.outline, offsets) < gap
         np.maximum(heights, obstacle.high, out=heights, where=touching)
     return heights
 
 
-def rest_height(body: Sequence[Prism], obstacles: Sequence[Prism], offset: FloatArray, gap: float) -> float:
+def rest_height_of_prisms(body: Sequence[Prism], obstacles: Sequence[Prism], offset: FloatArray, gap: float) -> float:
     """The height at which the underside of a body of several prisms comes to rest, lowered at one offset (1, 2).
 
     Unlike one prism around it, the body goes into what its outline alone does not fit into: an L into an L.
     """
     low = min(prism.low for prism in body)
-    return max(float(rest_heights(prism, obstacles, offset, gap)[0]) - (prism.low - low) for prism in body)
+    return max(float(rest_heights_at_offsets(prism, obstacles, offset, gap)[0]) - (prism.low - low) for prism in body)
 
 
-def nearby(prism: Prism, others: Iterable[Prism], offset: Sequence[float], reach: float) -> list[Prism]:
+def find_nearby_prisms(prism: Prism, others: Iterable[Prism], offset: Sequence[float], reach: float) -> list[Prism]:
     """Those of the others that may be within ``reach`` (m) of a prism shifted by an offset (2,), seen from above."""
-    (x0, y0, x1, y1), (dx, dy) = prism.box, offset
+    (x0, y0, x1, y1), (dx, dy) = prism.bounding_box_xy, offset
     x0, y0, x1, y1 = x0 + dx - reach, y0 + dy - reach, x1 + dx + reach, y1 + dy + reach
     return [
         other
         for other in others
-        if other.box[0] <= x1 and other.box[1] <= y1 and other.box[2] >= x0 and other.box[3] >= y0
+        if other.bounding_box_xy[0] <= x1
+        and other.bounding_box_xy[1] <= y1
+        and other.bounding_box_xy[2] >= x0
+        and other.bounding_box_xy[3] >= y0
     ]
 
 
-def nearest_point(outline: FloatArray, point: FloatArray) -> FloatArray:
+def nearest_point_of_outline(outline: FloatArray, point: FloatArray) -> FloatArray:
     """The point (2,) of a convex outline, or inside it, that is nearest to ``point`` (2,)."""
     edges = np.roll(outline, -1, axis=0) - outline
     length = np.maximum((edges**2).sum(axis=1), 1e-12)
     share = np.clip(((point - outline) * edges).sum(axis=1) / length, 0.0, 1.0)
     feet = outline + share[:, None] * edges
     away = np.linalg.norm(feet - point, axis=1)
-    inside = inside_margin(np.zeros((1, 2)), outline, point[None])[0] >= 0
+    inside = margins_inside_outline(np.zeros((1, 2)), outline, point[None])[0] >= 0
     return point if inside else np.asarray(feet[int(np.argmin(away))])
 
 
-def intersection_outline(first: FloatArray, second: FloatArray) -> FloatArray:
+def intersect_outlines(first: FloatArray, second: FloatArray) -> FloatArray:
     """What two convex outlines have in common, as an outline (K, 2); empty where they are apart."""
     kept = first
-    for start, normal in zip(second, _normals(second), strict=True):
+    for start, normal in zip(second, _outward_edge_normals(second), strict=True):
         if not len(kept):
             break
         depth = (kept - start) @ normal
@@ -253,14 +256,14 @@ def intersection_outline(first: FloatArray, second: FloatArray) -> FloatArray:
     return kept
 
 
-def outline_distance(first: FloatArray, second: FloatArray) -> float:
+def distance_between_outlines(first: FloatArray, second: FloatArray) -> float:
     """The distance between two convex outlines, metres; 0 where they overlap."""
-    if signed_gaps(first, second, np.zeros((1, 2)))[0] <= 0:
+    if signed_outline_gaps(first, second, np.zeros((1, 2)))[0] <= 0:
         return 0.0
-    return min(_distance_to_edges(first, second), _distance_to_edges(second, first))
+    return min(_min_distance_to_edges(first, second), _min_distance_to_edges(second, first))
 
 
-def _distance_to_edges(points: FloatArray, outline: FloatArray) -> float:
+def _min_distance_to_edges(points: FloatArray, outline: FloatArray) -> float:
     """The least distance from any of the points (N, 2) to any edge of an outline."""
     edges = np.roll(outline, -1, axis=0) - outline
     length = np.maximum((edges**2).sum(axis=1), 1e-12)

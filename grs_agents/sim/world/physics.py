@@ -6,12 +6,12 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.base import Pose, Quat, Vec3
-from grs_agents.engine import mujoco
 from grs_agents.geometry import FloatArray, transforms
+from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.arms import DOWN, joint_paths
 from grs_agents.sim.instance import InstanceObject, SimulationError
 from grs_agents.sim.world.budget import Budget
-from grs_agents.sim.world.compilation import World, place
+from grs_agents.sim.world.compilation import World, reset_world_to_poses
 from grs_agents.sim.world.suction import Cup
 
 _STILL: Final = 0.01
@@ -48,50 +48,50 @@ class Physics:
         self.world, self.budget = world, budget
         self.model: Any = world.model
         self.data: Any = world.data
-        place(world, objects)
+        reset_world_to_poses(world, objects)
         self.timestep = float(self.model.opt.timestep)
         self.arm, self.dof = world.arm, world.arm.dof
         if joints is None:
-            joints = self.arm.home
+            joints = self.arm.home_joints
         self.data.qpos[: self.dof] = joints
         self.data.ctrl[: self.dof] = joints
         gain = self.model.actuator_gainprm[: self.dof, 0]
         self._lead: FloatArray = -self.model.actuator_biasprm[: self.dof, 2] / gain
         self.cup = Cup(world, self.data)
         self.observer: Callable[[], None] | None = None
-        self._refuse_tangles()
+        self._check_contact_count()
         mujoco.mj_forward(self.model, self.data)
 
     @property
-    def joints(self) -> FloatArray:
+    def joint_positions(self) -> FloatArray:
         """Joint positions (dof,) of the arm: radians, or metres of a slide."""
         return np.array(self.data.qpos[: self.dof])
 
     @property
-    def commanded(self) -> FloatArray:
+    def commanded_joint_positions(self) -> FloatArray:
         """The joint positions (dof,) that the arm is told to keep."""
         return np.array(self.data.ctrl[: self.dof])
 
     @property
-    def tip(self) -> Vec3:
+    def tip_position(self) -> Vec3:
         """Where the suction cup is, metres."""
-        return transforms.vec3(self.data.site_xpos[self.world.tip_site])
+        return transforms.to_vec3(self.data.site_xpos[self.world.tip_site])
 
-    def tip_rotation(self) -> Quat:
+    def suction_tip_rotation(self) -> Quat:
         """How the tool is turned from straight down, xyzw."""
         matrix = np.asarray(self.data.site_xmat[self.world.tip_site]).reshape(3, 3) @ DOWN
         rotation = np.empty(4)
         mujoco.mju_mat2Quat(rotation, np.ascontiguousarray(matrix).ravel())
-        return transforms.quat(rotation[[1, 2, 3, 0]])
+        return transforms.to_unit_quaternion(rotation[[1, 2, 3, 0]])
 
-    def pose(self, number: int) -> Pose:
+    def object_pose(self, number: int) -> Pose:
         """Position and rotation (xyzw) of an object."""
         body = self.world.bodies[number]
         w, i, j, k = self.data.xquat[body].tolist()
         x, y, z = self.data.xpos[body].tolist()
-        return (x, y, z), transforms.quat((i, j, k, w))
+        return (x, y, z), transforms.to_unit_quaternion((i, j, k, w))
 
-    def _refuse_tangles(self) -> None:
+    def _check_contact_count(self) -> None:
         """Refuse too many contacts: many bodies one inside another would take minutes a step."""
         if len(self.world.addresses) <= _CROWD:
             return
@@ -104,7 +104,7 @@ class Physics:
                 "place objects apart from one another",
             )
 
-    def check(self) -> None:
+    def raise_if_diverged(self) -> None:
         """Raise ``SimulationError`` if the simulation has diverged, or there were more contacts than fit.
 
         MuJoCo itself would start anew from where nothing stood.
@@ -117,17 +117,17 @@ class Physics:
                 "do not start objects inside each other, and do not tie together what cannot be",
             )
 
-    def snapshot(self, onto: Any = None) -> Any:
-        """A copy of the whole state, sleep included, for ``restore``; ``onto`` an older copy, which it replaces."""
+    def save_state(self, onto: Any = None) -> Any:
+        """A copy of the whole state, sleep included, for ``restore_state``; ``onto``: an older copy to replace."""
         saved = mujoco.MjData(self.model) if onto is None else onto
         mujoco.mj_copyData(saved, self.model, self.data)
         return saved
 
-    def restore(self, saved: Any) -> None:
-        """Take up a state that ``snapshot`` gave, of the same model."""
+    def restore_state(self, saved: Any) -> None:
+        """Take up a state that ``save_state`` gave, of the same model."""
         mujoco.mj_copyData(self.data, self.model, saved)
 
-    def teleport(self, number: int, pose: Pose) -> None:
+    def teleport_object(self, number: int, pose: Pose) -> None:
         """Set a free object down at a pose, at rest."""
         (position, (x, y, z, w)), start = pose, self.world.addresses[number]
         self.data.qpos[start : start + 7] = (*position, w, x, y, z)
@@ -135,7 +135,7 @@ class Physics:
 
     def step(self, count: int = 1) -> None:
         """Simulate ``count`` time steps; what pulls too hard at the cup meanwhile is let go (``cup.slip``)."""
-        self.budget.spend(count)
+        self.budget.spend_steps(count)
         cup = self.cup
         if self.observer is None and (cup.held is None or count < cup.due):
             mujoco.mj_step(self.model, self.data, count)
@@ -147,47 +147,50 @@ class Physics:
             if self.observer is not None:
                 self.observer()
             count -= part
-            cup.watch(part)
+            cup.release_if_overloaded(part)
 
-    def mass(self, number: int) -> float:
+    def object_mass(self, number: int) -> float:
         """Of an object, kg."""
         return float(self.model.body_mass[self.world.bodies[number]])
 
-    def speed(self) -> float:
+    def max_free_body_speed(self) -> float:
         """The fastest free body, m/s (turning counts a radian as 0.1 m)."""
-        return self._fastest(self.data.qvel[self.dof :])
+        return self._max_speed_in_velocities(self.data.qvel[self.dof :])
 
-    def _fastest(self, velocities: FloatArray) -> float:
+    def _max_speed_in_velocities(self, velocities: FloatArray) -> float:
         if not len(velocities):
             return 0.0
         velocity = np.abs(velocities.reshape(-1, 6))
         return float(max(velocity[:, :3].max(), 0.1 * velocity[:, 3:].max()))
 
-    def speed_of(self, number: int) -> float:
+    def object_speed(self, number: int) -> float:
         """The speed of one object, m/s (turning counts a radian as 0.1 m); 0 for what cannot move."""
         if number not in self.world.addresses:
             return 0.0
         start = self.model.body_dofadr[self.world.bodies[number]]
-        return self._fastest(self.data.qvel[start : start + 6])
+        return self._max_speed_in_velocities(self.data.qvel[start : start + 6])
 
-    def settle(self, seconds: float = 1.2) -> None:
-        """Wait until everything rests, at most ``seconds`` of simulated time; errors as ``check``."""
+    def simulate_until_at_rest(self, seconds: float = 1.2) -> None:
+        """Wait until everything rests, at most ``seconds`` of simulated time; errors as ``raise_if_diverged``."""
         chunk = 12
-        if not self._rests_already():
+        if not self._is_already_at_rest():
             for _ in range(int(seconds / self.timestep / chunk)):
                 self.step(chunk)
-                if self.speed() < _STILL:
+                if self.max_free_body_speed() < _STILL:
                     break
-        self.check()
+        self.raise_if_diverged()
 
-    def _rests_already(self) -> bool:
+    def _is_already_at_rest(self) -> bool:
         """Whether a few steps show that everything is slow, and that nothing gathers speed: falls, tips or rolls."""
         self.step(_GLANCE - 1)
         before = np.array(self.data.qvel[self.dof :])
         self.step()
-        return max(self.speed(), self._fastest(self.data.qvel[self.dof :] - before) / _SURGE) < _STILL
+        return (
+            max(self.max_free_body_speed(), self._max_speed_in_velocities(self.data.qvel[self.dof :] - before) / _SURGE)
+            < _STILL
+        )
 
-    def relax(self, seconds: float = 0.8) -> None:
+    def separate_overlapping_bodies(self, seconds: float = 0.8) -> None:
         """Let overlapping bodies part slowly rather than burst: their speed is held down at every step."""
         velocity = self.data.qvel[self.dof :]
         for _ in range(int(seconds / self.timestep)):
@@ -196,7 +199,7 @@ class Physics:
             self.step()
             np.clip(velocity, -_GENTLE, _GENTLE, out=velocity)
 
-    def touched(self) -> set[int]:
+    def objects_touching_cup(self) -> set[int]:
         """Ids of the objects that the suction cup touches."""
         if self.data.ncon == 0:
             return set()
@@ -204,7 +207,7 @@ class Physics:
         rows = pairs[(pairs == self.world.cup_geom).any(axis=1)]
         return {self.world.owners[int(geom)] for geom in rows.ravel()} - {-1}
 
-    def supported(self, number: int) -> bool:
+    def is_object_supported(self, number: int) -> bool:
         """Whether something other than the robot holds the object up."""
         if self.data.ncon == 0:
             return False
@@ -216,11 +219,11 @@ class Physics:
         return bool((mine & upright & ~robot).any())
 
     @property
-    def held(self) -> int | None:
+    def held_object_id(self) -> int | None:
         """Id of the object on the cup."""
         return self.cup.held
 
-    def follow(self, path: FloatArray, stop: Callable[[], bool] | None = None) -> bool:
+    def follow_joint_path(self, path: FloatArray, stop: Callable[[], bool] | None = None) -> bool:
         """Drive the arm through joint positions (N, dof), one a time step; True if ``stop`` (asked each time) held."""
         rate = joint_paths.joint_speeds(path, self.timestep)
         # A free hand is content with half the rate; what is held would be shaken off by its coarser steps.
@@ -236,19 +239,21 @@ class Physics:
         control[:dof] = path[-1]
         return False
 
-    def arrive(self, joints: FloatArray, steps: int = 60) -> None:
+    def wait_for_joint_positions(self, joints: FloatArray, steps: int = 60) -> None:
         """Let the arm, which lags behind a fast motion, come to joint positions (dof,) in at most ``steps`` steps."""
         for _ in range(0, steps, 4):
             if float(np.abs(self.data.qpos[: self.dof] - joints).max()) < _ARRIVED:
                 return
             self.step(4)
 
-    def height_below(self, x: float, y: float, top: float = 1.0) -> tuple[float, int]:
+    def surface_height_below(self, x: float, y: float, top: float = 1.0) -> tuple[float, int]:
         """Where a ray straight down first meets something that can be touched: (height, object id or -1)."""
-        distance, owner = self.ray((x, y, top), (0.0, 0.0, -1.0))
+        distance, owner = self.cast_ray((x, y, top), (0.0, 0.0, -1.0))
         return (0.0, -1) if distance < 0 else (top - distance, owner)
 
-    def ray(self, start: Sequence[float] | FloatArray, direction: Sequence[float] | FloatArray) -> tuple[float, int]:
+    def cast_ray(
+        self, start: Sequence[float] | FloatArray, direction: Sequence[float] | FloatArray
+    ) -> tuple[float, int]:
         """(metres, object id or -1) of what a ray with a unit ``direction`` first touches; (-1, -1) for nothing."""
         geom = np.array([-1], dtype=np.int32)
         distance = float(

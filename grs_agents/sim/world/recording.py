@@ -20,20 +20,20 @@ class Recording:
         self._physics = physics
         bodies = {f"object_{own}": self._physics.world.bodies[number] for own, number in ids.items()}
         model = self._physics.model
-        bodies |= {name: int(model.body(name).id) for name in physics.world.arm.links}
+        bodies |= {name: int(model.body(name).id) for name in physics.world.arm.link_names}
         self.names = tuple(bodies)
         self._rows = np.array(list(bodies.values()))
         self._every = max(1, round(1 / RATE / self._physics.timestep))
         self._count = 0
         self._start = float(self._physics.data.time)
         self._frames: list[tuple[float, npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]] = []
-        self._physics.observer = self._observe
-        self._observe()
+        self._physics.observer = self._sample_frame_if_due
+        self._sample_frame_if_due()
 
-    def _observe(self) -> None:
+    def _sample_frame_if_due(self) -> None:
         if self._count % self._every == 0:
             data = self._physics.data
-            tool = np.array(self._physics.tip)
+            tool = np.array(self._physics.tip_position)
             self._frames.append(
                 (data.time - self._start, data.xpos[self._rows].copy(), data.xquat[self._rows].copy(), tool)
             )

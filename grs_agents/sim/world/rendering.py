@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.engine import mujoco
 from grs_agents.geometry import FloatArray
 from grs_agents.library import Library
+from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.arms import Arm
 from grs_agents.sim.instance import InstanceObject
 from grs_agents.sim.world import compilation
@@ -60,7 +60,7 @@ class VisibleScene:
     background: str | None = None  # library name of what stands fixed around the robot
 
 
-def camera_rays(view: View) -> FloatArray:
+def camera_ray_directions(view: View) -> FloatArray:
     """Directions (H * W, 3) with length 1 along the optical axis, robot frame."""
     forward = np.subtract(view.target, view.position)
     forward = forward / np.linalg.norm(forward)
@@ -73,27 +73,29 @@ def camera_rays(view: View) -> FloatArray:
     return (forward + x[..., None] * right + y[..., None] * down).reshape(-1, 3)
 
 
-def render(sight: VisibleScene, views: Sequence[View]) -> list[Picture]:
+def render_views(sight: VisibleScene, views: Sequence[View]) -> list[Picture]:
     """One picture for each view."""
-    scene = _compile_visible(sight)
+    scene = _compile_visible_scene(sight)
     return [
-        _trace_picture(scene, np.asarray(view.position), camera_rays(view).reshape(view.height, view.width, 3), _GROUPS)
+        _trace_picture(
+            scene, np.asarray(view.position), camera_ray_directions(view).reshape(view.height, view.width, 3), _GROUPS
+        )
         for view in views
     ]
 
 
-def cast_rays(sight: VisibleScene, eye: FloatArray, directions: FloatArray) -> Picture:
+def render_along_rays(sight: VisibleScene, eye: FloatArray, directions: FloatArray) -> Picture:
     """The picture that rays (H, W, 3) from ``eye`` (m) make, each of length 1 along the optical axis."""
-    return _trace_picture(_compile_visible(sight), eye, directions, _NO_ARM if sight.joints is None else _GROUPS)
+    return _trace_picture(_compile_visible_scene(sight), eye, directions, _NO_ARM if sight.joints is None else _GROUPS)
 
 
-def _compile_visible(sight: VisibleScene) -> compilation.World:
-    scene = compilation.build(
+def _compile_visible_scene(sight: VisibleScene) -> compilation.World:
+    scene = compilation.build_world(
         sight.objects, sight.library, visuals=True, arm=sight.arm, tool=sight.tool, background=sight.background
     )
     poses = [item.pose for item in sight.objects] if sight.poses is None else sight.poses
     pairs = zip(sight.objects, poses, strict=True)
-    compilation.place(scene, [item.model_copy(update={"pose": pose}) for item, pose in pairs])
+    compilation.reset_world_to_poses(scene, [item.model_copy(update={"pose": pose}) for item, pose in pairs])
     if sight.joints is not None:
         scene.data.qpos[: len(sight.joints)] = sight.joints
     mujoco.mj_forward(scene.model, scene.data)
@@ -121,7 +123,7 @@ def _trace_picture(
     )
 
 
-def png(color: npt.NDArray[np.uint8]) -> bytes:
+def encode_png(color: npt.NDArray[np.uint8]) -> bytes:
     """An image (H, W, 3) as a PNG file's content."""
     height, width = color.shape[:2]
     rows = np.hstack([np.zeros((height, 1), np.uint8), color.reshape(height, -1)])  # filter type 0 before each row
@@ -136,7 +138,7 @@ def png(color: npt.NDArray[np.uint8]) -> bytes:
 
 def render_observation(sight: VisibleScene) -> dict[str, tuple[npt.NDArray[Any], ...]]:
     """The three observation cameras: ``color`` and ``depth``."""
-    pictures = render(sight, (FRONT, LEFT, RIGHT))
+    pictures = render_views(sight, (FRONT, LEFT, RIGHT))
     return {
         "color": tuple(picture.color for picture in pictures),
         "depth": tuple(picture.depth for picture in pictures),

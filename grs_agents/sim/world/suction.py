@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from grs_agents.engine import mujoco
+from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.arms import ROBOT_CONTYPE
 from grs_agents.sim.world.compilation import World
 
@@ -32,7 +32,7 @@ class Cup:
         self.slip: Slip | None = None  # how the last object that was held was torn off
         self.due = WATCHED  # time steps until the load is to be looked at
         self._strained = False
-        self._touching(True)
+        self._set_cup_collisions(True)
 
     def grasp(self, number: int) -> None:
         """Switch suction on: the object keeps its present pose relative to the cup; a rope's bead is free to turn."""
@@ -47,20 +47,20 @@ class Cup:
         row[10] = float(number not in world.limp)  # how stiffly it holds the rotation
         data.eq_active[weld] = 1
         self.held, self.slip, self.due, self._strained = number, None, WATCHED, False
-        self._touching(False)
+        self._set_cup_collisions(False)
 
     def release(self) -> None:
         """Switch suction off."""
         if self.held is not None:
             self._data.eq_active[self._world.welds[self.held]] = 0
-            self._touching(True)
+            self._set_cup_collisions(True)
         self.held = None
 
-    def _touching(self, on: bool) -> None:
+    def _set_cup_collisions(self, on: bool) -> None:
         """Whether the cup meets objects: while it holds one, the weld alone acts between them, and none fights it."""
         self._world.model.geom_contype[self._world.cup_geom] = ROBOT_CONTYPE if on else 0
 
-    def watch(self, steps: int) -> None:
+    def release_if_overloaded(self, steps: int) -> None:
         """Count time steps, and let go of an object that has pulled too hard at two looks in succession."""
         self.due -= steps
         if self.due > 0:
@@ -68,14 +68,14 @@ class Cup:
         self.due = WATCHED
         if self.held is None:
             return
-        load, before = self.load(), self._strained
+        load, before = self.measure_load_force(), self._strained
         self._strained = load > HOLDING_FORCE
         if self._strained and before:
             number = self.held
             self.release()
             self.slip = Slip(number, load)
 
-    def load(self) -> float:
+    def measure_load_force(self) -> float:
         """How hard what is held pulls at the cup and shears along it, newtons; pressing on it is no load."""
         if self.held is None:
             return 0.0

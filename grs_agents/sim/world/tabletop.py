@@ -12,8 +12,8 @@ from grs_agents.library import Library, ObjectModel
 from grs_agents.sim.arms import Arm
 from grs_agents.sim.instance import InstanceObject, InstanceTie, NoFreeSpaceError, Recorder, SimulationError
 from grs_agents.sim.world import budget, compilation, footprints, templates
-from grs_agents.sim.world.collision_volumes import Volume, volume_of
-from grs_agents.sim.world.colors import rgba
+from grs_agents.sim.world.collision_volumes import Volume, sample_collision_volume
+from grs_agents.sim.world.colors import color_to_rgba
 from grs_agents.sim.world.physics import Physics
 
 
@@ -59,7 +59,7 @@ class Tabletop:
         self.rng = np.random.default_rng(self.seed_used)
         return self.seed_used
 
-    def clear(self) -> None:
+    def remove_all_objects(self) -> None:
         """Take everything off the table; the arm goes home."""
         self._objects.clear()
         self._ties.clear()
@@ -91,76 +91,77 @@ class Tabletop:
             UnknownNameError: no such asset; the message lists the nearest names.
             NoFreeSpaceError: ``pose`` is None, as ``get_random_pose`` returns when nothing is free.
         """
-        name = templates.asset_name(urdf, self.library)
+        name = templates.resolve_asset_name(urdf, self.library)
         if pose is None or pose[0] is None:
             raise NoFreeSpaceError(
                 f"add_object({name!r}) was given the pose None: no free place was found for it",
                 "add fewer or smaller objects, or give a fixed pose",
             )
-        filling = templates.filling_of(name)
+        filling = templates.find_filling_by_name(name)
         if filling is None:
             self.library.asset(name)
             if defaults := self.library.template_defaults(name):
-                self.warn(f"{name} was not filled in: it takes its defaults, {templates.describe_values(defaults)}")
+                values = templates.describe_placeholder_values(defaults)
+                self.record_warning(f"{name} was not filled in: it takes its defaults, {values}")
         if category not in CATEGORIES:
             raise SimulationError(f"add_object: category {category!r} is unknown", f"use one of {CATEGORIES}")
         if category == "deformable":
-            self.warn(f"add_object({name!r}): 'deformable' moves as 'rigid' does")
-        return self.insert(
+            self.record_warning(f"add_object({name!r}): 'deformable' moves as 'rigid' does")
+        return self.insert_object(
             InstanceObject(
-                id=self._next,
+                id=self._next_object_id,
                 asset=filling.template if filling else name,
                 fill=dict(filling.values) if filling else {},
-                color=None if color is None else rgba(color),
-                pose=as_pose(pose, f"add_object({name!r})"),
+                color=None if color is None else color_to_rgba(color),
+                pose=parse_pose(pose, f"add_object({name!r})"),
                 category=category,
             )
         )
 
-    def insert(self, item: InstanceObject) -> int:
+    def insert_object(self, item: InstanceObject) -> int:
         """Add a typed object and return the id it has here; refuse what is too large, too thin or one too many."""
-        budget.check_objects(len(self._objects) + 1)
-        number, shapes = self._next, compilation.model_of(item, self.library)
-        self._vertices = budget.add_vertices(self._vertices, shapes, self.library)
+        budget.check_object_count(len(self._objects) + 1)
+        number, shapes = self._next_object_id, compilation.load_object_model(item, self.library)
+        self._vertices = budget.add_to_vertex_count(self._vertices, shapes, self.library)
         self._objects[number] = item if item.id == number else item.model_copy(update={"id": number})
         self._models[number], self._stale = shapes, True
         return number
 
     @property
-    def _next(self) -> int:
+    def _next_object_id(self) -> int:
         """The id of the next object."""
         return max(self._objects, default=0) + 1
 
-    def tie(self, tie: InstanceTie) -> int:
+    def tie_objects(self, tie: InstanceTie) -> int:
         """Keep two objects together; returns the number of the tie; raises ``SimulationError`` for no such object."""
         for number in (tie.parent, tie.child):
-            self.object(number)
+            self.object_by_id(number)
         self._ties.append(tie)
         self._stale = True
         return len(self._ties)
 
     @property
-    def ties(self) -> tuple[InstanceTie, ...]:
+    def object_ties(self) -> tuple[InstanceTie, ...]:
         """What keeps objects together."""
         return tuple(self._ties)
 
-    def warn(self, text: str) -> None:
+    def record_warning(self, text: str) -> None:
         """Note, once, what had to be assumed; it goes into the task instance."""
         if text not in self.warnings:
             self.warnings.append(text)
 
     def set_color(self, obj: int, color: str | Sequence[float]) -> None:
         """Recolour an object: a name of ``utils.COLORS`` or (r, g, b) 0..1."""
-        self._objects[obj] = self.object(obj).model_copy(update={"color": rgba(color)})
+        self._objects[obj] = self.object_by_id(obj).model_copy(update={"color": color_to_rgba(color)})
 
     set_object_color = set_color
 
     @property
     def objects(self) -> tuple[InstanceObject, ...]:
         """Every object with its present pose."""
-        return tuple(self._as_it_stands(item) for item in self._objects.values())
+        return tuple(self._with_current_pose(item) for item in self._objects.values())
 
-    def _as_it_stands(self, item: InstanceObject) -> InstanceObject:
+    def _with_current_pose(self, item: InstanceObject) -> InstanceObject:
         pose = self.get_object_pose(item.id)
         return item if pose is item.pose else item.model_copy(update={"pose": pose})
 
@@ -169,7 +170,7 @@ class Tabletop:
         """Ids of objects by category: ``fixed``, ``rigid``, ``deformable``."""
         return {kind: [item.id for item in self._objects.values() if item.category == kind] for kind in CATEGORIES}
 
-    def object(self, obj: Any) -> InstanceObject:
+    def object_by_id(self, obj: Any) -> InstanceObject:
         """The object with an id; raises ``SimulationError`` if there is none."""
         item = self._objects.get(obj) if obj.__hash__ else None  # a list has no hash
         if item is None:
@@ -178,112 +179,118 @@ class Tabletop:
             raise SimulationError(f"there is no object {obj!r}"[:150], f"use one of the ids {ids}{more}")
         return item
 
-    def shapes(self, obj: int) -> ObjectModel:
+    def object_model(self, obj: int) -> ObjectModel:
         """What an object is made of."""
-        return self._models[self.object(obj).id]
+        return self._models[self.object_by_id(obj).id]
 
-    def volume(self, obj: int) -> Volume:
+    def object_collision_points(self, obj: int) -> Volume:
         """The collision volume of an object as points in its own frame."""
-        return volume_of(self.shapes(obj), self.library)
+        return sample_collision_volume(self.object_model(obj), self.library)
 
-    def is_free(self, obj: int) -> bool:
+    def is_object_movable(self, obj: int) -> bool:
         """Whether an object can be moved."""
-        return compilation.is_free(self.object(obj), self.shapes(obj))
+        return compilation.is_movable(self.object_by_id(obj), self.object_model(obj))
 
     def get_object_pose(self, obj: int) -> Pose:
         """Position (m) of the centre of an object's box and its rotation (xyzw)."""
-        item = self.object(obj)
+        item = self.object_by_id(obj)
         if self._physics is not None and obj in self._physics.world.addresses:
-            return self._physics.pose(obj)
+            return self._physics.object_pose(obj)
         return item.pose
 
     def get_object_size(self, obj: int) -> Vec3:
         """Upright extents x, y, z of an object, metres."""
-        return self.shapes(obj).size
+        return self.object_model(obj).size
 
-    def outlines(self) -> list[footprints.Prism]:
+    def collider_prisms(self) -> list[footprints.Prism]:
         """The upright prisms of every object's colliders as it stands now."""
-        return [prism for number in self._objects for prism in self._outline(number)[1]]
+        return [prism for number in self._objects for prism in self._cached_object_prisms(number)[1]]
 
-    def outline(self, obj: int) -> footprints.Prism:
+    def object_prism(self, obj: int) -> footprints.Prism:
         """One upright prism around a whole object as it stands now."""
-        return self._outline(obj)[2]
+        return self._cached_object_prisms(obj)[2]
 
-    def _outline(self, number: int) -> _Outline:
+    def _cached_object_prisms(self, number: int) -> _Outline:
         """Pose, prisms and outline of an object; made anew only when it has moved."""
         pose, known = self.get_object_pose(number), self._outlines.get(number)
         if known is None or known[0] != pose:
-            shapes = self.shapes(number)
-            parts = footprints.prisms(shapes, pose, number)
-            known = (pose, parts, parts[0] if len(parts) == 1 else footprints.footprint(shapes, pose, number))
+            shapes = self.object_model(number)
+            parts = footprints.collider_prisms_at_pose(shapes, pose, number)
+            known = (
+                pose,
+                parts,
+                parts[0] if len(parts) == 1 else footprints.object_prism_at_pose(shapes, pose, number),
+            )
             self._outlines[number] = known
         return known
 
     @property
     def is_static(self) -> bool:
         """Whether everything rests."""
-        return self.physics.speed() < 0.01
+        return self.physics.max_free_body_speed() < 0.01
 
     @property
     def physics(self) -> Physics:
         """The running world, compiled from the objects when they have changed."""
         if self._physics is None or self._stale:
-            joints = None if self._physics is None else self._physics.joints
+            joints = None if self._physics is None else self._physics.joint_positions
             current = self.objects
             self._objects = {item.id: item for item in current}
             observer = None if self._physics is None else self._physics.observer
-            self._physics = Physics(self._built(current), self.budget, current, joints)
+            self._physics = Physics(self._compile_world(current), self.budget, current, joints)
             self._physics.observer = observer
             self._stale = False
         return self._physics
 
-    def _built(self, objects: Sequence[InstanceObject]) -> compilation.World:
+    def _compile_world(self, objects: Sequence[InstanceObject]) -> compilation.World:
         """The compiled world of these objects; the last one again if only their places differ."""
         kinds = tuple((item.id, item.asset, tuple(sorted(item.fill.items())), item.category) for item in objects)
-        key = (self.timestep, kinds, self.ties, self.tool, self.background)
+        key = (self.timestep, kinds, self.object_ties, self.tool, self.background)
         if self._world is None or self._world[0] != key:
-            built = compilation.build(objects, self.library, self.timestep, False, *key[2:4], self.arm, self.background)
+            built = compilation.build_world(
+                objects, self.library, self.timestep, False, *key[2:4], self.arm, self.background
+            )
             self._world = (key, built)
         return self._world[1]
 
-    def come_to_rest(self) -> None:
+    def settle_scene(self) -> None:
         """Let everything settle; a scene that was settled before is taken up as it came to rest then."""
-        before, known = (self.timestep, self.objects, self.ties, self.tool, self.background), self._rested
+        before, known = (self.timestep, self.objects, self.object_ties, self.tool, self.background), self._rested
         if known is not None and known.before == before:
-            self.budget.spend(known.steps)
-            self.physics.restore(known.state)
+            self.budget.spend_steps(known.steps)
+            self.physics.restore_state(known.state)
             return
         start = self.budget.left
-        self.lift_out_of_table()
-        self.physics.relax()
-        self.physics.settle()
+        self.raise_sunken_objects()
+        self.physics.separate_overlapping_bodies()
+        self.physics.simulate_until_at_rest()
         older = known.state if known is not None and known.world is self.physics.world else None
-        state = self.physics.snapshot(older)
+        state = self.physics.save_state(older)
         self._rested = _Rested(before, self.physics.world, state, start - self.budget.left)
 
     def step_simulation(self, steps: int = 1) -> None:
         """Simulate a number of time steps; errors as ``Physics.check``."""
         self.physics.step(steps)
-        self.physics.check()
+        self.physics.raise_if_diverged()
 
-    def lift_out_of_table(self) -> None:
+    def raise_sunken_objects(self) -> None:
         """Raise what reaches below the table top, as objects placed from noisy depth may."""
         for number, item in list(self._objects.items()):
-            if not compilation.is_free(item, self._models[number]):
+            if not compilation.is_movable(item, self._models[number]):
                 continue
             pose = self.get_object_pose(number)
-            low = footprints.lowest_height(self._models[number], pose)
+            low = footprints.lowest_height_at_pose(self._models[number], pose)
             if low < 0:
                 (x, y, z), rotation = pose
-                self.place_object(number, ((x, y, z - low + 0.0002), rotation))
+                self.set_object_pose(number, ((x, y, z - low + 0.0002), rotation))
 
-    def place_object(self, obj: int, pose: Pose) -> None:
+    def set_object_pose(self, obj: int, pose: Pose) -> None:
         """Set an object down at a pose at once, without the arm."""
-        self._objects[obj] = self.object(obj).model_copy(update={"pose": pose})
-        if not self.is_free(obj):
+        self._objects[obj] = self.object_by_id(obj).model_copy(update={"pose": pose})
+        if not self.is_object_movable(obj):
             self._stale = True
         elif self._physics is not None and not self._stale:
-            self._physics.teleport(obj, pose)
+            self._physics.teleport_object(obj, pose)
 
 
 def is_number(value: Any) -> bool:
@@ -299,9 +306,9 @@ def is_vector(value: Any, *lengths: int) -> bool:
         return False
 
 
-def as_pose(value: Any, what: str) -> Pose:
+def parse_pose(value: Any, what: str) -> Pose:
     """A pose from a position (m) and perhaps a quaternion (xyzw); else a ``SimulationError``."""
-    if (plain := transforms.plain_pose(value)) is not None:
+    if (plain := transforms.parse_pose(value)) is not None:
         return plain
     try:
         if is_vector(value, 3):
@@ -314,4 +321,4 @@ def as_pose(value: Any, what: str) -> Pose:
         raise SimulationError(f"{what}: {value!r} is not a pose", "give ((x, y, z), (qx, qy, qz, qw))") from error
     if position.shape != (3,) or rotation.shape != (4,) or not np.isfinite([*position, *rotation]).all():
         raise SimulationError(f"{what}: {value!r} is not a pose", "give ((x, y, z), (qx, qy, qz, qw)), all finite")
-    return (transforms.vec3(position), transforms.quat(rotation))
+    return (transforms.to_vec3(position), transforms.to_unit_quaternion(rotation))

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from grs_agents import trace
-from grs_agents.views.common.event_documents import case_counts
+from grs_agents.views.common.event_markdown import format_outcome_counts
 
 Status = Literal["running", "done", "failed", "interrupted"]
 
@@ -29,30 +29,30 @@ class Step:
     )  # all that happened in it, its start and end included
 
     @property
-    def tokens(self) -> int:
+    def total_tokens(self) -> int:
         """Input and output together."""
         return self.input_tokens + self.output_tokens
 
     @property
-    def replies(self) -> list[trace.Reply]:
+    def model_replies(self) -> list[trace.Reply]:
         """The answers of its models."""
         return [event for event in self.events if isinstance(event, trace.Reply)]
 
     @property
-    def trouble(self) -> str:
+    def problem_summary(self) -> str:
         """What went wrong in it, in a phrase: its own error, failing tests or checks; empty if nothing did."""
         if self.status in ("failed", "interrupted"):
             return self.details[-1] if self.details else self.status
         problem = ""
         for event in self.events:
             if isinstance(event, trace.TestsRun) and event.report.get("outcome") != "passed":
-                problem = f"tests: {phrase(event)}"
+                problem = f"tests: {summarise_event(event)}"
             elif isinstance(event, trace.Finding) and not event.passed:
                 problem = f"{event.check}: {event.detail}"
         return problem
 
     @property
-    def detail(self) -> str:
+    def joined_details(self) -> str:
         """All that came of it, the latest first where one replaces another."""
         return "; ".join(self.details)
 
@@ -66,28 +66,28 @@ class Steps:
         self.decision: trace.Decision | None = None
 
     @property
-    def current(self) -> Step | None:
+    def running_step(self) -> Step | None:
         """The step that is running."""
         return self.rows[-1] if self.rows and self.rows[-1].status == "running" else None
 
-    def add(self, event: trace.Event) -> None:
+    def add_event(self, event: trace.Event) -> None:
         """Take one more event in."""
         if isinstance(event, trace.NodeStarted):
-            if self.current:
-                self.current.status = "interrupted"
+            if self.running_step:
+                self.running_step.status = "interrupted"
             step = Step(len(self.rows) + 1, event.node, event.visit, event.attempt, event.time)
             step.events.append(event)
             self.rows.append(step)
         elif isinstance(event, trace.NodeEnded):
-            self._close(event)
+            self._end_step(event)
         elif isinstance(event, trace.RunEnded):
             self.ended = event
-            if self.current:
-                self.current.status = "interrupted"
-        elif self.current:
-            self._note(self.current, event)
+            if self.running_step:
+                self.running_step.status = "interrupted"
+        elif self.running_step:
+            self._add_event_to_step(self.running_step, event)
 
-    def _close(self, event: trace.NodeEnded) -> None:
+    def _end_step(self, event: trace.NodeEnded) -> None:
         for step in reversed(self.rows):
             if step.node == event.node and step.status == "running":
                 step.status = "failed" if event.error else "done"
@@ -97,7 +97,7 @@ class Steps:
                     step.details.append(event.error)
                 return
 
-    def _note(self, step: Step, event: trace.Event) -> None:
+    def _add_event_to_step(self, step: Step, event: trace.Event) -> None:
         step.events.append(event)
         if isinstance(event, trace.Decision):
             self.decision = event
@@ -106,22 +106,22 @@ class Steps:
             step.output_tokens += event.output_tokens
             if event.cost is not None:
                 step.cost = (step.cost or 0.0) + event.cost
-        text = phrase(event)
+        text = summarise_event(event)
         if text:
             step.details.append(text)
 
 
-def phrase(event: trace.Event) -> str:
+def summarise_event(event: trace.Event) -> str:
     """What ``event`` adds to a step, as a phrase; empty for events that speak for themselves."""
     match event:
         case trace.SceneStage():
-            text = _scene_phrase(event)
+            text = _summarise_scene_stage(event)
         case trace.TaskDefined():
             text = str(event.task.get("task-name") or "")
         case trace.ProgramVersion():
             text = f"{event.program} v{event.number}"
         case trace.TestsRun():
-            text = case_counts(event) or str(event.report.get("outcome"))
+            text = format_outcome_counts(event) or str(event.report.get("outcome"))
         case trace.Decision():
             text = f"→ {event.verdict}: {event.explanation}"
         case trace.Rollout():
@@ -137,16 +137,16 @@ def phrase(event: trace.Event) -> str:
     return text
 
 
-def _scene_phrase(event: trace.SceneStage) -> str:
+def _summarise_scene_stage(event: trace.SceneStage) -> str:
     objects: list[Any] | None = event.summary.get("objects")
     return event.stage if objects is None else f"{event.stage}: {len(objects)} objects"
 
 
-def steps(events: list[trace.Event]) -> list[Step]:
+def group_events_into_steps(events: list[trace.Event]) -> list[Step]:
     """The steps of a whole run."""
     folded = Steps()
     for event in events:
-        folded.add(event)
+        folded.add_event(event)
     return folded.rows
 
 
@@ -163,12 +163,12 @@ _MARKS = {
 }
 
 
-def line(event: trace.Event) -> str:
+def format_event_line(event: trace.Event) -> str:
     """``event`` in words, after a mark that tells its kind at a glance."""
-    return f"{_MARKS.get(event.kind, '•')} {_words(event)}"
+    return f"{_MARKS.get(event.kind, '•')} {_event_line_text(event)}"
 
 
-def _words(event: trace.Event) -> str:
+def _event_line_text(event: trace.Event) -> str:
     match event:
         case trace.RunStarted():
             text = f"run {event.run_id} starts"
@@ -187,11 +187,11 @@ def _words(event: trace.Event) -> str:
         case trace.Note():
             text = event.text
         case _:
-            text = phrase(event)
+            text = summarise_event(event)
     return text.rstrip()
 
 
-def level(event: trace.Event) -> Level:
+def event_log_level(event: trace.Event) -> Level:
     """How much attention ``event`` asks for."""
     if isinstance(event, trace.Note):
         return _NOTE_LEVELS[event.level]

@@ -3,7 +3,7 @@
 import re
 import unicodedata
 
-from grs_agents.terminal import visible
+from grs_agents.terminal import escape_control_chars
 
 LONGEST = 60_000
 """Characters of one document that the viewer is given; the whole text is in ``events.jsonl``."""
@@ -12,16 +12,16 @@ _UNDRAWABLE = re.compile(f"[^\t\n\x20-\x7e\xa1-\xac\xae-\xff\u0100-\u017f\u0391-
 _COLORS = re.compile(r"\x1b\[[0-9;]*m")
 
 
-def drawable(text: str) -> str:
+def replace_undrawable_chars(text: str) -> str:
     """``text`` with every character that the viewer's fonts cannot draw replaced by an equivalent or its code.
 
     Emoji and CJK abort the headless viewer, so ``"\U0001f600"`` becomes ``"<U+1F600>"``; full-width letters become
     plain ones. Drawable text is returned as it is.
     """
-    return _UNDRAWABLE.sub(_replacement, text)
+    return _UNDRAWABLE.sub(_drawable_replacement, text)
 
 
-def _replacement(match: re.Match[str]) -> str:
+def _drawable_replacement(match: re.Match[str]) -> str:
     """An equivalent of one character that fonts have, nothing for invisible ones, or its code."""
     character = match[0]
     simple = unicodedata.normalize("NFKC", character)
@@ -32,26 +32,26 @@ def _replacement(match: re.Match[str]) -> str:
     return f"<U+{ord(character):04X}>"
 
 
-def document(text: str) -> str:
+def to_viewer_markdown(text: str) -> str:
     """``text`` as a Markdown document for the viewer: drawable, of bounded length, and fetching no pictures."""
     if len(text) > LONGEST:
         text = f"{text[:LONGEST]}\n\n... {len(text) - LONGEST} more characters in events.jsonl"
-    return drawable(text).replace("![", "! [")
+    return replace_undrawable_chars(text).replace("![", "! [")
 
 
-def fenced(text: str, language: str = "") -> str:
+def to_markdown_code_block(text: str, language: str = "") -> str:
     """``text`` as a Markdown code block that no run of backticks inside can close."""
     longest = max((len(run) for run in re.findall(r"`+", text)), default=0)
     fence = "`" * max(3, longest + 1)
     return f"{fence}{language}\n{text.rstrip()}\n{fence}"
 
 
-def cell(text: object) -> str:
+def to_markdown_cell(text: object) -> str:
     """``text`` as one cell of a Markdown table."""
     return " ".join(str(text).split()).replace("|", "\\|")
 
 
-def one_line(text: str, length: int = 200) -> str:
+def to_terminal_line(text: str, length: int = 200) -> str:
     """``text`` as one line for a terminal, of at most ``length`` characters: no colours, nothing hidden."""
-    line = visible(" ".join(_COLORS.sub("", text).split()))
+    line = escape_control_chars(" ".join(_COLORS.sub("", text).split()))
     return line if len(line) <= length else f"{line[: length - 1]}…"

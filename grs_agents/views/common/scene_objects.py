@@ -21,19 +21,19 @@ from grs_agents.library import (
     Lens,
     Library,
     Shape,
-    moved_shape,
-    painted_shapes,
-    render_samples,
-    rotation_matrix,
+    build_textured_triangles,
+    matrix_from_quaternion,
+    render_color_and_depth,
+    transform_shape,
 )
 from grs_agents.sim.instance import InstanceObject
-from grs_agents.sim.world import model_of
+from grs_agents.sim.world import load_object_model
 
 Rectangle = tuple[int, int, int, int]
 """Left, top, width and height in pixels."""
 
 
-def label_of(item: dict[str, Any], index: int) -> int:
+def object_mask_label(item: dict[str, Any], index: int) -> int:
     """The pixel value of an object in the label picture: given, or its id, or its place in the list from 1."""
     for key in ("label", "id"):
         if isinstance(item.get(key), int):
@@ -41,19 +41,19 @@ def label_of(item: dict[str, Any], index: int) -> int:
     return index + 1
 
 
-def name_of(item: dict[str, Any]) -> str:
+def object_display_name(item: dict[str, Any]) -> str:
     """What an object is called, as well as is known."""
     return str(item.get("name") or item.get("description") or f"object {item.get('id', '')}")
 
 
-def size_of(item: dict[str, Any], unknown: str = "") -> str:
+def format_object_size(item: dict[str, Any], unknown: str = "") -> str:
     """The extents of an object's box in centimetres, e.g. ``4.0 x 4.0 x 4.0``; ``unknown`` where it has none."""
     if not item.get("box"):
         return unknown
     return " x ".join(f"{extent:.1f}" for extent in np.subtract(item["box"]["high"], item["box"]["low"]) * 100)
 
 
-def rectangles(labels: npt.NDArray[Any]) -> dict[int, Rectangle]:
+def mask_bounding_boxes(labels: npt.NDArray[Any]) -> dict[int, Rectangle]:
     """The box around each label of a label picture (H, W), 0 left out."""
     boxes: dict[int, Rectangle] = {}
     for label in np.flatnonzero(np.bincount(labels.ravel())):
@@ -73,24 +73,26 @@ _TABLE_MIDDLE, _TABLE_HALF = (0.4, 0.0), 1.2
 _WOOD, _SKY = (0.60, 0.52, 0.42), (0.90, 0.90, 0.90)
 
 
-def run_library(folder: Path, library: Library) -> Library:
+def library_with_run_assets(folder: Path, library: Library) -> Library:
     """``library`` with the assets laid over that the run has made so far."""
     own = folder / "assets"
-    return _overlaid(library, own, changed(own / "manifest.json")) if own.is_dir() else library
+    return (
+        _cached_library_overlay(library, own, modification_time_ns(own / "manifest.json")) if own.is_dir() else library
+    )
 
 
 @lru_cache(maxsize=2)
-def _overlaid(library: Library, own: Path, _written: int) -> Library:
+def _cached_library_overlay(library: Library, own: Path, _written: int) -> Library:
     """Kept, since reading a manifest takes longer than showing its assets."""
-    return library.overlay(own)
+    return library.with_overlay(own)
 
 
-def changed(file: Path) -> int:
+def modification_time_ns(file: Path) -> int:
     """When ``file`` was written last (ns), by which what was read of it can be kept; 0 where there is none."""
     return file.stat().st_mtime_ns if file.is_file() else 0
 
 
-def twin_objects(objects: Sequence[dict[str, Any]], library: Library) -> list[InstanceObject]:
+def build_twin_objects(objects: Sequence[dict[str, Any]], library: Library) -> list[InstanceObject]:
     """The matched objects of a scene's summary, where they came to rest in the twin if it says so."""
     objects_placed: list[InstanceObject] = []
     for item in objects:
@@ -102,19 +104,19 @@ def twin_objects(objects: Sequence[dict[str, Any]], library: Library) -> list[In
                 placed = InstanceObject(id=int(item["id"]), asset=str(item["asset"]), pose=pose)
             except ValidationError:  # farther than a simulated scene reaches
                 continue
-            objects_placed.append(placed.model_copy(update={"pose": _about_origin(placed, library)}))
+            objects_placed.append(placed.model_copy(update={"pose": _pose_of_asset_origin(placed, library)}))
     return objects_placed
 
 
-def _about_origin(item: InstanceObject, library: Library) -> Pose:
+def _pose_of_asset_origin(item: InstanceObject, library: Library) -> Pose:
     """A scene tells where an asset's centre is; a world places its origin."""
-    low, high = model_of(item, library).bounds
+    low, high = load_object_model(item, library).bounds
     middle = (np.array(low) + np.array(high)) / 2
-    x, y, z = np.array(item.pose[0]) - rotation_matrix(item.pose[1]) @ middle
+    x, y, z = np.array(item.pose[0]) - matrix_from_quaternion(item.pose[1]) @ middle
     return ((float(x), float(y), float(z)), item.pose[1])
 
 
-def twin_picture(
+def render_from_photo_camera(
     objects: Sequence[InstanceObject],
     library: Library,
     camera: dict[str, Any],
@@ -126,7 +128,7 @@ def twin_picture(
     It is drawn by the z-buffer, alike on every machine and without OpenGL.
 
     Args:
-        objects: what stands there, each placed by its origin: of :func:`twin_objects` or of a task instance.
+        objects: what stands there, each placed by its origin: of :func:`build_twin_objects` or of a task instance.
         library: 3D assets.
         camera: ``fx``, ``fy``, ``cx``, ``cy``, ``width``, ``height`` in pixels and ``T_robot_cam``.
         background: library name of what stands around, or None.
@@ -142,11 +144,11 @@ def twin_picture(
         min(round(float(camera["height"]) / scale / FINER), 4 * width) * FINER,  # no photo is narrower
     )
     pose = np.asarray(camera["T_robot_cam"], dtype=np.float64)
-    shapes = [shape for item in objects for shape in _shown(item, library)]
-    shapes += library.model(background).visuals if background else ()
-    fine, deep = _table(lens, pose)
+    shapes = [shape for item in objects for shape in _visible_shapes(item, library)]
+    shapes += library.load_object_model(background).visuals if background else ()
+    fine, deep = _render_table_and_sky(lens, pose)
     if shapes:
-        painted = painted_shapes(library, shapes)
+        painted = build_textured_triangles(library, shapes)
         local = (painted.corners - pose[:3, 3]) @ pose[:3, :3]
         ahead = (local[:, :, 2] > _NEAREST).all(axis=1)
         part = replace(
@@ -156,28 +158,29 @@ def twin_picture(
             colors=painted.colors[ahead],
             texture=painted.texture[ahead],
         )
-        colors, depth = render_samples(part, local[ahead], lens)
+        colors, depth = render_color_and_depth(part, local[ahead], lens)
         seen = (colors[:, :, 3] > 0) & (depth < deep + _MARK)
         fine[seen] = colors[seen, :3]
     pixels = fine.reshape(lens.height // FINER, FINER, width, FINER, 3).mean(axis=(1, 3))
     return np.rint(pixels * 255).astype(np.uint8)
 
 
-def _shown(item: InstanceObject, library: Library) -> list[Shape]:
+def _visible_shapes(item: InstanceObject, library: Library) -> list[Shape]:
     """The shapes that are seen of an object, in the robot's frame."""
-    model = model_of(item, library)
+    model = load_object_model(item, library)
     shapes = model.visuals or model.colliders
     if item.color:
         return [
-            moved_shape(shape, item.pose).model_copy(update={"color": item.color, "texture": None}) for shape in shapes
+            transform_shape(shape, item.pose).model_copy(update={"color": item.color, "texture": None})
+            for shape in shapes
         ]
     named = COLORS.get(library.asset(item.asset).color if item.asset in library else "", COLORS["gray"])
     bare = {"color": (*named, 1.0)}
-    placed = [moved_shape(shape, item.pose) for shape in shapes]
+    placed = [transform_shape(shape, item.pose) for shape in shapes]
     return [shape if shape.color or shape.texture else shape.model_copy(update=bare) for shape in placed]
 
 
-def _table(lens: Lens, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _render_table_and_sky(lens: Lens, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Colour (H, W, 3) of table and sky, and depth (H, W) of the table, m; infinite where there is none."""
     rays = np.ones((lens.height, lens.width, 3))
     rays[..., 0] = (np.arange(lens.width) - lens.cx) / lens.fx

@@ -7,7 +7,7 @@ from typing import Any
 
 from grs_agents import trace
 from grs_agents.errors import InputError
-from grs_agents.views.common.event_documents import case_counts, cases_of, finding_verdict
+from grs_agents.views.common.event_markdown import format_finding_verdict, format_outcome_counts, get_test_cases
 from grs_agents.views.common.event_steps import Step
 
 
@@ -19,71 +19,71 @@ class Section:
     text: str = ""
 
 
-def find_step(rows: list[Step], number: int) -> Step:
+def find_step_by_number(rows: list[Step], number: int) -> Step:
     """The step called ``number``. Raises InputError: the run has no such step."""
     if not 1 <= number <= len(rows):
         raise InputError(f"the run has no step {number}", f"name one of 1 to {len(rows)}" if rows else "it has none")
     return rows[number - 1]
 
 
-def failed_step(rows: list[Step]) -> Step | None:
+def find_last_failed_step(rows: list[Step]) -> Step | None:
     """The last step in which something went wrong; None if nothing did."""
-    return next((step for step in reversed(rows) if step.trouble), None)
+    return next((step for step in reversed(rows) if step.problem_summary), None)
 
 
-def sections(step: Step) -> Iterator[Section]:
+def iter_step_sections(step: Step) -> Iterator[Section]:
     """All that happened in ``step``, in order."""
     for event in step.events:
-        section = _section(event)
+        section = _make_event_section(event)
         if section:
             yield section
 
 
-def _section(event: trace.Event) -> Section | None:
+def _make_event_section(event: trace.Event) -> Section | None:
     match event:
         case trace.Prompt():
-            section = _prompt_section(event)
+            section = _make_prompt_section(event)
         case trace.Reply():
-            section = _reply_section(event)
+            section = _make_reply_section(event)
         case trace.ProgramVersion():
             section = Section(f"{event.program} version {event.number}, {event.path}", event.diff)
         case trace.TestsRun():
-            section = Section(f"tests: {event.report.get('outcome')}", _tests(event))
+            section = Section(f"tests: {event.report.get('outcome')}", _format_test_report(event))
         case trace.Decision():
             section = Section(f"decision of policy {event.policy}: {event.verdict}", event.explanation)
         case trace.TaskDefined():
             section = Section("task", json.dumps(event.task, indent=2, ensure_ascii=False))
         case trace.SceneStage():
-            section = _scene_section(event)
+            section = _make_scene_section(event)
         case trace.Rollout():
-            section = _rollout_section(event)
+            section = _make_rollout_section(event)
         case trace.Finding():
-            section = Section(f"audit, {event.check}: {finding_verdict(event)}", event.detail)
+            section = Section(f"audit, {event.check}: {format_finding_verdict(event)}", event.detail)
         case trace.Note():
             section = Section(event.level, event.text)
         case trace.NodeEnded():
-            section = _state_section(event)
+            section = _make_node_end_section(event)
         case _:
             section = None
     return section
 
 
-def _prompt_section(event: trace.Prompt) -> Section:
+def _make_prompt_section(event: trace.Prompt) -> Section:
     pictures = "".join(f"\n[picture {name}]" for name in event.images)
     return Section(f"prompt of {event.role} to {event.model} (call {event.call})", event.text + pictures)
 
 
-def _scene_section(event: trace.SceneStage) -> Section:
+def _make_scene_section(event: trace.SceneStage) -> Section:
     return Section(f"scene: {event.stage}", "\n".join(f"[{kind} {name}]" for kind, name in event.files.items()))
 
 
-def _rollout_section(event: trace.Rollout) -> Section:
+def _make_rollout_section(event: trace.Rollout) -> Section:
     moved = f"moved {', '.join(event.moved)}" if event.moved else "moved nothing"
     text = f"{event.steps} steps, doing nothing earns {event.idle_reward:.2f}; {moved}"
     return Section(f"rollout of seed {event.seed}: {event.outcome}, reward {event.reward:.2f}", text)
 
 
-def _state_section(event: trace.NodeEnded) -> Section | None:
+def _make_node_end_section(event: trace.NodeEnded) -> Section | None:
     """What the node made of the state, or the error that ended it."""
     if event.error:
         return Section("error", event.error)
@@ -91,7 +91,7 @@ def _state_section(event: trace.NodeEnded) -> Section | None:
     return Section("state", "\n".join(lines)) if lines else None
 
 
-def _reply_section(event: trace.Reply) -> Section:
+def _make_reply_section(event: trace.Reply) -> Section:
     cached = f" ({event.cached_tokens} from the cache)" if event.cached_tokens else ""
     cost = "" if event.cost is None else f", ${event.cost:.4f}"
     ending = f", {event.finish_reason}" if event.finish_reason else ""
@@ -100,12 +100,16 @@ def _reply_section(event: trace.Reply) -> Section:
     return Section(heading, event.text + (f"\n\nnot used: {event.error}" if event.error else ""))
 
 
-def _tests(event: trace.TestsRun) -> str:
-    parts = [case_counts(event), str(event.report.get("message") or ""), *map(_case, cases_of(event))]
+def _format_test_report(event: trace.TestsRun) -> str:
+    parts = [
+        format_outcome_counts(event),
+        str(event.report.get("message") or ""),
+        *map(_format_test_case, get_test_cases(event)),
+    ]
     return "\n\n".join(part for part in parts if part)
 
 
-def _case(case: dict[str, Any]) -> str:
+def _format_test_case(case: dict[str, Any]) -> str:
     message = f": {case['message']}" if case.get("message") else ""
     lines = [f"{case.get('id')}: {case.get('outcome')} in {case.get('seconds') or 0:.2f} s{message}"]
     for key in ("traceback", "output"):

@@ -19,54 +19,54 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.terminal import say
+from grs_agents.terminal import print_escaped
 
 STILLS = 24
 """Up to so many pictures are drawn with smooth edges."""
 Image = npt.NDArray[np.uint8]
 
 
-def _stage(order: dict[str, Any], textures: bool) -> tuple[Any, Any, Any]:
+def _load_stage_and_motion(order: dict[str, Any], textures: bool) -> tuple[Any, Any, Any]:
     """The stage, the motion and the joints of the arm in it."""
     from grs_agents.library import Library
     from grs_agents.sim.arms import get_arm
-    from grs_agents.views.common import instance_of, read_motion
-    from grs_agents.views.film.stage import Stage, joint_positions, props_of
+    from grs_agents.views.common import read_motion, read_task_instance
+    from grs_agents.views.film.mujoco_scene import Stage, recover_joint_positions, scene_props_from_instance
 
-    instance = instance_of(Path(order["instance"]))
+    instance = read_task_instance(Path(order["instance"]))
     library = Library(*(Path(root) for root in order["roots"]))
     samples = 4 if len(order["seconds"]) <= STILLS else 0
-    props = replace(props_of(instance, get_arm(order["robot"])), textures=textures, samples=samples)
+    props = replace(scene_props_from_instance(instance, get_arm(order["robot"])), textures=textures, samples=samples)
     stage = Stage(props, library)
     motion = read_motion(Path(order["recording"]))
-    return stage, motion, joint_positions(stage.model, motion)
+    return stage, motion, recover_joint_positions(stage.model, motion)
 
 
-def _camera(mujoco: Any, order: dict[str, Any]) -> Any:
+def _make_camera(mujoco: Any, order: dict[str, Any]) -> Any:
     camera = mujoco.MjvCamera()
     camera.lookat[:] = order["target"]
     camera.distance, camera.azimuth, camera.elevation = order["distance"], order["azimuth"], order["elevation"]
     return camera
 
 
-def draw(order: dict[str, Any], output: BinaryIO) -> None:
+def write_rendered_frames(order: dict[str, Any], output: BinaryIO) -> None:
     """Write the ordered frames, with OpenGL or, if ``order["rays"]``, without."""
     if order["rays"]:
-        stage, motion, joints = _stage(order, textures=False)
-        picture = _ray_painter(stage, order)
+        stage, motion, joints = _load_stage_and_motion(order, textures=False)
+        picture = _make_raycast_renderer(stage, order)
     else:
         # before anything else imports it: with the graphics library of MUJOCO_GL
         mujoco = importlib.import_module("mujoco")
-        stage, motion, joints = _stage(order, textures=True)
-        picture = _gl_painter(mujoco, stage, order)
+        stage, motion, joints = _load_stage_and_motion(order, textures=True)
+        picture = _make_opengl_renderer(mujoco, stage, order)
     for seconds in order["seconds"]:
-        stage.show(motion, motion.frame(seconds), joints)
+        stage.set_frame(motion, motion.frame(seconds), joints)
         output.write(np.ascontiguousarray(picture()).tobytes())
     output.flush()
 
 
-def _gl_painter(mujoco: Any, stage: Any, order: dict[str, Any]) -> Callable[[], Image]:
-    camera = _camera(mujoco, order)
+def _make_opengl_renderer(mujoco: Any, stage: Any, order: dict[str, Any]) -> Callable[[], Image]:
+    camera = _make_camera(mujoco, order)
     renderer = mujoco.Renderer(stage.model, order["height"], order["width"])
 
     def paint() -> Image:
@@ -76,38 +76,38 @@ def _gl_painter(mujoco: Any, stage: Any, order: dict[str, Any]) -> Callable[[], 
     return paint
 
 
-def _ray_painter(stage: Any, order: dict[str, Any]) -> Callable[[], Image]:
-    from grs_agents.sim.world import View, camera_rays
-    from grs_agents.views.film.stage import paint
+def _make_raycast_renderer(stage: Any, order: dict[str, Any]) -> Callable[[], Image]:
+    from grs_agents.sim.world import View, camera_ray_directions
+    from grs_agents.views.film.mujoco_scene import raycast_image
 
     azimuth, elevation = np.deg2rad(order["azimuth"]), np.deg2rad(order["elevation"])
     ahead = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     eye = np.array(order["target"]) - order["distance"] * ahead
     x, y, z = (float(value) for value in eye)
     view = View((x, y, z), tuple(order["target"]), 45.0, order["height"], order["width"])
-    directions = camera_rays(view).reshape(order["height"], order["width"], 3)
-    return lambda: paint(stage.model, stage.data, eye, directions)
+    directions = camera_ray_directions(view).reshape(order["height"], order["width"], 3)
+    return lambda: raycast_image(stage.model, stage.data, eye, directions)
 
 
-def watch(order: dict[str, Any]) -> None:
+def play_in_mujoco_window(order: dict[str, Any]) -> None:
     """Play the motion in MuJoCo's window, again and again, until it is closed."""
     mujoco = importlib.import_module("mujoco")
     viewer_module = importlib.import_module("mujoco.viewer")
-    stage, motion, joints = _stage(order, textures=True)
+    stage, motion, joints = _load_stage_and_motion(order, textures=True)
     with viewer_module.launch_passive(stage.model, stage.data, show_left_ui=False, show_right_ui=False) as viewer:
-        camera = _camera(mujoco, order)
+        camera = _make_camera(mujoco, order)
         viewer.cam.lookat[:], viewer.cam.distance = camera.lookat, camera.distance
         viewer.cam.azimuth, viewer.cam.elevation = camera.azimuth, camera.elevation
-        for seconds in _clock(motion.seconds + 1.0):
+        for seconds in _iter_looped_seconds(motion.seconds + 1.0):
             if not viewer.is_running():
                 return
             with viewer.lock():
-                stage.show(motion, motion.frame(min(seconds, motion.seconds)), joints)
+                stage.set_frame(motion, motion.frame(min(seconds, motion.seconds)), joints)
             viewer.sync()
             time.sleep(1 / 60)
 
 
-def _clock(period: float) -> Iterator[float]:
+def _iter_looped_seconds(period: float) -> Iterator[float]:
     """Seconds since the beginning, from 0 again after each ``period``."""
     begin = time.monotonic()
     while True:
@@ -120,9 +120,9 @@ def main() -> None:
     with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as output:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
         try:
-            (watch if order["window"] else partial(draw, output=output))(order)
+            (play_in_mujoco_window if order["window"] else partial(write_rendered_frames, output=output))(order)
         except InputError as error:
-            say(str(error), error=True)
+            print_escaped(str(error), error=True)
             sys.exit(error.exit_status)
 
 

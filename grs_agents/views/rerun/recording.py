@@ -42,7 +42,7 @@ class Clock:
     def __init__(self) -> None:
         self.now = Moment()
 
-    def tick(self, event: Event) -> Moment:
+    def advance_to_event(self, event: Event) -> Moment:
         """The moment at which ``event`` is shown."""
         replay = self.now.replay + EVENT_SECONDS
         if isinstance(event, NodeStarted):
@@ -50,7 +50,7 @@ class Clock:
         self.now = Moment(round(replay, 6), event.sequence, event.attempt, self.now.simulated)
         return self.now
 
-    def play(self, seconds: float) -> None:
+    def advance_by_seconds(self, seconds: float) -> None:
         """Let ``seconds`` of a rollout go by."""
         now = self.now
         self.now = Moment(now.replay + seconds, now.event, now.attempt, now.simulated + seconds)
@@ -69,7 +69,7 @@ class Archetype(Protocol):
         ...
 
 
-def time_columns(moments: Sequence[Moment]) -> tuple[rr.TimeColumn, ...]:
+def build_time_columns(moments: Sequence[Moment]) -> tuple[rr.TimeColumn, ...]:
     """Where rows stand on the four timelines."""
     return (
         rr.TimeColumn("replay", duration=[moment.replay for moment in moments]),
@@ -88,27 +88,29 @@ class Rows:
         self._timer: threading.Timer | None = None
         self._waiting: dict[tuple[str, type[Archetype]], list[tuple[Moment, Values]]] = {}
 
-    def add(self, path: str, kind: type[Archetype], moment: Moment, values: Values) -> None:
+    def add_row(self, path: str, kind: type[Archetype], moment: Moment, values: Values) -> None:
         """Send a row soon."""
         with self._lock:
             self._waiting.setdefault((path, kind), []).append((moment, values))
             if self._timer is None:
-                self._timer = threading.Timer(self._wait, self.send)
+                self._timer = threading.Timer(self._wait, self.send_pending_rows)
                 self._timer.daemon = True
                 self._timer.start()
 
-    def send(self) -> None:
+    def send_pending_rows(self) -> None:
         """Send what waits."""
         with self._lock:
             if self._timer:
                 self._timer.cancel()
             waiting, self._waiting, self._timer = self._waiting, {}, None
             for (path, kind), rows in waiting.items():
-                times = time_columns([moment for moment, _ in rows])
-                self._stream.send_columns(path, times, _columns(kind, [values for _, values in rows]), strict=True)
+                times = build_time_columns([moment for moment, _ in rows])
+                self._stream.send_columns(
+                    path, times, _merge_rows_into_columns(kind, [values for _, values in rows]), strict=True
+                )
 
 
-def _columns(kind: type[Archetype], rows: list[Values]) -> rr.ComponentColumnList:
+def _merge_rows_into_columns(kind: type[Archetype], rows: list[Values]) -> rr.ComponentColumnList:
     """The components of ``rows``, each as one column."""
     flat = {name: [value for row in rows for value in row[name]] for name in rows[0]}
     return kind.columns(**flat).partition([len(next(iter(row.values()))) for row in rows])
@@ -133,7 +135,7 @@ class Recording:
         self._space_checked = -BETWEEN_CHECKS
         self._prefix = ""
         self._clocks: list[tuple[Moment, int] | None] = [None]  # one for all that lie below other paths
-        self.require_space()  # before there is a stream: one whose file cannot be written may never close
+        self.require_disk_space()  # before there is a stream: one whose file cannot be written may never close
         wait = LIVE_WAIT if live else FILE_WAIT
         together = rr.ChunkBatcherConfig(flush_tick=wait)
         self._stream = rr.RecordingStream(APPLICATION, recording_id=run_id, batcher_config=together)
@@ -146,13 +148,13 @@ class Recording:
         self._stream.send_recording_name(run_id)
         self._rows = Rows(self._stream, wait)
 
-    def below(self, prefix: str) -> "Recording":
+    def with_path_prefix(self, prefix: str) -> "Recording":
         """The same recording, in which everything lies below ``prefix``; its moment is its own."""
         other = copy(self)
         other._prefix = prefix
         return other
 
-    def require_space(self) -> None:
+    def require_disk_space(self) -> None:
         """See that the disk has room for one more event: rerun may wait for ever for a file that it cannot write."""
         now = monotonic()
         if now < self._space_checked + BETWEEN_CHECKS:
@@ -165,18 +167,18 @@ class Recording:
     def log(self, path: str, *archetypes: rr.AsComponents, static: bool = False) -> None:
         """Log at the present moment, or for all time."""
         if not static:
-            self._keep_time()
+            self._set_stream_time()
         self._stream.log(f"{self._prefix}{path}", *archetypes, static=static, strict=True)
 
-    def row(self, path: str, kind: type[Archetype], **values: list[Any]) -> None:
+    def log_row(self, path: str, kind: type[Archetype], **values: list[Any]) -> None:
         """Log the components of an archetype at the present moment, together with other rows."""
-        self._rows.add(f"{self._prefix}{path}", kind, self.moment, values)
+        self._rows.add_row(f"{self._prefix}{path}", kind, self.moment, values)
 
-    def text(self, path: str, markdown: str) -> None:
+    def log_markdown(self, path: str, markdown: str) -> None:
         """Show a document."""
-        self.row(path, rr.TextDocument, text=[markdown], media_type=[rr.MediaType.MARKDOWN])
+        self.log_row(path, rr.TextDocument, text=[markdown], media_type=[rr.MediaType.MARKDOWN])
 
-    def _keep_time(self) -> None:
+    def _set_stream_time(self) -> None:
         """Set the clocks, which rerun keeps for each thread, unless they stand right already."""
         now = (self.moment, threading.get_ident())
         if now != self._clocks[0]:
@@ -186,7 +188,7 @@ class Recording:
             self._stream.set_time("sim_time", duration=self.moment.simulated)
             self._clocks[0] = now
 
-    def columns(self, path: str, seconds: npt.NDArray[np.float64], columns: Iterable[rr.ComponentColumn]) -> None:
+    def log_columns(self, path: str, seconds: npt.NDArray[np.float64], columns: Iterable[rr.ComponentColumn]) -> None:
         """Log one row for each of ``seconds`` (N,) after the present moment; each column has N rows."""
         moment, count = self.moment, len(seconds)
         indexes = (
@@ -200,7 +202,7 @@ class Recording:
     def close(self) -> None:
         """Write what is left and the footer."""
         try:
-            self._rows.send()
+            self._rows.send_pending_rows()
         finally:
             self._stream.disconnect()
 

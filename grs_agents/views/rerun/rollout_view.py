@@ -13,12 +13,20 @@ import trimesh
 
 from grs_agents.base import Pose
 from grs_agents.errors import InputError
-from grs_agents.foreign import member, present, read_picture
-from grs_agents.library import Library, Shape, read_surface, rotation_matrix
+from grs_agents.foreign import find_member_file, read_picture, resolve_member_file
+from grs_agents.library import Library, Shape, matrix_from_quaternion, read_surface
 from grs_agents.sim.instance import InstanceObject, TaskInstance
-from grs_agents.sim.world import model_of
+from grs_agents.sim.world import load_object_model
 from grs_agents.trace import Rollout
-from grs_agents.views.common import Motion, drawable, find_grasps, instance_of, read_motion, read_seconds, run_library
+from grs_agents.views.common import (
+    Motion,
+    find_grasps,
+    library_with_run_assets,
+    read_motion,
+    read_motion_duration,
+    read_task_instance,
+    replace_undrawable_chars,
+)
 from grs_agents.views.rerun.recording import Paths, Recording
 
 TEXTURE_EDGE = 256
@@ -27,14 +35,14 @@ _GREY = (0.7, 0.7, 0.72, 1.0)
 Rgba = tuple[float, float, float, float]
 
 
-def show_asset(recording: Recording, path: str, name: str, library: Library) -> None:
+def log_asset_shapes(recording: Recording, path: str, name: str, library: Library) -> None:
     """The library's asset ``name`` in its own frame, below ``path``."""
-    model = library.model(name)
+    model = library.load_object_model(name)
     for number, shape in enumerate(model.visuals or model.colliders):
-        recording.log(f"{path}/{number}", geometry(shape, library, None))
+        recording.log(f"{path}/{number}", shape_to_rerun(shape, library, None))
 
 
-def geometry(shape: Shape, library: Library, color: Rgba | None) -> rr.AsComponents:
+def shape_to_rerun(shape: Shape, library: Library, color: Rgba | None) -> rr.AsComponents:
     """``shape`` in the frame of its object; ``color`` (rgba 0..1), if given, lies over the shape's own."""
     rgba = [round(255 * channel) for channel in color or shape.color or _GREY]
     where: dict[str, Any] = {"centers": [shape.position], "quaternions": [shape.quaternion], "colors": [rgba]}
@@ -45,16 +53,20 @@ def geometry(shape: Shape, library: Library, color: Rgba | None) -> rr.AsCompone
     if shape.kind == "cylinder":
         radius, length = shape.size
         return rr.Cylinders3D(radii=[radius], lengths=[length], fill_mode="solid", **where)
-    texture = library.mesh_path(shape.texture) if shape.texture and color is None else None
+    texture = library.mesh_or_texture_path(shape.texture) if shape.texture and color is None else None
     pose = (shape.position, shape.quaternion)
-    return _mesh(library.mesh_path(shape.mesh or ""), texture, shape.size, pose, color or shape.color)
+    return _build_rerun_mesh(
+        library.mesh_or_texture_path(shape.mesh or ""), texture, shape.size, pose, color or shape.color
+    )
 
 
 @lru_cache(maxsize=64)
-def _mesh(path: Path, texture_path: Path | None, scale: tuple[float, ...], pose: Pose, color: Rgba | None) -> rr.Mesh3D:
+def _build_rerun_mesh(
+    path: Path, texture_path: Path | None, scale: tuple[float, ...], pose: Pose, color: Rgba | None
+) -> rr.Mesh3D:
     """Kept, since an object's mesh is shown in the twin and in the rollouts; ``color`` is for what has no texture."""
     mesh = _load_mesh(path)
-    turn = rotation_matrix(pose[1])
+    turn = matrix_from_quaternion(pose[1])
     vertices = np.asarray(mesh.vertices) * scale @ turn.T + pose[0]
     uv: npt.NDArray[np.float64] | None = getattr(mesh.visual, "uv", None)
     texture = texcoords = None
@@ -110,10 +122,10 @@ _WHITE, _ORANGE, _YELLOW, _GREEN = (240, 240, 240), (235, 130, 35), (255, 210, 6
 _BLUE, _PINK = (90, 170, 255), (255, 120, 200)
 
 
-def duration(folder: Path, event: Rollout) -> float:
+def rollout_duration(folder: Path, event: Rollout) -> float:
     """Simulated seconds of the rollout's recording; 0 where it has none."""
-    file = None if event.recording is None else present(folder, event.recording)
-    return 0.0 if file is None else read_seconds(file)
+    file = None if event.recording is None else find_member_file(folder, event.recording)
+    return 0.0 if file is None else read_motion_duration(file)
 
 
 class RolloutView:
@@ -124,26 +136,28 @@ class RolloutView:
         self._shown: set[str] = set()
         self._table_shown = self._background_shown = False
 
-    def show(self, recording: Recording, event: Rollout) -> float:
+    def show_rollout(self, recording: Recording, event: Rollout) -> float:
         """Show ``event`` and return its simulated seconds; without a recording, objects where they start."""
-        instance = None if event.instance is None else instance_of(member(self._folder, event.instance))
+        instance = (
+            None if event.instance is None else read_task_instance(resolve_member_file(self._folder, event.instance))
+        )
         motion = None
         if event.recording is not None:
-            motion = read_motion(member(self._folder, event.recording)).thinned(FRAMES_PER_SECOND)
+            motion = read_motion(resolve_member_file(self._folder, event.recording)).downsample(FRAMES_PER_SECOND)
         if instance:
             self._show_objects(recording, instance, set(motion.names) if motion else set())
             _show_goals(recording, instance)
         if motion is None or not motion.times.size:
             return 0.0
-        names = {f"object_{item.id}": _display_name(item) for item in instance.objects} if instance else {}
+        names = {f"object_{item.id}": _object_display_name(item) for item in instance.objects} if instance else {}
         _show_motion(recording, motion)
         _show_grasps(recording, motion, names)
-        return motion.seconds
+        return motion.duration_seconds
 
     def _show_objects(self, recording: Recording, instance: TaskInstance, moving: set[str]) -> None:
         """What stands on the table, and where, but for the bodies ``moving``, of which each pose is shown."""
-        self._show_table(recording)
-        library = run_library(self._folder, self._library)
+        self._show_static_world(recording)
+        library = library_with_run_assets(self._folder, self._library)
         present: set[str] = set()
         for item in instance.objects:
             body = f"object_{item.id}"
@@ -151,18 +165,18 @@ class RolloutView:
                 position, quaternion = item.pose
                 pose = rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=quaternion))
                 recording.log(f"{Paths.WORLD}/{body}", pose)
-            path = _shapes_path(item)
+            path = _object_shapes_path(item)
             present.add(path)
             if path not in self._shown:
-                _show_shapes(recording, path, item, library)
+                _show_object_shapes(recording, path, item, library)
         if instance.background and not self._background_shown:
             self._background_shown = True
-            show_asset(recording, f"{Paths.WORLD}/background", instance.background, library)
+            log_asset_shapes(recording, f"{Paths.WORLD}/background", instance.background, library)
         for path in self._shown - present:
             recording.log(path, rr.Clear(recursive=True))
         self._shown = present
 
-    def _show_table(self, recording: Recording) -> None:
+    def _show_static_world(self, recording: Recording) -> None:
         """What all rollouts have in common, with the first of them."""
         if self._table_shown:
             return
@@ -176,21 +190,23 @@ class RolloutView:
         recording.log(f"{Paths.WORLD}/tool", rr.Points3D.from_fields(radii=[0.012], colors=[_YELLOW]), static=True)
 
 
-def _display_name(item: InstanceObject) -> str:
+def _object_display_name(item: InstanceObject) -> str:
     """The object's name for people: of a template, what it is, e.g. a zone."""
-    return drawable(Path(item.asset).stem.removesuffix("-template").replace("_", " "))
+    return replace_undrawable_chars(Path(item.asset).stem.removesuffix("-template").replace("_", " "))
 
 
-def _show_shapes(recording: Recording, path: str, item: InstanceObject, library: Library) -> None:
+def _show_object_shapes(recording: Recording, path: str, item: InstanceObject, library: Library) -> None:
     """What the object looks like, and its name above it."""
-    model = model_of(item, library)
+    model = load_object_model(item, library)
     for number, shape in enumerate(model.visuals or model.colliders):
-        recording.log(f"{path}/{number}", geometry(shape, library, item.color))
+        recording.log(f"{path}/{number}", shape_to_rerun(shape, library, item.color))
     top = [[0.0, 0.0, model.bounds[1][2] + 0.02]]
-    recording.log(f"{path}/name", rr.Points3D(top, labels=[_display_name(item)], colors=[_WHITE], radii=[0.0005]))
+    recording.log(
+        f"{path}/name", rr.Points3D(top, labels=[_object_display_name(item)], colors=[_WHITE], radii=[0.0005])
+    )
 
 
-def _shapes_path(item: InstanceObject) -> str:
+def _object_shapes_path(item: InstanceObject) -> str:
     """Where the shapes of ``item`` lie: below its pose, under a name that differs where its looks differ.
 
     So nothing is ever cleared and shown at one path in one instant, which the viewer shows without its pose.
@@ -219,14 +235,14 @@ def _show_motion(recording: Recording, motion: Motion) -> None:
     links: list[int] = []
     for index, name in enumerate(motion.names):
         if name.startswith("object_"):
-            _show_object(recording, name, seconds, motion.positions[:, index], motion.quaternions[:, index])
+            _show_body_poses(recording, name, seconds, motion.positions[:, index], motion.quaternions[:, index])
         else:
             links.append(index)
     if len(links) > 1:
         strips = rr.LineStrips3D.columns(strips=motion.positions[:, links])
-        recording.columns(f"{Paths.WORLD}/robot", seconds, strips)
+        recording.log_columns(f"{Paths.WORLD}/robot", seconds, strips)
     points = rr.Points3D.columns(positions=motion.tool)
-    recording.columns(f"{Paths.WORLD}/tool", seconds, points)
+    recording.log_columns(f"{Paths.WORLD}/tool", seconds, points)
     recording.log(f"{Paths.WORLD}/tool_path", rr.LineStrips3D([motion.tool], colors=[_YELLOW], radii=[0.0015]))
 
 
@@ -247,10 +263,10 @@ def _show_grasps(recording: Recording, motion: Motion, names: dict[str, str]) ->
     if moments:
         moments.sort(key=lambda moment: moment[0])
         lines = rr.TextLog.columns(text=[f"• {text}" for _, text, _ in moments], level=["INFO"] * len(moments))
-        recording.columns(Paths.GRASPS, np.array([motion.times[frame] for frame, _, _ in moments]), lines)
+        recording.log_columns(Paths.GRASPS, np.array([motion.times[frame] for frame, _, _ in moments]), lines)
 
 
-def _show_object(
+def _show_body_poses(
     recording: Recording,
     name: str,
     seconds: Array,
@@ -262,4 +278,4 @@ def _show_object(
     moves = step > 1e-5
     kept = np.concatenate([[True], moves]) | np.concatenate([moves, [False]])
     transforms = rr.Transform3D.columns(translation=positions[kept], quaternion=quaternions[kept])
-    recording.columns(f"{Paths.WORLD}/{name}", seconds[kept], transforms)
+    recording.log_columns(f"{Paths.WORLD}/{name}", seconds[kept], transforms)

@@ -10,24 +10,24 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
-from grs_agents.foreign import member
 from grs_agents.foreign import pictures as foreign
+from grs_agents.foreign import resolve_member_file
 from grs_agents.library import Library
 from grs_agents.trace import SceneStage
 from grs_agents.views.common import (
-    cell,
-    changed,
-    document,
-    drawable,
-    label_of,
-    name_of,
-    rectangles,
-    run_library,
-    size_of,
-    twin_objects,
+    build_twin_objects,
+    format_object_size,
+    library_with_run_assets,
+    mask_bounding_boxes,
+    modification_time_ns,
+    object_display_name,
+    object_mask_label,
+    replace_undrawable_chars,
+    to_markdown_cell,
+    to_viewer_markdown,
 )
 from grs_agents.views.rerun.recording import Paths, Recording
-from grs_agents.views.rerun.rollout_view import show_asset
+from grs_agents.views.rerun.rollout_view import log_asset_shapes
 
 MOST_POINTS = 40_000
 """Points of the cloud that are kept, evenly spread over the picture."""
@@ -41,11 +41,11 @@ Image = npt.NDArray[Any]
 
 def read_picture(path: Path, flags: int) -> Image:
     """A picture as OpenCV reads it."""
-    return _decoded(path, changed(path), flags)
+    return _read_picture_cached(path, modification_time_ns(path), flags)
 
 
 @lru_cache(maxsize=4)
-def _decoded(path: Path, _changed: int, flags: int) -> Image:
+def _read_picture_cached(path: Path, _changed: int, flags: int) -> Image:
     """The pictures read last; photo and depth serve several parts of a stage."""
     image = foreign.read_picture(path, flags)
     image.setflags(write=False)
@@ -54,18 +54,18 @@ def _decoded(path: Path, _changed: int, flags: int) -> Image:
 
 def log_picture(recording: Recording, path: str, file: Path) -> None:
     """Show the colour picture ``file``, compressed."""
-    recording.log(path, _shown_picture(file, changed(file)))
+    recording.log(path, _encode_picture_cached(file, modification_time_ns(file)))
 
 
 @lru_cache(maxsize=16)
-def _shown_picture(file: Path, _changed: int) -> rr.EncodedImage:
+def _encode_picture_cached(file: Path, _changed: int) -> rr.EncodedImage:
     """A picture as it is shown; kept, since the prompts of a run show the same few again and again."""
     if file.suffix == ".png" and file.is_file() and file.stat().st_size < SMALL:
         return rr.EncodedImage(contents=file.read_bytes(), media_type="image/png")
-    return _compressed(read_picture(file, cv2.IMREAD_COLOR), 88)
+    return _encode_jpeg(read_picture(file, cv2.IMREAD_COLOR), 88)
 
 
-def _compressed(image: Image, quality: int, draw_order: float | None = None) -> rr.EncodedImage:
+def _encode_jpeg(image: Image, quality: int, draw_order: float | None = None) -> rr.EncodedImage:
     """A JPEG of ``image`` (H, W, 3), blue first."""
     _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return rr.EncodedImage(contents=data.tobytes(), media_type="image/jpeg", draw_order=draw_order)
@@ -83,7 +83,7 @@ class SceneView:
         self._asset_paths: dict[int, str] = {}
         self._shown: dict[str, str] = {}
 
-    def show(self, recording: Recording, event: SceneStage) -> None:
+    def show_scene_stage(self, recording: Recording, event: SceneStage) -> None:
         """Show what ``event`` brings."""
         self._files.update(event.files)
         self._camera.update(event.summary.get("camera") or {})
@@ -91,23 +91,25 @@ class SceneView:
         self._depth_scale = float(scale) if scale else None
         if event.summary.get("camera"):
             self._show_camera(recording)
-        if self._is_new("rgb", event):
-            log_picture(recording, f"{Paths.CAMERA}/rgb", member(self._folder, event.files["rgb"]))
-        if self._is_new("depth", event):
-            self._show_depth(recording)
-        self._show_cloud(recording)
+        if self._is_new_file("rgb", event):
+            log_picture(recording, f"{Paths.CAMERA}/rgb", resolve_member_file(self._folder, event.files["rgb"]))
+        if self._is_new_file("depth", event):
+            self._show_depth_image(recording)
+        self._show_point_cloud(recording)
         objects: list[dict[str, Any]] = event.summary.get("objects") or []
         if "masks" in event.files:
-            self._show_masks(recording, objects)
+            self._show_masks_and_boxes(recording, objects)
         if objects:
-            _show_boxes(recording, objects)
-            recording.text(Paths.OBJECTS, _objects(objects))
-            self._show_twin(recording, objects)
+            _show_bounding_boxes(recording, objects)
+            recording.log_markdown(Paths.OBJECTS, _format_object_table(objects))
+            self._show_twin_objects(recording, objects)
         background = event.summary.get("asset" if event.stage == "background" else "background")
         if background:
-            show_asset(recording, Paths.SURROUNDINGS, str(background), run_library(self._folder, self._library))
+            log_asset_shapes(
+                recording, Paths.SURROUNDINGS, str(background), library_with_run_assets(self._folder, self._library)
+            )
 
-    def _is_new(self, name: str, event: SceneStage) -> bool:
+    def _is_new_file(self, name: str, event: SceneStage) -> bool:
         """Whether ``event`` brings a file that is not shown yet."""
         file = event.files.get(name)
         if file is None or file == self._shown.get(name):
@@ -115,17 +117,17 @@ class SceneView:
         self._shown[name] = file
         return True
 
-    def _show_twin(self, recording: Recording, objects: list[dict[str, Any]]) -> None:
+    def _show_twin_objects(self, recording: Recording, objects: list[dict[str, Any]]) -> None:
         """The assets that stand for the objects, where they do; the viewer draws them from the camera of the photo."""
-        library = run_library(self._folder, self._library)
-        for item in twin_objects(objects, library):
+        library = library_with_run_assets(self._folder, self._library)
+        for item in build_twin_objects(objects, library):
             path, (position, quaternion) = f"{Paths.TWIN}/object_{item.id}", item.pose
             pose = rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=quaternion))
             recording.log(path, pose)
             looks = f"{path}/{rr.escape_entity_path_part(item.asset)}"
             before = self._asset_paths.get(item.id)
             if before != looks:
-                show_asset(recording, looks, item.asset, library)
+                log_asset_shapes(recording, looks, item.asset, library)
                 self._asset_paths[item.id] = looks
             if before and before != looks:
                 recording.log(before, rr.Clear(recursive=True))
@@ -145,8 +147,8 @@ class SceneView:
             pose = np.asarray(camera["T_robot_cam"], dtype=np.float64)
             recording.log(Paths.CAMERA, rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]))
 
-    def _show_depth(self, recording: Recording) -> None:
-        file = member(self._folder, self._files["depth"])
+    def _show_depth_image(self, recording: Recording) -> None:
+        file = resolve_member_file(self._folder, self._files["depth"])
         depth = read_picture(file, cv2.IMREAD_UNCHANGED)
         sample = depth[::4, ::4]
         seen = sample[sample > 0]
@@ -160,13 +162,13 @@ class SceneView:
         )
         recording.log(f"{Paths.CAMERA}/depth", image)
 
-    def _show_cloud(self, recording: Recording) -> None:
+    def _show_point_cloud(self, recording: Recording) -> None:
         """The point cloud in the robot frame, once the camera's pose is known."""
         camera, pose = self._camera, self._camera.get("T_robot_cam")
         if not pose or pose == self._cloud_shown_for or not {"rgb", "depth"} <= self._files.keys():
             return
-        depth = read_picture(member(self._folder, self._files["depth"]), cv2.IMREAD_UNCHANGED)
-        color = read_picture(member(self._folder, self._files["rgb"]), cv2.IMREAD_COLOR)
+        depth = read_picture(resolve_member_file(self._folder, self._files["depth"]), cv2.IMREAD_UNCHANGED)
+        color = read_picture(resolve_member_file(self._folder, self._files["rgb"]), cv2.IMREAD_COLOR)
         step = max(1, int(np.ceil(np.sqrt(depth.size / MOST_POINTS))))
         metres = depth[::step, ::step] * np.float32(self._depth_scale or 0.001)
         rows, columns = np.nonzero(metres)
@@ -179,52 +181,52 @@ class SceneView:
         recording.log(f"{Paths.SCENE}/points", rr.Points3D(points, colors=colors, radii=[0.003]))
         self._cloud_shown_for = pose
 
-    def _show_masks(self, recording: Recording, objects: list[dict[str, Any]]) -> None:
-        labels = read_picture(member(self._folder, self._files["masks"]), cv2.IMREAD_UNCHANGED)
-        boxes = rectangles(labels)
+    def _show_masks_and_boxes(self, recording: Recording, objects: list[dict[str, Any]]) -> None:
+        labels = read_picture(resolve_member_file(self._folder, self._files["masks"]), cv2.IMREAD_UNCHANGED)
+        boxes = mask_bounding_boxes(labels)
         present = list(boxes)
-        self._show_tinted(recording, labels, present)
+        self._show_tinted_photo(recording, labels, present)
         if boxes:
             drawn = rr.Boxes2D(
                 array=list(boxes.values()),
                 array_format=rr.Box2DFormat.XYWH,
-                colors=[_color(label) for label in present],
+                colors=[_label_color(label) for label in present],
                 labels=[str(label) for label in present],
                 show_labels=True,
             )
             recording.log(f"{Paths.CAMERA}/boxes", drawn)
 
-    def _show_tinted(self, recording: Recording, labels: Image, present: list[int]) -> None:
+    def _show_tinted_photo(self, recording: Recording, labels: Image, present: list[int]) -> None:
         """The photo with each mask in its colour; laid over it, a segmentation image would tint its background too."""
         if "rgb" not in self._files:
             return
-        image = read_picture(member(self._folder, self._files["rgb"]), cv2.IMREAD_COLOR)
+        image = read_picture(resolve_member_file(self._folder, self._files["rgb"]), cv2.IMREAD_COLOR)
         if image.shape[:2] != labels.shape:
             return
         colors = np.zeros((int(labels.max()) + 1, 3), np.uint8)
         for label in present:
-            colors[label] = _color(label)[::-1]
+            colors[label] = _label_color(label)[::-1]
         tinted, masked = image.copy(), labels > 0
         tinted[masked] = cv2.addWeighted(image[masked], 1 - _TINT, colors[labels[masked]], _TINT, 0)
-        recording.log(f"{Paths.CAMERA}/masks", _compressed(tinted, 85, draw_order=1.0))
+        recording.log(f"{Paths.CAMERA}/masks", _encode_jpeg(tinted, 85, draw_order=1.0))
 
 
-def _color(label: int) -> tuple[int, int, int]:
+def _label_color(label: int) -> tuple[int, int, int]:
     """A colour that is far from those of the labels before."""
     red, green, blue = colorsys.hsv_to_rgb(label * 0.618034 % 1.0, 0.75, 1.0)
     return round(255 * red), round(255 * green), round(255 * blue)
 
 
-def _objects(objects: list[dict[str, Any]]) -> str:
+def _format_object_table(objects: list[dict[str, Any]]) -> str:
     """The objects as a table; its numbers are those on the photo, since names would cover one another there."""
     rows = ["### Objects in the photo", "", "| | name | size (cm) | asset |", "|---|---|---|---|"]
     for index, item in enumerate(objects):
-        asset = cell(item.get("asset") or "")
-        rows.append(f"| {label_of(item, index)} | {cell(name_of(item))} | {size_of(item, '?')} | {asset} |")
-    return document("\n".join(rows))
+        asset, name = to_markdown_cell(item.get("asset") or ""), to_markdown_cell(object_display_name(item))
+        rows.append(f"| {object_mask_label(item, index)} | {name} | {format_object_size(item, '?')} | {asset} |")
+    return to_viewer_markdown("\n".join(rows))
 
 
-def _show_boxes(recording: Recording, objects: list[dict[str, Any]]) -> None:
+def _show_bounding_boxes(recording: Recording, objects: list[dict[str, Any]]) -> None:
     """The axis-aligned boxes in the robot frame."""
     boxed = [item for item in objects if item.get("box")]
     low = np.array([item["box"]["low"] for item in boxed], dtype=np.float64).reshape(-1, 3)
@@ -233,7 +235,7 @@ def _show_boxes(recording: Recording, objects: list[dict[str, Any]]) -> None:
         centers=(low + high) / 2,
         sizes=high - low,
         colors=[_BOX] * len(boxed),
-        labels=[drawable(name_of(item)) for item in boxed],
+        labels=[replace_undrawable_chars(object_display_name(item)) for item in boxed],
         show_labels=True,
         radii=[0.001],
     )

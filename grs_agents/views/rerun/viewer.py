@@ -22,7 +22,7 @@ WEB_PORT = 9090
 _SETTLED = 1.5  # seconds after which a viewer that still runs is taken to have started
 
 
-def rerun_program() -> Path:
+def find_rerun_program() -> Path:
     """The viewer that comes with ``rerun-sdk``, found without importing rerun."""
     spec = importlib.util.find_spec("rerun_cli")
     for folder in (spec.submodule_search_locations or []) if spec else []:
@@ -32,7 +32,7 @@ def rerun_program() -> Path:
     raise GrsError("the rerun viewer is not installed", "run: pip install rerun-sdk")
 
 
-def recordings(path: Path) -> list[Path]:
+def find_recordings(path: Path) -> list[Path]:
     """The recording files of a run folder, parts of a resumed run included, or ``path`` itself."""
     files = sorted(path.glob("trace*.rrd")) if path.is_dir() else [path]
     if not files or not files[0].is_file():
@@ -48,11 +48,11 @@ class WebAddress:
     data: int
 
     @classmethod
-    def free(cls) -> "WebAddress":
+    def with_free_ports(cls) -> "WebAddress":
         """Two ports that nothing listens to; the page's is the usual one if it can be."""
         with socket.socket() as probe:
             taken = probe.connect_ex((LOOPBACK, WEB_PORT)) == 0
-        return cls(_free_port() if taken else WEB_PORT, _free_port())
+        return cls(_find_free_port() if taken else WEB_PORT, _find_free_port())
 
     @property
     def url(self) -> str:
@@ -62,11 +62,11 @@ class WebAddress:
 
 
 def viewer_command(path: Path, web: WebAddress | None = None) -> list[str]:
-    """The command that shows a recording in a window, or in the browser, fed by standard input (`viewing`)."""
+    """The command that shows a recording in a window, or in the browser, fed by standard input (`open_viewer`)."""
     place = ["--bind", LOOPBACK, "--port", str(web.data) if web else "auto"]
     if web:
         place += ["--web-viewer", "--web-viewer-port", str(web.page)]
-    return [str(rerun_program()), *place, *(["-"] if web else map(str, recordings(path)))]
+    return [str(find_rerun_program()), *place, *(["-"] if web else map(str, find_recordings(path)))]
 
 
 def viewer_environment() -> dict[str, str]:
@@ -83,39 +83,39 @@ def has_display(environment: Mapping[str, str] = os.environ, platform: str = sys
     return not platform.startswith("linux") or bool(environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY"))
 
 
-def live_viewer() -> tuple[subprocess.Popen[bytes], str]:
+def open_live_viewer() -> tuple[subprocess.Popen[bytes], str]:
     """Open an empty viewer in a window; returns its process and the address to send a recording to."""
     if not has_display():
         raise InputError("no display to open the viewer on", "leave --view out, and open the run later: grs replay RUN")
-    port = _free_port()
-    command = [str(rerun_program()), "--bind", LOOPBACK, "--port", str(port), "--expect-data-soon"]
-    return _started(command), f"rerun+http://{LOOPBACK}:{port}/proxy"
+    port = _find_free_port()
+    command = [str(find_rerun_program()), "--bind", LOOPBACK, "--port", str(port), "--expect-data-soon"]
+    return _start_viewer(command), f"rerun+http://{LOOPBACK}:{port}/proxy"
 
 
-def _free_port() -> int:
+def _find_free_port() -> int:
     with socket.socket() as probe:
         probe.bind((LOOPBACK, 0))
         return int(probe.getsockname()[1])
 
 
 @contextlib.contextmanager
-def viewing(path: Path, web: WebAddress | None = None) -> Generator[subprocess.Popen[bytes]]:
+def open_viewer(path: Path, web: WebAddress | None = None) -> Generator[subprocess.Popen[bytes]]:
     """Open a recording in a window or in the browser at ``web``; the viewer's process ends with the context."""
     command = viewer_command(path, web)
     if web is None and not has_display():
-        files = shlex.join(file.name for file in recordings(path))
+        files = shlex.join(file.name for file in find_recordings(path))
         raise InputError(
             "no display to open the viewer on",
             f"add --web, or copy {files} to a machine with a screen and run there: rerun {files}",
         )
-    process = _started(command, recordings(path) if web else ())
+    process = _start_viewer(command, find_recordings(path) if web else ())
     try:
         yield process
     finally:
-        _end(process)
+        _stop_process(process)
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
+def _stop_process(process: subprocess.Popen[bytes]) -> None:
     """End a process that may have ended by itself."""
     process.terminate()
     try:
@@ -125,7 +125,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
-def _started(command: list[str], fed: Sequence[Path] = ()) -> subprocess.Popen[bytes]:
+def _start_viewer(command: list[str], fed: Sequence[Path] = ()) -> subprocess.Popen[bytes]:
     """The process of a viewer that did not end at once, with the files ``fed`` on its standard input.
 
     That stays open as long as the process object lives: once all its sources have ended, rerun's server keeps a
@@ -139,8 +139,8 @@ def _started(command: list[str], fed: Sequence[Path] = ()) -> subprocess.Popen[b
             stderr=output,
             env=viewer_environment(),
         )
-        interrupted.callback(_end, process)
-        Thread(target=_feed, args=(process, fed), daemon=True).start()
+        interrupted.callback(_stop_process, process)
+        Thread(target=_write_files_to_stdin, args=(process, fed), daemon=True).start()
         try:
             process.wait(_SETTLED)
         except subprocess.TimeoutExpired:
@@ -154,7 +154,7 @@ def _started(command: list[str], fed: Sequence[Path] = ()) -> subprocess.Popen[b
     raise GrsError(f"the viewer ended at once: {reason}", f"try: {shlex.join(command)}")
 
 
-def _feed(process: subprocess.Popen[bytes], files: Sequence[Path]) -> None:
+def _write_files_to_stdin(process: subprocess.Popen[bytes], files: Sequence[Path]) -> None:
     """Write files to the standard input of a process, as far as it takes them."""
     for path in files:
         with path.open("rb") as file, contextlib.suppress(BrokenPipeError):

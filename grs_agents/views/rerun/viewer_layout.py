@@ -6,24 +6,31 @@ from dataclasses import dataclass
 import rerun.blueprint as rrb
 
 from grs_agents.base import Vec3
-from grs_agents.views.rerun import state_machine
+from grs_agents.views.rerun import state_machine_view
 from grs_agents.views.rerun.recording import Paths
 
 
-def blueprint(nodes: tuple[str, ...]) -> rrb.Blueprint:
+def build_run_blueprint(nodes: tuple[str, ...]) -> rrb.Blueprint:
     """The default layout of one run; ``nodes`` are those of its graph, which the graph view is fitted to."""
     views = _Views(nodes)
-    tabs = (views.overview(), views.photo(), views.programs(), views.fixes(), views.rollouts(), views.models())
-    return _blueprint(rrb.Tabs(*tabs, active_tab=0))
+    tabs = (
+        views.overview_tab(),
+        views.scene_tab(),
+        views.programs_tab(),
+        views.tests_and_fixes_tab(),
+        views.rollouts_tab(),
+        views.model_calls_tab(),
+    )
+    return _make_blueprint(rrb.Tabs(*tabs, active_tab=0))
 
 
-def comparison(runs: Sequence[tuple[str, str, tuple[str, ...]]]) -> rrb.Blueprint:
+def build_comparison_blueprint(runs: Sequence[tuple[str, str, tuple[str, ...]]]) -> rrb.Blueprint:
     """The layout of runs side by side; each is its name, the path that its entities lie below, and its nodes."""
-    columns = [_Views(nodes, prefix).column(name) for name, prefix, nodes in runs]
-    return _blueprint(rrb.Horizontal(*columns))
+    columns = [_Views(nodes, prefix).comparison_column(name) for name, prefix, nodes in runs]
+    return _make_blueprint(rrb.Horizontal(*columns))
 
 
-def _blueprint(content: rrb.Container) -> rrb.Blueprint:
+def _make_blueprint(content: rrb.Container) -> rrb.Blueprint:
     return rrb.Blueprint(
         content,
         # At its latest moment every pane shows something; at the first one all are empty.
@@ -41,89 +48,111 @@ class _Views:
     nodes: tuple[str, ...]
     prefix: str = ""
 
-    def overview(self) -> rrb.Vertical:
-        verdicts = rrb.Tabs(*self._texts("DECISION TASK OBJECTS AUDIT"))
-        texts = rrb.Tabs(*self._texts("SIMULATION TESTS"), self._diff(), *self._texts("REPORT PROMPT REPLY"))
+    def overview_tab(self) -> rrb.Vertical:
+        verdicts = rrb.Tabs(*self._document_views("DECISION TASK OBJECTS AUDIT"))
+        texts = rrb.Tabs(
+            *self._document_views("SIMULATION TESTS"),
+            self._diff_log_view(),
+            *self._document_views("REPORT PROMPT REPLY"),
+        )
         pictures = rrb.Vertical(
-            rrb.Tabs(self._boxes(), self._twin(), self._space()), self._rollout(), row_shares=[5, 6]
+            rrb.Tabs(self._photo_view(), self._twin_view(), self._scene_3d_view()),
+            self._rollout_3d_view(),
+            row_shares=[5, 6],
         )
         return rrb.Vertical(
             rrb.Horizontal(
-                rrb.Vertical(self._machine(), verdicts, row_shares=[3, 2]), texts, pictures, column_shares=[2.2, 2.4, 3]
+                rrb.Vertical(self._state_graph_view(), verdicts, row_shares=[3, 2]),
+                texts,
+                pictures,
+                column_shares=[2.2, 2.4, 3],
             ),
-            rrb.Horizontal(self._lane(), self._metrics(), self._events(), column_shares=[2.6, 2, 3]),
+            rrb.Horizontal(
+                self._node_timeline_view(), self._metric_chart_tabs(), self._event_log_view(), column_shares=[2.6, 2, 3]
+            ),
             row_shares=[3, 1],
             name="Overview",
         )
 
-    def photo(self) -> rrb.Vertical:
+    def scene_tab(self) -> rrb.Vertical:
         return rrb.Vertical(
-            rrb.Horizontal(self._boxes(), self._depth(), self._twin()),
-            rrb.Horizontal(self._space(), self._text("OBJECTS"), column_shares=[3, 2]),
+            rrb.Horizontal(self._photo_view(), self._depth_view(), self._twin_view()),
+            rrb.Horizontal(self._scene_3d_view(), self._document_view("OBJECTS"), column_shares=[3, 2]),
             row_shares=[4, 5],
             name="1 Scene",
         )
 
-    def programs(self) -> rrb.Vertical:
-        shown = rrb.Horizontal(*self._texts("TASK SIMULATION TESTS"), column_shares=[2, 3, 3])
+    def programs_tab(self) -> rrb.Vertical:
+        shown = rrb.Horizontal(*self._document_views("TASK SIMULATION TESTS"), column_shares=[2, 3, 3])
         return rrb.Vertical(shown, name="2 Task and programs")
 
-    def fixes(self) -> rrb.Vertical:
+    def tests_and_fixes_tab(self) -> rrb.Vertical:
         return rrb.Vertical(
-            rrb.Horizontal(self._text("REPORT"), self._text("DECISION"), self._diff(), column_shares=[3, 2, 3]),
-            rrb.Horizontal(self._lane(), self._metrics("Tests passed"), column_shares=[3, 2]),
+            rrb.Horizontal(
+                self._document_view("REPORT"),
+                self._document_view("DECISION"),
+                self._diff_log_view(),
+                column_shares=[3, 2, 3],
+            ),
+            rrb.Horizontal(self._node_timeline_view(), self._metric_chart_tabs("Tests passed"), column_shares=[3, 2]),
             row_shares=[3, 1],
             name="3 Tests and fixes",
         )
 
-    def rollouts(self) -> rrb.Horizontal:
-        beside = rrb.Vertical(self._text("AUDIT"), self._metrics(), self._events(), row_shares=[3, 2, 3])
-        return rrb.Horizontal(self._rollout(), beside, column_shares=[3, 2], name="4 Rollouts and audit")
+    def rollouts_tab(self) -> rrb.Horizontal:
+        beside = rrb.Vertical(
+            self._document_view("AUDIT"), self._metric_chart_tabs(), self._event_log_view(), row_shares=[3, 2, 3]
+        )
+        return rrb.Horizontal(self._rollout_3d_view(), beside, column_shares=[3, 2], name="4 Rollouts and audit")
 
-    def models(self) -> rrb.Horizontal:
-        picture = rrb.Spatial2DView(origin=self._at(Paths.IMAGE), name="Picture of the prompt")
-        tokens = rrb.TimeSeriesView(origin=self._at(f"{Paths.METRICS}/tokens"), name="Tokens")
+    def model_calls_tab(self) -> rrb.Horizontal:
+        picture = rrb.Spatial2DView(origin=self._prefixed_path(Paths.IMAGE), name="Picture of the prompt")
+        tokens = rrb.TimeSeriesView(origin=self._prefixed_path(f"{Paths.METRICS}/tokens"), name="Tokens")
         beside = rrb.Vertical(picture, tokens, row_shares=[3, 2])
-        return rrb.Horizontal(*self._texts("PROMPT REPLY"), beside, column_shares=[3, 3, 2], name="Models")
+        return rrb.Horizontal(*self._document_views("PROMPT REPLY"), beside, column_shares=[3, 3, 2], name="Models")
 
-    def column(self, name: str) -> rrb.Vertical:
+    def comparison_column(self, name: str) -> rrb.Vertical:
         """A run beside another."""
-        top = rrb.Tabs(self._machine(name), *self._texts("TASK DECISION AUDIT"))
-        pictures = (self._rollout(), self._boxes(), self._twin())
-        texts = (*self._texts("SIMULATION TESTS"), self._diff(), *self._texts("REPORT PROMPT REPLY"))
+        top = rrb.Tabs(self._state_graph_view(name), *self._document_views("TASK DECISION AUDIT"))
+        pictures = (self._rollout_3d_view(), self._photo_view(), self._twin_view())
+        texts = (
+            *self._document_views("SIMULATION TESTS"),
+            self._diff_log_view(),
+            *self._document_views("REPORT PROMPT REPLY"),
+        )
         shown = rrb.Tabs(*pictures, *texts)
-        return rrb.Vertical(top, shown, self._lane(), row_shares=[3, 5, 1.4], name=name)
+        return rrb.Vertical(top, shown, self._node_timeline_view(), row_shares=[3, 5, 1.4], name=name)
 
-    def _at(self, path: str) -> str:
+    def _prefixed_path(self, path: str) -> str:
         return f"{self.prefix}{path}"
 
-    def _text(self, what: str) -> rrb.TextDocumentView:
+    def _document_view(self, what: str) -> rrb.TextDocumentView:
         title = "Test report" if what == "REPORT" else what.capitalize()
-        return rrb.TextDocumentView(origin=self._at(getattr(Paths, what)), name=title)
+        return rrb.TextDocumentView(origin=self._prefixed_path(getattr(Paths, what)), name=title)
 
-    def _texts(self, names: str) -> list[rrb.TextDocumentView]:
-        return [self._text(name) for name in names.split()]
+    def _document_views(self, names: str) -> list[rrb.TextDocumentView]:
+        return [self._document_view(name) for name in names.split()]
 
-    def _diff(self) -> rrb.TextLogView:
+    def _diff_log_view(self) -> rrb.TextLogView:
         columns = rrb.archetypes.TextLogColumns(text_log_columns=["Body"])
-        return rrb.TextLogView(origin=self._at(Paths.DIFF), name="What changed", columns=columns)
+        return rrb.TextLogView(origin=self._prefixed_path(Paths.DIFF), name="What changed", columns=columns)
 
-    def _events(self) -> rrb.TextLogView:
+    def _event_log_view(self) -> rrb.TextLogView:
         columns = rrb.archetypes.TextLogColumns(text_log_columns=["LogLevel", "Body"])
-        return rrb.TextLogView(origin=self._at(Paths.LOG), name="Events", columns=columns)
+        return rrb.TextLogView(origin=self._prefixed_path(Paths.LOG), name="Events", columns=columns)
 
-    def _lane(self) -> rrb.StateTimelineView:
-        return rrb.StateTimelineView(origin=self._at(Paths.NODE), name="Nodes over time")
+    def _node_timeline_view(self) -> rrb.StateTimelineView:
+        return rrb.StateTimelineView(origin=self._prefixed_path(Paths.NODE), name="Nodes over time")
 
-    def _machine(self, name: str = "State machine") -> rrb.GraphView:
-        spots = state_machine.node_positions(self.nodes).values()
+    def _state_graph_view(self, name: str = "State machine") -> rrb.GraphView:
+        spots = state_machine_view.node_positions(self.nodes).values()
         xs, ys = [spot[0] for spot in spots], [spot[1] for spot in spots]
         bounds = rrb.VisualBounds2D(
             x_range=[min(xs, default=0) - 75, max(xs, default=0) + 75],
             y_range=[min(ys, default=0) - 30, max(ys, default=0) + 30],
         )
         return rrb.GraphView(
-            origin=self._at(Paths.MACHINE),
+            origin=self._prefixed_path(Paths.MACHINE),
             name=name,
             visual_bounds=bounds,
             force_link=rrb.archetypes.ForceLink(enabled=False),
@@ -133,41 +162,41 @@ class _Views:
             force_center=rrb.archetypes.ForceCenter(enabled=False),
         )
 
-    def _boxes(self) -> rrb.Spatial2DView:
-        camera = self._at(Paths.CAMERA)
+    def _photo_view(self) -> rrb.Spatial2DView:
+        camera = self._prefixed_path(Paths.CAMERA)
         return rrb.Spatial2DView(origin=camera, contents=[f"{camera}/{part}" for part in _PHOTO], name="Photo")
 
-    def _depth(self) -> rrb.Spatial2DView:
-        camera = self._at(Paths.CAMERA)
+    def _depth_view(self) -> rrb.Spatial2DView:
+        camera = self._prefixed_path(Paths.CAMERA)
         return rrb.Spatial2DView(origin=camera, contents=[f"{camera}/depth"], name="Depth")
 
-    def _twin(self) -> rrb.Spatial2DView:
+    def _twin_view(self) -> rrb.Spatial2DView:
         """The assets as the camera of the photo sees them."""
-        contents = [f"{self._at(Paths.TWIN)}/**", f"{self._at(Paths.SURROUNDINGS)}/**"]
-        return rrb.Spatial2DView(origin=self._at(Paths.CAMERA), contents=contents, name="Twin, same camera")
+        contents = [f"{self._prefixed_path(Paths.TWIN)}/**", f"{self._prefixed_path(Paths.SURROUNDINGS)}/**"]
+        return rrb.Spatial2DView(origin=self._prefixed_path(Paths.CAMERA), contents=contents, name="Twin, same camera")
 
-    def _space(self) -> rrb.Spatial3DView:
-        scene, camera = self._at(Paths.SCENE), self._at(Paths.CAMERA)
+    def _scene_3d_view(self) -> rrb.Spatial3DView:
+        scene, camera = self._prefixed_path(Paths.SCENE), self._prefixed_path(Paths.CAMERA)
         return rrb.Spatial3DView(
             origin=scene,
             contents=[f"{scene}/**", *(f"- {camera}/{part}" for part in ("masks", "boxes", "depth"))],
             name="Scene in 3D",
-            eye_controls=_eye((-0.15, -0.5, 0.6), (0.5, 0.0, 0.0)),
+            eye_controls=_eye_controls((-0.15, -0.5, 0.6), (0.5, 0.0, 0.0)),
             line_grid=False,
         )
 
-    def _rollout(self) -> rrb.Spatial3DView:
+    def _rollout_3d_view(self) -> rrb.Spatial3DView:
         return rrb.Spatial3DView(
-            origin=self._at(Paths.WORLD),
-            contents=f"{self._at(Paths.WORLD)}/**",
+            origin=self._prefixed_path(Paths.WORLD),
+            contents=f"{self._prefixed_path(Paths.WORLD)}/**",
             name="Rollout",
-            eye_controls=_eye((1.05, -0.75, 0.6), (0.42, 0.0, 0.12)),
+            eye_controls=_eye_controls((1.05, -0.75, 0.6), (0.42, 0.0, 0.12)),
             line_grid=False,
         )
 
-    def _metrics(self, first: str = "Reward") -> rrb.Tabs:
+    def _metric_chart_tabs(self, first: str = "Reward") -> rrb.Tabs:
         reward = rrb.ScalarAxis(range=(-0.05, 1.1), zoom_lock=True)
-        metrics = self._at(Paths.METRICS)
+        metrics = self._prefixed_path(Paths.METRICS)
         return rrb.Tabs(
             rrb.TimeSeriesView(origin=f"{metrics}/reward", name="Reward", axis_y=reward),
             rrb.TimeSeriesView(origin=f"{metrics}/tests", name="Tests passed"),
@@ -180,5 +209,5 @@ class _Views:
 _PHOTO = ("rgb", "masks", "boxes")
 
 
-def _eye(position: Vec3, target: Vec3) -> rrb.archetypes.EyeControls3D:
+def _eye_controls(position: Vec3, target: Vec3) -> rrb.archetypes.EyeControls3D:
     return rrb.archetypes.EyeControls3D(position=position, look_target=target, eye_up=(0, 0, 1))

@@ -12,8 +12,8 @@ from evals.benchmark.ground_truth_bop import bop_sources
 from evals.benchmark.pose_errors import object_figures
 from evals.synthesis import Recipe, SynthesisedScene, synthesise
 from grs_agents.errors import InputError
-from grs_agents.library import IDENTITY_PLACEMENT, Library, posed_triangles, rotation_matrix
-from grs_agents.perception import candidates_of, find_table
+from grs_agents.library import IDENTITY_PLACEMENT, Library, build_posed_triangles, matrix_from_quaternion
+from grs_agents.perception import find_table, measure_candidates
 
 RECIPE = Recipe(seed=11, objects=4, distractors=0, tilt=55.0, sensor="time_of_flight", width=320, height=240)
 
@@ -47,9 +47,9 @@ def bop(scene: SynthesisedScene, tmp_path_factory: pytest.TempPathFactory) -> Pa
         assert one.position is not None and one.orientation is not None
         mask = (scene.seen.labels == one.id).astype(np.uint8) * 255
         cv2.imwrite(str(folder / "mask_visib" / f"000003_{index:06d}.png"), mask)
-        points = posed_triangles([(one.asset, IDENTITY_PLACEMENT)], Library()).corners.reshape(-1, 3)
+        points = build_posed_triangles([(one.asset, IDENTITY_PLACEMENT)], Library()).corners.reshape(-1, 3)
         (root / "models" / f"obj_{one.id:06d}.ply").write_text(_ply(1000 * points))
-        rotation = pose[:3, :3].T @ rotation_matrix(one.orientation)
+        rotation = pose[:3, :3].T @ matrix_from_quaternion(one.orientation)
         shift = 1000 * pose[:3, :3].T @ (np.array(one.position) - pose[:3, 3])
         poses.append({"obj_id": one.id, "cam_R_m2c": rotation.ravel().tolist(), "cam_t_m2c": shift.tolist()})
         shown.append({"px_count_visib": one.visible, "px_count_all": one.whole})
@@ -64,7 +64,7 @@ def test_true_masks_have_true_boxes_in_the_found_frame(bop: Path, scene: Synthes
     assert [one.visible for one in labelled.truth.objects] == [one.visible for one in scene.truth.objects]
     assert np.array_equal(labelled.labels > 0, scene.seen.labels > 0)
     table = find_table(labelled.frame, np.random.default_rng(0))
-    candidates = candidates_of(labelled.frame, table, labelled.labels)
+    candidates = measure_candidates(labelled.frame, table, labelled.labels)
     figures = object_figures(labelled, labelled.labels, candidates, Library(), table)
     centers = [one.center for one in figures if one.center is not None]
     assert len(centers) == 4

@@ -13,7 +13,7 @@ from evals.benchmark.pose_errors import frame_figures, object_figures
 from evals.benchmark.types import Order, Result, result_file
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.library import Library
-from grs_agents.perception import candidates_of, find_table
+from grs_agents.perception import find_table, measure_candidates
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def test_a_result_is_read_back_as_it_was(measured: tuple[Result, Path]) -> None:
 def test_the_true_masks_give_the_true_boxes(sample_scene: Path) -> None:
     scene = read_labelled(sample_scene)
     table = find_table(scene.frame, np.random.default_rng(0))
-    candidates = candidates_of(scene.frame, table, scene.labels)
+    candidates = measure_candidates(scene.frame, table, scene.labels)
     figures = object_figures(scene, scene.labels, candidates, Library())
     assert [one.iou for one in figures] == [1.0] * 11
     assert max(one.center for one in figures if one.center is not None) < 0.012
@@ -91,8 +91,8 @@ def test_a_row_has_every_column_and_targets_are_kept(measured: tuple[Result, Pat
     assert set(scene_row(figures)) == set(total_rows([figures])[0]) == set(COLUMNS)
     by_name = {one.name: one for one in perception_targets([figures])}
     assert by_name["F1 at IoU 0.5"].value == 1.0
-    assert by_name["F1 at IoU 0.5"].reached
-    assert by_name["CPU up to 1920x1080, largest"].reached is None
+    assert by_name["F1 at IoU 0.5"].is_target_met
+    assert by_name["CPU up to 1920x1080, largest"].is_target_met is None
     json.dumps(scene_row(figures), allow_nan=False)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from evals.synthesis import SynthesisError
 from evals.synthesis.clutter import CENTER, REACH, settle_heap
-from grs_agents.library import Library, rotation_matrix
+from grs_agents.library import Library, matrix_from_quaternion
 
 _NAMES = "HOPE/Milk HOPE/Cookies block/red_block HOPE/Tuna bowl/bowl HOPE/Corn HOPE/Popcorn mug/mug"
 OBJECTS = tuple(f"{name}.urdf" for name in _NAMES.split())
@@ -19,8 +19,8 @@ def test_heaps_rest_on_the_table_and_some_things_on_others() -> None:
         lows: list[float] = []
         for one in resting:
             (x, y, z), rotation = one.pose
-            corners = np.array(np.meshgrid(*np.array(library.model(one.asset).bounds).T)).reshape(3, -1)
-            lows.append(z + float((rotation_matrix(rotation) @ corners)[2].min()))
+            corners = np.array(np.meshgrid(*np.array(library.load_object_model(one.asset).bounds).T)).reshape(3, -1)
+            lows.append(z + float((matrix_from_quaternion(rotation) @ corners)[2].min()))
             assert np.hypot(x - CENTER[0], y - CENTER[1]) < REACH
         assert sum(abs(low) < 0.004 for low in lows) >= 3
         stacked += sum(low > 0.01 for low in lows)

@@ -10,10 +10,10 @@ from grs_agents.library import Library
 
 def test_strange_things_are_assets_of_the_size_they_say(tmp_path: Path) -> None:
     names = write_distractors(tmp_path, 60, np.random.default_rng(0))
-    library = Library().overlay(tmp_path)
+    library = Library().with_overlay(tmp_path)
     assert len({library.asset(name).kind for name in names}) == 9
     for name in names:
-        model, asset = library.model(name), library.asset(name)
+        model, asset = library.load_object_model(name), library.asset(name)
         assert np.allclose(model.size, asset.size, atol=2e-4)
         assert np.allclose(np.mean(model.bounds, axis=0), 0, atol=2e-4)
         assert model.colliders

@@ -8,7 +8,7 @@ import pytest
 from evals.benchmark.ground_truth import LabelledScene, read_labelled
 from evals.synthesis.drawing import PerfectImage, draw_scene
 from evals.synthesis.scenery import random_scenery
-from grs_agents.library import Library, Placement, posed_triangles
+from grs_agents.library import Library, Placement, build_posed_triangles
 from tests.pictures import read_picture
 
 
@@ -25,7 +25,7 @@ def drawn(scene: LabelledScene) -> PerfectImage:
     for one in scene.truth.objects:
         assert one.position is not None and one.rotation is not None
         posed.append((one.asset, (one.position, one.rotation)))
-    triangles = posed_triangles(posed, Library())
+    triangles = build_posed_triangles(posed, Library())
     return draw_scene(triangles, random_scenery(np.random.default_rng(0)), scene.frame.camera)
 
 
@@ -67,5 +67,8 @@ def test_its_colours_are_those_of_the_assets(scene: LabelledScene, drawn: Perfec
 
 def test_the_table_is_at_zero(scene: LabelledScene) -> None:
     pose = np.array(scene.frame.camera.T_robot_cam)
-    points = scene.frame.points()[(scene.labels == 0) & (scene.frame.depth > 0)] @ pose[:3, :3].T + pose[:3, 3]
+    points = (
+        scene.frame.camera_frame_point_map()[(scene.labels == 0) & (scene.frame.depth > 0)] @ pose[:3, :3].T
+        + pose[:3, 3]
+    )
     assert np.median(points[points[:, 2] > -0.1][:, 2]) == pytest.approx(0, abs=0.003)

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.engine import mujoco
 from grs_agents.errors import InputError
-from grs_agents.library import rotation_matrix
+from grs_agents.library import matrix_from_quaternion
 from grs_agents.library.formats import read_mjcf
+from grs_agents.mujoco_import import mujoco
 
 CUBE = (
     "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 0 1\nv 1 0 1\nv 0 1 1\nv 1 1 1\n"
@@ -75,7 +75,7 @@ def test_placements_are_those_of_mujoco(tmp_path: Path, rotation: str, compiler:
     mujoco.mj_forward(model, data)
     frame, origin = data.xmat[1].reshape(3, 3), data.xpos[1]
     assert frame.T @ (data.geom_xpos[0] - origin) == pytest.approx(np.array(shape.position), abs=1e-9)
-    ours = rotation_matrix(shape.quaternion)
+    ours = matrix_from_quaternion(shape.quaternion)
     assert np.allclose(frame.T @ data.geom_xmat[0].reshape(3, 3), ours, atol=1e-9)
     assert model.geom_size[0] * 2 == pytest.approx(np.array(shape.size))
 
@@ -91,7 +91,7 @@ def test_a_stick_between_two_points_is_mujocos(
     model = mujoco.MjModel.from_xml_string(text)
     assert model.geom_size[0][1] * 2 == pytest.approx(shape.size[1], abs=1e-9)
     along = np.subtract(ends[3:], ends[:3])
-    assert rotation_matrix(shape.quaternion)[:, 2] == pytest.approx(along / np.linalg.norm(along), abs=1e-6)
+    assert matrix_from_quaternion(shape.quaternion)[:, 2] == pytest.approx(along / np.linalg.norm(along), abs=1e-6)
     assert shape.position == pytest.approx(np.add(ends[3:], ends[:3]) / 2, abs=1e-6)
     assert read_mass(text, tmp_path_factory) == pytest.approx(float(model.body_mass[1]), rel=1e-6)
 

@@ -7,7 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.library import ObjectModel, Shape, quaternion_from_rpy, read_urdf, rotation_matrix, urdf_text
+from grs_agents.library import (
+    ObjectModel,
+    Shape,
+    format_urdf_text,
+    matrix_from_quaternion,
+    quaternion_from_rpy,
+    read_urdf,
+)
 
 SIZES = st.floats(0.001, 2.0)
 VECTORS = st.tuples(*[st.floats(-1, 1)] * 3)
@@ -30,7 +37,7 @@ def shapes() -> st.SearchStrategy[Shape]:
 
 def read_back(*solids: Shape) -> ObjectModel:
     """Write and read."""
-    return read_urdf(urdf_text('a "name" & <more>', solids, solids, mass=0.5, friction=0.4), Path.cwd())
+    return read_urdf(format_urdf_text('a "name" & <more>', solids, solids, mass=0.5, friction=0.4), Path.cwd())
 
 
 @given(st.lists(shapes(), min_size=1, max_size=4))
@@ -41,12 +48,14 @@ def test_primitives_survive(solids: list[Shape]) -> None:
         assert after.kind == before.kind
         assert after.size == pytest.approx(before.size, rel=1e-5)
         assert after.position == pytest.approx(before.position, abs=1e-5)
-        assert np.allclose(rotation_matrix(after.quaternion), rotation_matrix(before.quaternion), atol=1e-4)
+        assert np.allclose(
+            matrix_from_quaternion(after.quaternion), matrix_from_quaternion(before.quaternion), atol=1e-4
+        )
 
 
 def test_files_are_named_relative_to_the_urdf() -> None:
     mesh = Shape(kind="mesh", size=(1, 1, 1), mesh="a/meshes/m.obj", texture="a/t.png", color=(1, 1, 1, 1))
-    text = urdf_text("m", [mesh], [], mass=0.0, friction=0.5, folder="a")
+    text = format_urdf_text("m", [mesh], [], mass=0.0, friction=0.5, folder="a")
     assert 'filename="meshes/m.obj"' in text
     assert 'filename="t.png"' in text
     assert "<inertial>" not in text

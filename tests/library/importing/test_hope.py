@@ -9,7 +9,14 @@ from pathlib import Path
 import pytest
 
 from grs_agents.library import Library
-from grs_agents.library.importing import HOPE, ImportOptions, ImportRun, open_source, shipped_hope_asset, verify_asset
+from grs_agents.library.importing import (
+    HOPE,
+    ImportOptions,
+    ImportRun,
+    find_shipped_hope_asset,
+    open_import_source,
+    verify_asset,
+)
 from tests.needs import needs
 
 FOLDER = os.environ.get("HOPE_MESHES", "")
@@ -19,7 +26,7 @@ FOLDER = os.environ.get("HOPE_MESHES", "")
 @pytest.mark.timeout(1500)
 def test_all_13_kinds_are_metric_upright_and_rest(tmp_path: Path) -> None:
     shipped, options = Library().assets(), ImportOptions()
-    with open_source(FOLDER or HOPE, options) as source:
+    with open_import_source(FOLDER or HOPE, options) as source:
         hope = [item for item in source.items if item.kind == "hope"]
         outcomes = ImportRun(tmp_path, "hope", options, shipped, jobs=2).run(source, lambda *_: None)
     assert len(hope) == 13
@@ -27,7 +34,7 @@ def test_all_13_kinds_are_metric_upright_and_rest(tmp_path: Path) -> None:
     assert {one.status for one in outcomes if one.source in names} == {"imported"}
     library = Library(tmp_path)
     for item in hope:
-        asset, known = library.asset(f"hope/{item.name}.urdf"), shipped_hope_asset(item.name, shipped)
+        asset, known = library.asset(f"hope/{item.name}.urdf"), find_shipped_hope_asset(item.name, shipped)
         assert known is not None
         assert sorted(asset.size) == pytest.approx(sorted(known.size), abs=0.008)  # orange_juice is 7 mm wider
         assert asset.size[2] == pytest.approx(known.size[2], rel=0.03)

@@ -10,11 +10,11 @@ from grs_agents.library.importing import (
     ImportOutcome,
     ImportRun,
     Journal,
-    colliders_of,
-    drop_test,
-    open_source,
+    asset_view_path,
+    build_asset_colliders,
+    open_import_source,
+    run_drop_test,
     verify_asset,
-    view_path,
 )
 from tests.library.importing import models
 
@@ -25,7 +25,7 @@ def run(
     """Import a source; each outcome by its item's name, and whether it was known before."""
     told: dict[str, tuple[ImportOutcome, bool]] = {}
     options = ImportOptions(faces=faces)
-    with open_source(str(source), options) as found:
+    with open_import_source(str(source), options) as found:
         order = ImportRun(root, collection, options, Library().assets(), again)
         order.run(found, lambda outcome, old: told.update({outcome.item: (outcome, old)}))
     return told
@@ -60,7 +60,7 @@ def test_every_import_is_whole_and_rests_two_seconds_on_a_table(
     for asset in library.assets():
         verdict = verify_asset(library, asset)
         assert verdict.ok and verdict.rests, verdict
-        assert all(view_path(imported[0], asset.name, number).is_file() for number in range(3))
+        assert all(asset_view_path(imported[0], asset.name, number).is_file() for number in range(3))
 
 
 def test_units_up_axes_and_sizes_are_metric(imported: tuple[Path, dict[str, tuple[ImportOutcome, bool]]]) -> None:
@@ -73,7 +73,7 @@ def test_units_up_axes_and_sizes_are_metric(imported: tuple[Path, dict[str, tupl
 
 
 def test_physics_tell_where_they_come_from(imported: tuple[Path, dict[str, tuple[ImportOutcome, bool]]]) -> None:
-    physics = {asset.kind: asset.physical() for asset in Library(imported[0]).assets()}
+    physics = {asset.kind: asset.physics_or_defaults() for asset in Library(imported[0]).assets()}
     assert physics["block"].mass.value == 0.4
     assert physics["block"].mass.provenance == "catalogue"
     assert physics["block"].friction.value == 0.9
@@ -132,14 +132,16 @@ def test_known_layouts_are_read_as_what_they_are(tmp_path: Path) -> None:
     assert set(told) == {"006_mustard_bottle", "Red_Block_Toy", "milk", "bbq_sauce", "cookies"}
     assets = {asset.kind: asset for asset in Library(root).assets()}
     mustard, block, milk = assets["006_mustard_bottle"], assets["Red_Block_Toy"], assets["milk"]
-    assert mustard.mass == 0.603 and mustard.physical().mass.provenance == "measured"
+    assert mustard.mass == 0.603 and mustard.physics_or_defaults().mass.provenance == "measured"
     assert block.color == "red" and block.origin is not None and block.origin.license == "CC-BY-4.0"
     assert milk.size == pytest.approx((0.072, 0.073, 0.19), abs=1e-4)
     assert milk.origin is not None and milk.origin.license == "CC-BY-NC-SA-4.0"
     assert assets["bbq_sauce"].size[2] == pytest.approx(0.148, abs=1e-4)  # z is up in this one
     assert assets["cookies"].size == pytest.approx((0.123, 0.04, 0.167), abs=1e-4)
     for asset in assets.values():
-        assert drop_test(colliders_of(Library(root), Library(root).model(asset.name)), asset.mass, 0.6).stable
+        assert run_drop_test(
+            build_asset_colliders(Library(root), Library(root).load_object_model(asset.name)), asset.mass, 0.6
+        ).is_stable
 
 
 def test_a_dae_says_its_unit_and_what_is_up(tmp_path: Path) -> None:
@@ -168,7 +170,7 @@ def test_with_the_real_packages_a_fine_bowl_is_made_simpler_and_stays_hollow(tmp
     ((outcome, _),) = run(tmp_path / "source", tmp_path / "root", faces=600).values()
     assert outcome.asset is not None and outcome.asset.hollow, outcome.reason
     assert any("faces became" in note for note in outcome.notes)
-    model = Library(tmp_path / "root").model(outcome.asset.name)
+    model = Library(tmp_path / "root").load_object_model(outcome.asset.name)
     assert 4 <= len(model.colliders) <= 16
 
 

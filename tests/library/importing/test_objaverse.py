@@ -15,7 +15,7 @@ import pytest
 import trimesh
 
 from grs_agents.errors import InputError
-from grs_agents.library.importing import download, load_package, search_objaverse
+from grs_agents.library.importing import download_objects, load_objaverse_package, search_objaverse
 from tests.needs import require
 
 TOLD: dict[str, dict[str, object]] = {
@@ -60,10 +60,10 @@ def host(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def test_the_real_package_lists_and_downloads(host: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = search_objaverse(load_package(), "red mug")
+    found = search_objaverse(load_objaverse_package(), "red mug")
     assert [(one.uid, one.license, one.faces) for one in found] == [("a1", "CC-BY-4.0", 12), ("b2", "CC-BY-NC-4.0", 0)]
     assert not (tmp_path / "cache" / "hf-objaverse-v1" / "glbs").exists()
-    named = download(load_package(), found[:1], tmp_path)
+    named = download_objects(load_objaverse_package(), found[:1], tmp_path)
     assert list(named) == ["Red_Mug_a1.glb"] and (tmp_path / "Red_Mug_a1.glb").is_file()
     assert capsys.readouterr().out == ""
 
@@ -72,7 +72,7 @@ def test_what_is_cut_off_or_not_there_is_said(host: Path) -> None:
     whole = (host / "metadata" / "000-001.json.gz").read_bytes()
     (host / "metadata" / "000-001.json.gz").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match=r"metadata cannot be loaded.*objaverse"):
-        search_objaverse(load_package(), "red mug")
+        search_objaverse(load_objaverse_package(), "red mug")
 
 
 def test_metadata_is_read_folder_by_folder() -> None:

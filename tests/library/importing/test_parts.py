@@ -17,22 +17,22 @@ from grs_agents.library.importing import (
     RefusedError,
     SourceFolder,
     Up,
+    choose_up_axis_by_height,
     collider_volume,
-    convex_hull,
-    convex_parts,
-    drop_test,
-    guess_unit,
-    merge_parts,
+    compute_convex_hull,
+    decompose_into_convex_parts,
+    guess_length_unit,
+    merge_mesh_parts,
+    run_drop_test,
     simplify_textured_mesh,
-    slug_of,
-    up_by_height,
+    slugify_name,
 )
 from tests.library.importing import models
 
 
 @pytest.mark.parametrize(("extent", "unit"), [(0.19, "m"), (19.0, "cm"), (190.0, "mm"), (1.5, "m"), (2500.0, "mm")])
 def test_the_unit_is_that_in_which_a_thing_is_usual(extent: float, unit: str) -> None:
-    assert guess_unit(extent)[0] == unit
+    assert guess_length_unit(extent)[0] == unit
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
@@ -43,16 +43,16 @@ def test_what_is_up_comes_to_z(axis: Up) -> None:
 
 
 def test_a_known_height_tells_the_axis() -> None:
-    assert up_by_height(np.array([0.065, 0.043, 0.148]), 0.148, "y", []) == "z"
-    assert up_by_height(np.array([0.072, 0.19, 0.073]), 0.19, "y", []) == "y"
-    assert up_by_height(np.array([0.1, 0.1, 0.1]), 0.1, "y", []) == "y"
+    assert choose_up_axis_by_height(np.array([0.065, 0.043, 0.148]), 0.148, "y", []) == "z"
+    assert choose_up_axis_by_height(np.array([0.072, 0.19, 0.073]), 0.19, "y", []) == "y"
+    assert choose_up_axis_by_height(np.array([0.1, 0.1, 0.1]), 0.1, "y", []) == "y"
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10_000), st.integers(8, 80))
 def test_a_hull_is_convex_and_holds_its_points(seed: int, count: int) -> None:
     points = np.random.default_rng(seed).uniform(-0.05, 0.05, (count, 3)) + np.array([0.3, -2, 1])
-    hull = convex_hull(points)
+    hull = compute_convex_hull(points)
     corners = hull.vertices[hull.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     away = np.einsum("fk,nfk->nf", normals, points[:, None] - corners[None, :, 0])
@@ -63,22 +63,22 @@ def test_a_hull_is_convex_and_holds_its_points(seed: int, count: int) -> None:
 def test_without_a_decomposer_a_bowl_collides_as_its_hull_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "coacd", None)
     bowl = models.bowl()
-    parts, notes = convex_parts(np.asarray(bowl.vertices), np.asarray(bowl.faces), True, 16)
+    parts, notes = decompose_into_convex_parts(np.asarray(bowl.vertices), np.asarray(bowl.faces), True, 16)
     assert len(parts) == 1 and "grs-agents[assets]" in notes[0]
 
 
 def test_a_decomposed_bowl_has_room_inside() -> None:
     bowl = models.bowl()
-    parts, _ = convex_parts(np.asarray(bowl.vertices), np.asarray(bowl.faces), True, 16)
+    parts, _ = decompose_into_convex_parts(np.asarray(bowl.vertices), np.asarray(bowl.faces), True, 16)
     assert 4 <= len(parts) <= 16
-    assert sum(map(collider_volume, parts)) < 0.6 * collider_volume(convex_hull(np.asarray(bowl.vertices)))
+    assert sum(map(collider_volume, parts)) < 0.6 * collider_volume(compute_convex_hull(np.asarray(bowl.vertices)))
 
 
 def test_what_cannot_stand_falls() -> None:
     cone = trimesh.creation.cone(0.03, 0.1)
     upright = ConvexHull(np.asarray(cone.vertices), np.asarray(cone.faces))
-    assert drop_test([upright], 0.2, 0.6).stable
-    assert not drop_test([ConvexHull(-upright.vertices, upright.faces)], 0.2, 0.6).stable
+    assert run_drop_test([upright], 0.2, 0.6).is_stable
+    assert not run_drop_test([ConvexHull(-upright.vertices, upright.faces)], 0.2, 0.6).is_stable
 
 
 def test_parts_become_one_mesh_that_looks_the_same() -> None:
@@ -87,7 +87,9 @@ def test_parts_become_one_mesh_that_looks_the_same() -> None:
     uvs = np.tile([[0.2, 0.2], [0.8, 0.2], [0.5, 0.8]], (12, 1, 1))
     red = np.full((16, 16, 3), models.RED, np.uint8)
     plain = np.full((12, 3), models.BLUE, np.uint8)
-    merged = merge_parts([MeshPart(vertices, faces, uvs, red), MeshPart(vertices + 1, faces, None, None, plain)], 256)
+    merged = merge_mesh_parts(
+        [MeshPart(vertices, faces, uvs, red), MeshPart(vertices + 1, faces, None, None, plain)], 256
+    )
     assert len(merged.faces) == 24 and len(merged.vertices) == 16
     height, width = merged.image.shape[:2]
     at = merged.uvs.mean(axis=1)
@@ -101,7 +103,7 @@ def test_a_simplified_mesh_keeps_its_size_and_its_colours() -> None:
     vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
     height = vertices[faces].mean(axis=1)[:, 2]
     colors = np.where(height[:, None] > 0, models.RED, models.BLUE).astype(np.uint8)
-    solid = merge_parts([MeshPart(vertices, faces, None, None, colors)], 256)
+    solid = merge_mesh_parts([MeshPart(vertices, faces, None, None, colors)], 256)
     fewer, notes = simplify_textured_mesh(solid, 500, 256)
     assert len(fewer.faces) <= 520 and notes
     assert np.allclose(np.ptp(fewer.vertices, axis=0), 0.1, atol=0.004)
@@ -114,7 +116,7 @@ def test_a_simplified_mesh_keeps_its_size_and_its_colours() -> None:
 
 @given(st.text(max_size=40))
 def test_a_slug_is_a_safe_file_name(name: str) -> None:
-    slug = slug_of(name)
+    slug = slugify_name(name)
     assert slug and len(slug) <= 70 and slug.replace("_", "").replace("-", "").isalnum() and slug.isascii()
 
 
@@ -125,11 +127,11 @@ def test_names_that_leave_the_folder_are_refused(tmp_path: Path, name: str) -> N
     (tmp_path / "x").write_text("secret")
     (home / "link").symlink_to(tmp_path / "x")
     with pytest.raises(RefusedError):
-        SourceFolder(home, 1000).path(name)
+        SourceFolder(home, 1000).resolve_file(name)
 
 
 @given(st.floats(0.001, 10), st.floats(0, 1), st.integers(0, 1000))
 def test_a_drawn_quantity_stays_near_its_value(value: float, deviation: float, seed: int) -> None:
-    drawn = Quantity(value=value, deviation=deviation).draw(np.random.default_rng(seed))
+    drawn = Quantity(value=value, deviation=deviation).sample_value(np.random.default_rng(seed))
     assert value / 4.001 <= drawn <= value * 4.001
     assert deviation or drawn == value

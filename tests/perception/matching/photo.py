@@ -6,7 +6,7 @@ import numpy as np
 
 from evals.synthesis import Recipe, synthesise
 from grs_agents.library import Library
-from grs_agents.perception import MatchEvidence, RGBDFrame, candidates_of, find_table
+from grs_agents.perception import MatchEvidence, RGBDFrame, find_table, measure_candidates
 from grs_agents.perception.matching import MatchRequest, Segment
 
 
@@ -23,7 +23,7 @@ def request_of(recipe: Recipe, library: Library, ocr: bool = True) -> tuple[Matc
     truth = {one.id: one.asset for one in made.truth.objects}
     segments: list[Segment] = []
     names: dict[int, str] = {}
-    for one in candidates_of(frame, table, made.seen.labels):
+    for one in measure_candidates(frame, table, made.seen.labels):
         segments.append(Segment(one.id, one.mask, one.upright, Path("crop.png"), one.points))
         names[one.id] = truth[int(np.bincount(made.seen.labels[one.mask]).argmax())]
     return MatchRequest(segments, frame, table, unasked, ocr=ocr), names

@@ -7,7 +7,7 @@ import pytest
 
 from evals.benchmark.retrieval import synthetic_vectors
 from grs_agents.errors import InputError
-from grs_agents.perception.matching import DIMENSIONS, AssetIndex, embed
+from grs_agents.perception.matching import DIMENSIONS, AssetIndex, embed_object
 
 NAMES = [f"asset/{number}" for number in range(3000)]
 VECTORS = synthetic_vectors(3000, np.random.default_rng(0))
@@ -46,7 +46,7 @@ def test_many_are_sorted_and_grow_in_place(tmp_path: Path) -> None:
     again.compact()
     assert len(again) == 2900
     assert AssetIndex(tmp_path).names() == NAMES[100:]
-    assert not again.crowded
+    assert not again.needs_compaction
 
 
 def test_an_interrupted_addition_leaves_no_trace(tmp_path: Path) -> None:
@@ -83,9 +83,9 @@ def test_bad_vectors_are_refused(tmp_path: Path, names: list[str], vectors: np.n
 
 
 def test_alike_things_have_alike_vectors() -> None:
-    soup = embed("a red can of tomato soup", size=(0.07, 0.07, 0.1))
-    stew = embed("a red can of tomato stew", size=(0.1, 0.068, 0.07))
-    book = embed("an old blue book", size=(0.2, 0.14, 0.03))
+    soup = embed_object("a red can of tomato soup", size=(0.07, 0.07, 0.1))
+    stew = embed_object("a red can of tomato stew", size=(0.1, 0.068, 0.07))
+    book = embed_object("an old blue book", size=(0.2, 0.14, 0.03))
     assert soup @ stew > 0.4
     assert soup @ book < 0.2
     assert soup @ soup == pytest.approx(0.7, abs=1e-5)

@@ -15,13 +15,13 @@ from grs_agents.perception.matching import (
     MatchRequest,
     Picture,
     Segment,
-    in_random_order,
     match_by_clip,
     match_by_features,
     match_by_features_and_model,
     match_by_model,
     matchable_assets,
     open_clip_embedder,
+    shuffle_assets_for_prompt,
 )
 from tests.perception.matching.photo import request_of, unasked
 
@@ -73,7 +73,9 @@ def test_a_model_is_shown_everything_in_a_seeded_order(photo: tuple[MatchRequest
     assert all(sorted(names) == everything and not worded and pictured for _, names, worded, pictured in told)
     assert len({tuple(names) for _, names, _, _ in told}) == len(told)
     assert {one.method for one in found.values()} == {"match_image"}
-    assert in_random_order(matchable_assets(LIBRARY), 4, 1) == in_random_order(matchable_assets(LIBRARY), 4, 1)
+    assert shuffle_assets_for_prompt(matchable_assets(LIBRARY), 4, 1) == shuffle_assets_for_prompt(
+        matchable_assets(LIBRARY), 4, 1
+    )
 
 
 def test_the_hybrid_shows_five(photo: tuple[MatchRequest, dict[int, str]]) -> None:

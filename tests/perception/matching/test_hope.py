@@ -14,8 +14,8 @@ from evals.benchmark.ground_truth import LabelledScene, read_labelled
 from evals.benchmark.match_types import f1_precision_recall
 from evals.synthesis import Recipe, recipes, synthesise
 from grs_agents.library import Library
-from grs_agents.library.importing import HOPE, ImportOptions, ImportRun, open_source
-from grs_agents.perception import candidates_of, find_table
+from grs_agents.library.importing import HOPE, ImportOptions, ImportRun, open_import_source
+from grs_agents.perception import find_table, measure_candidates
 from grs_agents.perception.matching import MatchRequest, Segment, match_by_features
 from tests.needs import needs
 from tests.perception.matching.photo import request_of, unasked
@@ -28,7 +28,7 @@ def hope(tmp_path_factory: pytest.TempPathFactory) -> Library:
     if IMPORTED:
         return Library(Path(IMPORTED))
     root, options = tmp_path_factory.mktemp("hope"), ImportOptions()
-    with open_source(FOLDER or HOPE, options) as source:
+    with open_import_source(FOLDER or HOPE, options) as source:
         ImportRun(root, "hope", options, Library().assets(), jobs=2).run(source, lambda *_: None)
     return Library(root)
 
@@ -67,7 +67,7 @@ def _matched(scene: LabelledScene, library: Library) -> tuple[int, int, int]:
     truth = {one.id: one.asset for one in scene.truth.objects if one.id not in scene.ignored()}
     names: dict[int, str] = {}
     segments: list[Segment] = []
-    for one in candidates_of(scene.frame, table, scene.labels):
+    for one in measure_candidates(scene.frame, table, scene.labels):
         label = int(np.bincount(scene.labels[one.mask]).argmax())
         if label in truth:
             names[one.id] = truth[label]

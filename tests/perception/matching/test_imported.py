@@ -4,7 +4,7 @@ from pathlib import Path
 
 from evals.synthesis import Recipe
 from grs_agents.library import Library
-from grs_agents.library.importing import ImportOptions, ImportRun, open_source
+from grs_agents.library.importing import ImportOptions, ImportRun, open_import_source
 from grs_agents.perception.matching import match_by_features
 from tests.library.importing import models
 from tests.perception.matching.photo import request_of
@@ -14,7 +14,7 @@ def test_imported_things_match_themselves(tmp_path: Path) -> None:
     models.write_many(tmp_path / "mixed")
     models.write_ycb(tmp_path / "ycb")
     for name in ("mixed", "ycb"):
-        with open_source(str(tmp_path / name), ImportOptions()) as source:
+        with open_import_source(str(tmp_path / name), ImportOptions()) as source:
             ImportRun(tmp_path / "root", name, ImportOptions(), Library().assets()).run(source, lambda *_: None)
     library = Library(tmp_path / "root")
     assert len(library.everyday_assets()) == 7

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grs_agents.perception import Surroundings, UprightBox
-from grs_agents.perception.proxies import CELL, MOST, free_space_map, is_crowded
+from grs_agents.perception.proxies import CELL, MOST, free_space_map, is_box_crowded
 from tests.perception.settling.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 
 BOTH = UprightBox(center=(0.5, 0.03, 0.096), size=(0.08, 0.16, 0.192), yaw=0.0)
@@ -42,7 +42,7 @@ def test_what_stands_on_a_known_thing_begins_on_it() -> None:
     assert np.median(fillable.floors[middle]) == pytest.approx(0.04, abs=0.009)
     assert np.median(fillable.heights[middle]) == pytest.approx(0.08, abs=0.005)
     assert fillable.occupied[middle].all()
-    assert is_crowded(both, around) and not is_crowded(both, Surroundings([], [], LIBRARY))
+    assert is_box_crowded(both, around) and not is_box_crowded(both, Surroundings([], [], LIBRARY))
 
 
 def test_without_any_depth_it_may_fill_its_box() -> None:

@@ -12,12 +12,12 @@ from grs_agents.base import Vec3
 from grs_agents.perception.proxies import (
     MAX_BLOCKS,
     FreeColumns,
-    bounds_of,
-    distance_from_blocks,
+    are_blocks_stable,
+    bounds_of_blocks,
     fit_height_blocks,
-    is_stable,
+    mean_distance_to_blocks,
     split_into_blocks,
-    stretched_to,
+    stretch_blocks_to_size,
 )
 
 SIZE: Vec3 = (0.2, 0.1, 0.12)
@@ -70,29 +70,31 @@ def test_the_boxes_fill_the_footprint_once_and_stay_in_the_measured_box(heights:
 def test_stretched_boxes_reach_from_end_to_end() -> None:
     heights = np.zeros((10, 6))
     heights[1:, :5], heights[6:, :5] = 0.04, 0.1
-    low, high = bounds_of(stretched_to(split_into_blocks(FreeColumns.from_heights(heights), SIZE), SIZE))
+    low, high = bounds_of_blocks(
+        stretch_blocks_to_size(split_into_blocks(FreeColumns.from_heights(heights), SIZE), SIZE)
+    )
     assert low.tolist() == pytest.approx([-0.1, -0.05, -0.06]) and high.tolist() == pytest.approx([0.1, 0.05, 0.06])
 
 
 def test_points_on_the_boxes_are_not_off_and_others_are() -> None:
     blocks = split_into_blocks(FreeColumns.from_heights(np.full((4, 4), SIZE[2])), SIZE)
     top = np.array([[x, y, SIZE[2] / 2] for x in (-0.05, 0.0, 0.05) for y in (-0.02, 0.0, 0.02)])
-    assert distance_from_blocks(top, blocks) == pytest.approx(0.0, abs=1e-9)
-    assert distance_from_blocks(top + np.array([0, 0, 0.01]), blocks) == pytest.approx(0.01)
-    assert math.isinf(distance_from_blocks(top, []))
+    assert mean_distance_to_blocks(top, blocks) == pytest.approx(0.0, abs=1e-9)
+    assert mean_distance_to_blocks(top + np.array([0, 0, 0.01]), blocks) == pytest.approx(0.01)
+    assert math.isinf(mean_distance_to_blocks(top, []))
 
 
 def test_what_stands_has_its_middle_above_its_foot() -> None:
     leg, board = ((0.04, 0.04, 0.1), (0.0, 0.0, -0.03)), ((0.2, 0.04, 0.02), (0.0, 0.0, 0.03))
-    assert is_stable([leg, board])
-    assert not is_stable([leg, ((0.2, 0.04, 0.02), (0.12, 0.0, 0.03))])
-    assert is_stable([leg, ((0.2, 0.04, 0.02), (0.12, 0.0, 0.03)), ((0.02, 0.02, 0.1), (0.2, 0.0, -0.03))])
+    assert are_blocks_stable([leg, board])
+    assert not are_blocks_stable([leg, ((0.2, 0.04, 0.02), (0.12, 0.0, 0.03))])
+    assert are_blocks_stable([leg, ((0.2, 0.04, 0.02), (0.12, 0.0, 0.03)), ((0.02, 0.02, 0.1), (0.2, 0.0, -0.03))])
 
 
 def test_what_does_not_stand_may_lean_on_what_is_below_it() -> None:
     floors, heights = np.zeros((10, 4)), np.full((10, 4), SIZE[2])
     floors[1:] = SIZE[2] - 0.02
     raised = FreeColumns(floors, heights, np.zeros(heights.shape, np.bool_))
-    assert fit_height_blocks(raised, SIZE) and not is_stable(fit_height_blocks(raised, SIZE))
+    assert fit_height_blocks(raised, SIZE) and not are_blocks_stable(fit_height_blocks(raised, SIZE))
     heights[1:] = 0
     assert not fit_height_blocks(FreeColumns.from_heights(heights), SIZE)

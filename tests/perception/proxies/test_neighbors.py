@@ -19,5 +19,5 @@ def test_known_things_and_claims_take_their_space() -> None:
     along = np.zeros(3)
     along[{0: 1, 1: 0, 2: 2}[longest]] = LIBRARY.asset("HOPE/Spaghetti.urdf").size[longest] / 2 - 0.01
     points = np.array([np.array([0.5, 0.0, 0.0]) + along, [0.5, 0.3, 0.05], [0.5, 0.15, 0.0]])
-    assert around.occupied(points).tolist() == [True, True, False]
-    assert not Surroundings([], [], LIBRARY).occupied(points).any()
+    assert around.occupied_points_mask(points).tolist() == [True, True, False]
+    assert not Surroundings([], [], LIBRARY).occupied_points_mask(points).any()

@@ -22,7 +22,7 @@ def test_a_proxy_has_the_measured_size(
 ) -> None:
     root = tmp_path_factory.mktemp("proxies")
     asset = write_proxy(root, "thing", "box" if shape == "box" else "cylinder", size, color, "a thing")
-    model = Library(root).model("proxy/thing.urdf")
+    model = Library(root).load_object_model("proxy/thing.urdf")
     assert model.size == pytest.approx(asset.size, abs=1e-4)
     assert asset.size[2] == pytest.approx(size[2], abs=1e-4)
     assert 0.02 <= asset.mass <= 2.0
@@ -36,7 +36,7 @@ def test_a_proxy_has_the_measured_size(
 def test_proxies_gather_in_one_manifest(tmp_path: Path) -> None:
     for slug in ("one", "two", "one"):
         write_proxy(tmp_path, slug, "box", (0.1, 0.1, 0.1), (0.5, 0.5, 0.5), "a thing")
-    assert Library(tmp_path).names() == ["proxy/one.urdf", "proxy/two.urdf"]
+    assert Library(tmp_path).asset_names() == ["proxy/one.urdf", "proxy/two.urdf"]
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import numpy as np
 
 from grs_agents.base import Vec3
-from grs_agents.perception.proxies import FreeColumns, MeasuredShape, choose_kind, with_unseen_side
+from grs_agents.perception.proxies import FreeColumns, MeasuredShape, add_unseen_side, choose_proxy_kind
 
 SIZE: Vec3 = (0.12, 0.12, 0.08)
 RNG = np.random.default_rng(0)
@@ -31,17 +31,17 @@ def stepped() -> MeasuredShape:
 
 
 def test_the_kind_follows_the_points() -> None:
-    assert choose_kind(MeasuredShape(on_box()), SIZE, around=False, hollow=False) == "box"
-    assert choose_kind(MeasuredShape(on_sphere()), SIZE, around=True, hollow=False) == "hull"
-    assert choose_kind(MeasuredShape(on_box()), SIZE, around=True, hollow=True) == "bowl"
-    assert choose_kind(MeasuredShape(on_box()), SIZE, around=False, hollow=True) == "open box"
-    assert choose_kind(MeasuredShape(on_box(20)), SIZE, around=True, hollow=False) == "cylinder"
+    assert choose_proxy_kind(MeasuredShape(on_box()), SIZE, around=False, hollow=False) == "box"
+    assert choose_proxy_kind(MeasuredShape(on_sphere()), SIZE, around=True, hollow=False) == "hull"
+    assert choose_proxy_kind(MeasuredShape(on_box()), SIZE, around=True, hollow=True) == "bowl"
+    assert choose_proxy_kind(MeasuredShape(on_box()), SIZE, around=False, hollow=True) == "open box"
+    assert choose_proxy_kind(MeasuredShape(on_box(20)), SIZE, around=True, hollow=False) == "cylinder"
 
 
 def test_what_is_stepped_is_a_relief_even_where_it_was_taken_for_hollow() -> None:
-    assert choose_kind(stepped(), SIZE, around=False, hollow=False) == "height blocks"
-    assert choose_kind(stepped(), SIZE, around=False, hollow=True) == "height blocks"
-    assert choose_kind(stepped(), SIZE, around=True, hollow=True) == "bowl"
+    assert choose_proxy_kind(stepped(), SIZE, around=False, hollow=False) == "height blocks"
+    assert choose_proxy_kind(stepped(), SIZE, around=False, hollow=True) == "height blocks"
+    assert choose_proxy_kind(stepped(), SIZE, around=True, hollow=True) == "bowl"
 
 
 def test_what_stands_in_the_air_that_the_photo_shows_is_no_box() -> None:
@@ -51,9 +51,9 @@ def test_what_stands_in_the_air_that_the_photo_shows_is_no_box() -> None:
     seen = seen[(seen[:, :2] < -SIZE[0] / 6).any(axis=1)]
     lower = MeasuredShape(seen, FreeColumns.from_heights(heights))
     full = MeasuredShape(on_box(), FreeColumns.from_heights(np.full((12, 12), SIZE[2])))
-    assert choose_kind(MeasuredShape(seen), SIZE, around=False, hollow=False) == "box"
-    assert choose_kind(lower, SIZE, around=False, hollow=False) == "height blocks"
-    assert choose_kind(full, SIZE, around=False, hollow=False) == "box"
+    assert choose_proxy_kind(MeasuredShape(seen), SIZE, around=False, hollow=False) == "box"
+    assert choose_proxy_kind(lower, SIZE, around=False, hollow=False) == "height blocks"
+    assert choose_proxy_kind(full, SIZE, around=False, hollow=False) == "box"
 
 
 def test_a_top_that_is_flat_but_for_noise_is_flat() -> None:
@@ -62,6 +62,6 @@ def test_a_top_that_is_flat_but_for_noise_is_flat() -> None:
     noisy = points + (points[:, 2:] == SIZE[2] / 4) * RNG.uniform(-0.003, 0.0, (len(points), 1)) * (0, 0, 1)
     size = (SIZE[0], SIZE[1], SIZE[2] / 2)
     noisy[:, 2] -= noisy[:, 2].max() - size[2] / 2
-    whole = with_unseen_side(noisy, size)
+    whole = add_unseen_side(noisy, size)
     top = whole[whole[:, 2] > size[2] / 2 - 1e-6]
     assert len(top) > 20 and np.ptp(top[:, 0]) > 0.5 * size[0]

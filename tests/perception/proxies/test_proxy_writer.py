@@ -26,8 +26,8 @@ def test_each_kind_has_the_measured_size_and_the_photo(tmp_path: Path, kind: Pro
     texture = ProxyTexture(image, lambda points: 0.5 + points[:, :2], np.array([0.6, 0.0, 0.8]))
     asset = write_proxy(tmp_path, "thing", kind, SIZE, (0.8, 0.1, 0.1), "a thing", measured, texture)
     library = Library(tmp_path)
-    model = library.model(asset.name)
+    model = library.load_object_model(asset.name)
     assert model.size == pytest.approx(SIZE, rel=0.03)
     assert asset.hollow == (kind in ("bowl", "open box"))
     assert model.visuals[0].texture == "proxy/thing.png"
-    assert library.mesh_path("proxy/thing.png").is_file()
+    assert library.mesh_or_texture_path("proxy/thing.png").is_file()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from grs_agents.errors import InputError
-from grs_agents.perception import check_source, read_masks, read_scene
+from grs_agents.perception import check_scene_source, read_masks, read_scene
 from tests.perception.reading.conftest import FX, Truth, png, write_bop
 
 
@@ -55,7 +55,7 @@ def test_visible_masks_are_its_objects(bop: Path, truth: Truth) -> None:
 def test_what_is_not_there_is_named(bop: Path, name: str) -> None:
     source = Path(f"bop:{scene_of(bop).parent if '/' in name else ''}/{name}")
     with pytest.raises(InputError, match=r"bop:|scene_camera\.json"):
-        check_source(source)
+        check_scene_source(source)
         read_scene(source)
 
 

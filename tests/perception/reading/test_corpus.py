@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
-from grs_agents.perception import check_source, read_masks, read_scene
+from grs_agents.perception import check_scene_source, read_masks, read_scene
 from tests.needs import needs
 from tests.perception.reading.conftest import FORMS, Truth, make_truth
 
@@ -45,7 +45,7 @@ def _bounded_memory() -> Iterator[None]:
 def refused(source: Path, name: str) -> None:
     """The scene is refused in one line that names the file and a remedy."""
     with pytest.raises(InputError) as caught:
-        check_source(source)
+        check_scene_source(source)
         read_scene(source)
     assert Path(name).stem in str(caught.value)
     assert caught.value.remedy
@@ -114,7 +114,7 @@ def test_names_that_lead_nowhere(tmp_path: Path, name: str) -> None:
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     (tmp_path / "photo.heic").write_bytes(b"ftypheic")
     with pytest.raises(InputError):
-        check_source(tmp_path / name)
+        check_scene_source(tmp_path / name)
         read_scene(tmp_path / name)
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
 from grs_agents.perception import read_scene
-from grs_agents.perception.reading import resize_depth, same_aspect
+from grs_agents.perception.reading import have_same_aspect_ratio, resize_depth
 from tests.perception.reading.conftest import CAMERA, Truth, npy_of, png, write
 
 
@@ -94,9 +94,9 @@ def test_nothing_is_made_up_between_surfaces() -> None:
 
 @given(width=st.integers(8, 5000), height=st.integers(8, 5000), times=st.integers(1, 9))
 def test_a_multiple_has_the_same_shape(width: int, height: int, times: int) -> None:
-    assert same_aspect((width, height), (width * times, height * times))
-    assert same_aspect((width * times, height * times), (width, height))
-    assert not same_aspect((width, height), (width * times, height * times + 2 * times))
+    assert have_same_aspect_ratio((width, height), (width * times, height * times))
+    assert have_same_aspect_ratio((width * times, height * times), (width, height))
+    assert not have_same_aspect_ratio((width, height), (width * times, height * times + 2 * times))
 
 
 @given(

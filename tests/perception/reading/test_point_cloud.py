@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
 from grs_agents.perception import read_scene
-from grs_agents.perception.reading import lzf_unpacked
+from grs_agents.perception.reading import decompress_lzf
 from tests.perception.reading.conftest import CAMERA, Truth, lzf_packed, npy_of, pcd_of, ply_of, png, write
 
 
@@ -133,10 +133,10 @@ def test_points_that_are_none_are_named(tmp_path: Path, truth: Truth, value: flo
 
 @given(data=st.binary(max_size=400), repeat=st.integers(1, 30))
 def test_what_was_packed_is_unpacked(data: bytes, repeat: int) -> None:
-    assert lzf_unpacked(lzf_packed(data * repeat), len(data) * repeat, "x") == data * repeat
+    assert decompress_lzf(lzf_packed(data * repeat), len(data) * repeat, "x") == data * repeat
 
 
 @given(data=st.binary(max_size=60), size=st.integers(0, 500))
 def test_what_nobody_packed_is_refused_or_of_the_promised_size(data: bytes, size: int) -> None:
     with contextlib.suppress(InputError):
-        assert len(lzf_unpacked(data, size, "x")) == size
+        assert len(decompress_lzf(data, size, "x")) == size

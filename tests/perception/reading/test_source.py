@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
-from grs_agents.perception import Camera, CameraFile, check_source, read_camera, read_scene, scene_name
+from grs_agents.perception import Camera, CameraFile, check_scene_source, read_camera_file, read_scene, short_scene_name
 from tests.perception.reading.conftest import FORMS, Truth
 
 Folder = Callable[..., Path]
@@ -28,19 +28,19 @@ def test_the_sample_scene_is_calibrated(sample_scene: Path) -> None:
 @pytest.mark.parametrize("form", FORMS)
 def test_every_form_tells_the_same(tmp_path: Path, truth: Truth, form: str) -> None:
     source = FORMS[form](tmp_path / "data", truth)
-    check_source(source)
+    check_scene_source(source)
     frame = read_scene(source)
     assert np.abs(frame.depth - truth.depth).max() < 1e-6
     assert (frame.rgb == truth.rgb).all()
     assert (frame.camera.fx, frame.camera.cy, frame.source) == (60.0, 18.5, source)
     seen = truth.depth > 0
-    assert np.abs(frame.points()[seen] - truth.points[seen]).max() < 1e-5
+    assert np.abs(frame.camera_frame_point_map()[seen] - truth.points[seen]).max() < 1e-5
 
 
 def test_a_scene_has_a_short_name(tmp_path: Path, truth: Truth) -> None:
-    assert scene_name(Path("bop:/data/ycbv/test/000048/12")) == "ycbv-test-000048-12"
-    assert scene_name(FORMS["npz"](tmp_path / "npz", truth)) == "scene"
-    assert scene_name(FORMS["folder"](tmp_path / "kitchen", truth)) == "kitchen"
+    assert short_scene_name(Path("bop:/data/ycbv/test/000048/12")) == "ycbv-test-000048-12"
+    assert short_scene_name(FORMS["npz"](tmp_path / "npz", truth)) == "scene"
+    assert short_scene_name(FORMS["folder"](tmp_path / "kitchen", truth)) == "kitchen"
 
 
 @pytest.mark.parametrize("name", ["cloud.ply", "scene.txt", "nothing"])
@@ -48,7 +48,7 @@ def test_what_is_no_scene_is_refused_before_it_is_read(tmp_path: Path, name: str
     (tmp_path / "cloud.ply").write_bytes(b"")
     (tmp_path / "scene.txt").write_bytes(b"")
     with pytest.raises(InputError, match=name):
-        check_source(tmp_path / name)
+        check_scene_source(tmp_path / name)
 
 
 @pytest.mark.parametrize("name", ["rgb.png", "depth.png", "camera.json"])
@@ -134,7 +134,7 @@ def test_any_other_text_is_a_named_error(tmp_path_factory: pytest.TempPathFactor
     file = tmp_path_factory.mktemp("camera") / "camera.json"
     file.write_bytes(text.encode("utf-8", "surrogatepass"))
     with pytest.raises(InputError, match=r"camera\.json"):
-        read_camera(file)
+        read_camera_file(file)
 
 
 @given(
@@ -149,4 +149,4 @@ def test_a_camera_survives_its_own_json(tmp_path_factory: pytest.TempPathFactory
     file = tmp_path_factory.mktemp("camera") / "camera.json"
     camera = Camera.model_validate(values)
     file.write_text(camera.model_dump_json())
-    assert read_camera(file) == CameraFile(camera)
+    assert read_camera_file(file) == CameraFile(camera)

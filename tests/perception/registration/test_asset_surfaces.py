@@ -3,18 +3,18 @@
 import numpy as np
 
 from grs_agents.library import Library
-from grs_agents.perception import asset_surface_at, surface_inliers
+from grs_agents.perception import asset_surface_at_pose, match_pieces_to_objects
 
 LIBRARY = Library()
-SHELL = asset_surface_at("HOPE/Milk.urdf", ((0.5, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0)), LIBRARY)
+SHELL = asset_surface_at_pose("HOPE/Milk.urdf", ((0.5, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0)), LIBRARY)
 
 
 def test_a_piece_of_a_known_thing_is_told_from_a_thing_beside_it() -> None:
     whole = SHELL.points
     piece = whole[whole[:, 2] > np.percentile(whole[:, 2], 80)] + 0.001
     beside = piece + np.array([0.0, 0.05, 0.0])
-    assert surface_inliers([whole, piece, beside], [SHELL, None, None]) == {1: 0}
+    assert match_pieces_to_objects([whole, piece, beside], [SHELL, None, None]) == {1: 0}
 
 
 def test_the_whole_is_no_piece_of_itself_nor_of_a_smaller_segment() -> None:
-    assert surface_inliers([SHELL.points[:500], SHELL.points], [SHELL, None]) == {}
+    assert match_pieces_to_objects([SHELL.points[:500], SHELL.points], [SHELL, None]) == {}

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from grs_agents.base import Quat
-from grs_agents.library import Library, quaternion_from_rpy, rotation_matrix
-from grs_agents.perception import Mask, UprightBox, register, symmetry_of
+from grs_agents.library import Library, matrix_from_quaternion, quaternion_from_rpy
+from grs_agents.perception import Mask, UprightBox, find_asset_symmetry, register_asset
 from grs_agents.perception.proxies import write_proxy
 from grs_agents.perception.settling import PlacedObject
 from tests.perception.settling.photo import photo_of
@@ -18,8 +18,8 @@ LIBRARY = Library()
 
 def box_around(asset: str, turn: Quat, yaw_error: float = 0.2) -> UprightBox:
     """A box as it would be measured badly: 12 mm off, and turned too far."""
-    low, high = np.array(LIBRARY.model(asset).bounds)
-    extents = np.abs(rotation_matrix(turn)) @ (high - low)
+    low, high = np.array(LIBRARY.load_object_model(asset).bounds)
+    extents = np.abs(matrix_from_quaternion(turn)) @ (high - low)
     x, y, z = (float(value) for value in extents)
     return UprightBox(center=(0.512, 0.008, z / 2), size=(x, y, z), yaw=yaw_error)
 
@@ -32,24 +32,29 @@ def test_an_asset_is_found_where_it_stands(asset: str, roll: float, yaw: float) 
     turn = quaternion_from_rpy(roll, 0.0, yaw)
     middle = _resting(asset, turn)
     frame, table, mask = photo_of([PlacedObject(asset, (middle, turn))], LIBRARY)
-    found = register(asset, LIBRARY, box_around(asset, turn), frame, table, mask)
+    found = register_asset(asset, LIBRARY, box_around(asset, turn), frame, table, mask)
     assert found.method == "registered"
     assert np.linalg.norm(np.subtract(found.position, middle)) < 0.01
-    assert symmetry_of(asset, LIBRARY).angle(rotation_matrix(found.orientation), rotation_matrix(turn)) < 10
+    assert (
+        find_asset_symmetry(asset, LIBRARY).rotation_error_degrees(
+            matrix_from_quaternion(found.orientation), matrix_from_quaternion(turn)
+        )
+        < 10
+    )
     assert found.residual < 0.005
 
 
 def test_the_yaw_of_a_round_thing_is_said_to_say_nothing() -> None:
     asset, turn = "HOPE/Tuna.urdf", quaternion_from_rpy(0.0, 0.0, 0.0)
     frame, table, mask = photo_of([PlacedObject(asset, (_resting(asset, turn), turn))], LIBRARY)
-    assert register(asset, LIBRARY, box_around(asset, turn), frame, table, mask).round
+    assert register_asset(asset, LIBRARY, box_around(asset, turn), frame, table, mask).round
 
 
 def test_what_is_hardly_seen_stays_in_its_box() -> None:
     asset, turn = "HOPE/Milk.urdf", quaternion_from_rpy(0.0, 0.0, 0.0)
     frame, table, _ = photo_of([PlacedObject(asset, (_resting(asset, turn), turn))], LIBRARY)
     nothing: Mask = np.zeros(frame.depth.shape, np.bool_)
-    found = register(asset, LIBRARY, box_around(asset, turn, 0.0), frame, table, nothing)
+    found = register_asset(asset, LIBRARY, box_around(asset, turn, 0.0), frame, table, nothing)
     assert found.method == "box"
     assert found.position[:2] == pytest.approx((0.512, 0.008))
 
@@ -57,22 +62,22 @@ def test_what_is_hardly_seen_stays_in_its_box() -> None:
 def test_another_asset_is_no_fit() -> None:
     milk, turn = "HOPE/Milk.urdf", quaternion_from_rpy(0.0, 0.0, 0.4)
     frame, table, mask = photo_of([PlacedObject(milk, (_resting(milk, turn), turn))], LIBRARY)
-    right = register(milk, LIBRARY, box_around(milk, turn), frame, table, mask)
-    wrong = register("HOPE/Tuna.urdf", LIBRARY, box_around(milk, turn), frame, table, mask)
+    right = register_asset(milk, LIBRARY, box_around(milk, turn), frame, table, mask)
+    wrong = register_asset("HOPE/Tuna.urdf", LIBRARY, box_around(milk, turn), frame, table, mask)
     assert wrong.residual > 3 * right.residual
 
 
 def test_a_taller_can_is_not_sunk_into_the_table_to_fit_a_lower_one(tmp_path: Path) -> None:
     for name, height in (("low", 0.05), ("tall", 0.07)):
         write_proxy(tmp_path, name, "cylinder", (0.08, 0.08, height), (0.5, 0.5, 0.5), f"a {name} can")
-    library = LIBRARY.overlay(tmp_path)
+    library = LIBRARY.with_overlay(tmp_path)
     frame, table, mask = photo_of([PlacedObject("proxy/low.urdf", ((0.5, 0.0, 0.025), (0.0, 0.0, 0.0, 1.0)))], library)
     box = UprightBox(center=(0.504, 0.003, 0.025), size=(0.08, 0.08, 0.05), yaw=0.0)
-    low, tall = (register(f"proxy/{name}.urdf", library, box, frame, table, mask) for name in ("low", "tall"))
+    low, tall = (register_asset(f"proxy/{name}.urdf", library, box, frame, table, mask) for name in ("low", "tall"))
     assert tall.position[2] - tall.size[2] / 2 > -0.01
     assert tall.cost > low.cost + 0.008
 
 
 def _resting(asset: str, turn: Quat) -> tuple[float, float, float]:
-    low, high = np.array(LIBRARY.model(asset).bounds)
-    return 0.5, 0.0, float((np.abs(rotation_matrix(turn)) @ (high - low))[2]) / 2
+    low, high = np.array(LIBRARY.load_object_model(asset).bounds)
+    return 0.5, 0.0, float((np.abs(matrix_from_quaternion(turn)) @ (high - low))[2]) / 2

@@ -16,13 +16,13 @@ from grs_agents.perception import (
     Candidate,
     TableFrame,
     UprightBox,
-    candidates_of,
+    center_objects_in_workspace,
     find_table,
-    place_asset,
-    place_robot,
+    fit_asset_to_box,
+    measure_candidates,
     read_scene,
 )
-from grs_agents.perception.segmentation import quaternion
+from grs_agents.perception.segmentation import quaternion_from_matrix
 from tests.perception.conftest import Rendered, Thing, render
 
 SIDE = st.floats(0.02, 0.3)
@@ -31,7 +31,7 @@ ANGLE = st.floats(-math.pi, math.pi)
 
 def _candidates(scene: Rendered) -> tuple[TableFrame, tuple[Candidate, ...]]:
     table = find_table(scene.frame, np.random.default_rng(0))
-    return table, candidates_of(scene.frame, table, scene.labels)
+    return table, measure_candidates(scene.frame, table, scene.labels)
 
 
 def test_boxes_agree_with_the_truth(rendered: Rendered) -> None:
@@ -82,8 +82,8 @@ def test_one_giant_object_is_refused() -> None:
 
 def test_the_robot_is_placed_only_where_no_calibration_says_so(rendered: Rendered, stacked: Rendered) -> None:
     table, found = _candidates(rendered)
-    assert place_robot(table, found) == (table, found)
-    table, moved = place_robot(*_candidates(stacked))
+    assert center_objects_in_workspace(table, found) == (table, found)
+    table, moved = center_objects_in_workspace(*_candidates(stacked))
     lows, highs = (np.array([getattr(one.box, side) for one in moved]) for side in ("low", "high"))
     assert (lows.min(axis=0) + highs.max(axis=0))[:2] / 2 == pytest.approx((0.5, 0.0), abs=1e-9)
 
@@ -100,7 +100,7 @@ def test_crops_show_the_thing_and_dim_the_rest(rendered: Rendered) -> None:
 def test_the_sample_scene_is_measured_from_its_labels(sample_scene: Path) -> None:
     frame = read_scene(sample_scene)
     labels = np.asarray(cv2.imread(str(sample_scene / "labels.png"), cv2.IMREAD_UNCHANGED), np.int32)
-    found = candidates_of(frame, find_table(frame, np.random.default_rng(0)), labels)
+    found = measure_candidates(frame, find_table(frame, np.random.default_rng(0)), labels)
     truth = json.loads((sample_scene / "truth.json").read_text())["objects"]
     library = Library()
     for one, known in zip(found, truth, strict=True):
@@ -126,7 +126,7 @@ def test_a_quaternion_is_its_rotation(a: float, b: float, c: float) -> None:
     about_x = np.array([[1, 0, 0], [0, math.cos(b), -math.sin(b)], [0, math.sin(b), math.cos(b)]])
     about_y = np.array([[math.cos(c), 0, math.sin(c)], [0, 1, 0], [-math.sin(c), 0, math.cos(c)]])
     rotation = about_z @ about_x @ about_y
-    q = quaternion(rotation)
+    q = quaternion_from_matrix(rotation)
     assert np.linalg.norm(q) == pytest.approx(1)
     assert q[3] >= 0
     assert np.allclose(_rotate(q), rotation, atol=1e-5)
@@ -136,7 +136,7 @@ def test_a_quaternion_is_its_rotation(a: float, b: float, c: float) -> None:
 def test_half_a_turn_has_a_quaternion(axis: int) -> None:
     rotation = -np.eye(3)
     rotation[axis, axis] = 1
-    assert np.allclose(_rotate(quaternion(rotation)), rotation)
+    assert np.allclose(_rotate(quaternion_from_matrix(rotation)), rotation)
 
 
 @given(size=st.tuples(SIDE, SIDE, SIDE), yaw=ANGLE, turn=st.permutations([0, 1, 2]))
@@ -145,7 +145,7 @@ def test_a_placed_asset_fills_the_box_it_was_measured_in(
 ) -> None:
     box = UprightBox(center=(0.5, 0.1, size[2] / 2), size=size, yaw=yaw)
     asset = (size[turn[0]], size[turn[1]], size[turn[2]])
-    position, orientation, extents = place_asset(box, asset)
+    position, orientation, extents = fit_asset_to_box(box, asset)
     assert position[2] - extents[2] / 2 == pytest.approx(0, abs=1e-9)
     assert position[:2] == box.center[:2]
     cosine, sine = math.cos(-yaw), math.sin(-yaw)
@@ -157,4 +157,4 @@ def test_a_placed_asset_fills_the_box_it_was_measured_in(
 
 def test_an_upright_asset_stays_upright() -> None:
     box = UprightBox(center=(0.5, 0.0, 0.08), size=(0.05, 0.07, 0.16), yaw=0.3)
-    assert _rotate(place_asset(box, (0.05, 0.065, 0.155))[1])[2, 2] == pytest.approx(1)
+    assert _rotate(fit_asset_to_box(box, (0.05, 0.065, 0.155))[1])[2, 2] == pytest.approx(1)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from grs_agents.perception import Candidate, candidates_of, find_table
+from grs_agents.perception import Candidate, find_table, measure_candidates
 from tests.perception.conftest import Rendered, Thing, render
 
 LOW = (-0.3, 0.0, 0.3)
@@ -25,7 +25,7 @@ def front() -> Rendered:
 
 
 def _candidates(scene: Rendered, labels: np.ndarray) -> tuple[Candidate, ...]:
-    return candidates_of(scene.frame, find_table(scene.frame, np.random.default_rng(0)), labels)
+    return measure_candidates(scene.frame, find_table(scene.frame, np.random.default_rng(0)), labels)
 
 
 def test_things_seen_from_the_front_are_whole(front: Rendered) -> None:

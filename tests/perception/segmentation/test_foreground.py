@@ -2,15 +2,17 @@
 
 import numpy as np
 
-from grs_agents.perception import find_table, robot_points
-from grs_agents.perception.segmentation import foreground, jumps, smoothed
+from grs_agents.perception import find_table, robot_frame_point_map
+from grs_agents.perception.segmentation import find_depth_jumps, foreground_pixel_mask, smooth_frame_depth
 from tests.perception.conftest import Rendered, Thing, render
 
 
 def _foreground(scene: Rendered) -> np.ndarray:
-    smooth = smoothed(scene.frame)
+    smooth = smooth_frame_depth(scene.frame)
     table = find_table(scene.frame, np.random.default_rng(0))
-    return foreground(robot_points(smooth, table), smooth.depth, np.asarray(table.T_robot_cam)[:3, 3])
+    return foreground_pixel_mask(
+        robot_frame_point_map(smooth, table), smooth.depth, np.asarray(table.T_robot_cam)[:3, 3]
+    )
 
 
 def test_the_foreground_is_the_things(rendered: Rendered) -> None:
@@ -55,13 +57,13 @@ def test_small_holes_are_filled(rendered: Rendered) -> None:
     depth = rendered.frame.depth.copy()
     depth[200:202, 200:202] = 0
     frame = type(rendered.frame)(rendered.frame.rgb, depth, rendered.frame.camera, rendered.frame.source)
-    assert (smoothed(frame).depth[200:202, 200:202] > 0).all()
+    assert (smooth_frame_depth(frame).depth[200:202, 200:202] > 0).all()
 
 
 def test_jumps_lie_between_surfaces() -> None:
     depth = np.ones((4, 6), np.float32)
     depth[:, 3:] = 1.2
-    below, right = jumps(depth)
+    below, right = find_depth_jumps(depth)
     assert not below.any()
     assert right[:, 2].all()
     assert right.sum() == 4

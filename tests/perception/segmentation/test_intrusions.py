@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from grs_agents.perception import RGBDFrame, find_table, segment
+from grs_agents.perception import RGBDFrame, find_table, segment_objects_on_table
 from tests.perception.conftest import THINGS, Rendered, Thing, render
 
 
 def _segment(frame: RGBDFrame) -> np.ndarray:
-    return segment(frame, find_table(frame, np.random.default_rng(0)))
+    return segment_objects_on_table(frame, find_table(frame, np.random.default_rng(0)))
 
 
 def _with_bar(scene: Rendered, rows: slice, columns: slice, near: float, far: float) -> RGBDFrame:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from grs_agents.perception.segmentation import covered, gap, merge_parts, part_of
+from grs_agents.perception.segmentation import gap_between_parts, measure_part, merge_parts, share_over_footprint
 
 
 def _plate(x: float, y: float, z: float, side: float = 0.05) -> np.ndarray:
@@ -49,12 +49,12 @@ def test_a_box_on_a_box_stays() -> None:
 
 
 def test_gap_and_cover_of_two_plates() -> None:
-    one, other = part_of(_plate(0, 0, 0.1).reshape(-1, 3)), part_of(_plate(0, 0, 0.13).reshape(-1, 3))
+    one, other = measure_part(_plate(0, 0, 0.1).reshape(-1, 3)), measure_part(_plate(0, 0, 0.13).reshape(-1, 3))
     assert one is not None
     assert other is not None
-    assert gap(one, other) == pytest.approx(0.03, abs=0.002)
-    assert covered(one, other) > 0.95
+    assert gap_between_parts(one, other) == pytest.approx(0.03, abs=0.002)
+    assert share_over_footprint(one, other) > 0.95
 
 
 def test_a_handful_of_points_is_no_part() -> None:
-    assert part_of(np.full((100, 3), np.nan)) is None
+    assert measure_part(np.full((100, 3), np.nan)) is None

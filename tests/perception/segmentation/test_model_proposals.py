@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.perception import DEFAULT, Image, Mask, Proposal, RGBDFrame, find_table, segment_proposed
-from grs_agents.perception.segmentation import distinct
+from grs_agents.perception import DEFAULT, Image, Mask, Proposal, RGBDFrame, find_table, segment_from_proposals
+from grs_agents.perception.segmentation import suppress_duplicate_masks
 from tests.perception.conftest import Rendered
 
 ALIKE = DEFAULT.segmentation.proposals.alike
 
 
 def _segment(frame: RGBDFrame, *proposals: Proposal) -> np.ndarray:
-    return segment_proposed(frame, find_table(frame, np.random.default_rng(0)), lambda rgb, where: proposals)
+    return segment_from_proposals(frame, find_table(frame, np.random.default_rng(0)), lambda rgb, where: proposals)
 
 
 def _wholes(rendered: Rendered, score: float = 0.9) -> list[Proposal]:
@@ -123,7 +123,7 @@ def test_a_large_photo_is_asked_about_at_its_full_size(rendered: Rendered) -> No
         )
         return [replace(one, mask=one.mask[np.ix_(rows, columns)]) for one in _wholes(rendered)]
 
-    labels = segment_proposed(large, find_table(large, np.random.default_rng(0)), proposer)
+    labels = segment_from_proposals(large, find_table(large, np.random.default_rng(0)), proposer)
     assert labels.shape == depth.shape
     assert labels.max() == 4
     assert seen[0][0].shape[0] > 2 * seen[0][1].shape[0] - 1
@@ -139,7 +139,7 @@ def test_of_masks_that_are_alike_the_best_is_kept(spans: list[tuple[int, int, fl
         return float((one & other).sum() / (one | other).sum())
 
     proposals = [Proposal(mask(start, length), score) for start, length, score in spans]
-    kept = distinct(proposals, ALIKE)
+    kept = suppress_duplicate_masks(proposals, ALIKE)
     for number, one in enumerate(kept):
         assert all(overlap(one.mask, other.mask) <= ALIKE for other in kept[:number])
     for one in proposals:

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from grs_agents.perception import RGBDFrame, find_table, robot_points
-from grs_agents.perception.segmentation import join_occluded
+from grs_agents.perception import RGBDFrame, find_table, robot_frame_point_map
+from grs_agents.perception.segmentation import join_occluded_pieces
 from tests.perception.conftest import Thing, render
 
 
@@ -23,7 +23,9 @@ def barred() -> tuple[RGBDFrame, np.ndarray]:
 
 
 def _joined(frame: RGBDFrame, labels: np.ndarray) -> np.ndarray:
-    return join_occluded(labels, frame, robot_points(frame, find_table(frame, np.random.default_rng(0))))
+    return join_occluded_pieces(
+        labels, frame, robot_frame_point_map(frame, find_table(frame, np.random.default_rng(0)))
+    )
 
 
 def test_the_sides_of_a_barred_box_are_one(barred: tuple[RGBDFrame, np.ndarray]) -> None:

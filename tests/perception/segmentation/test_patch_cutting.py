@@ -3,7 +3,12 @@
 import numpy as np
 
 from grs_agents.perception import RGBDFrame
-from grs_agents.perception.segmentation import bends, grown, patches, smoothed
+from grs_agents.perception.segmentation import (
+    compute_concavity_map,
+    cut_smooth_patches,
+    grow_labels,
+    smooth_frame_depth,
+)
 from tests.perception.conftest import Rendered
 
 
@@ -15,19 +20,19 @@ def _pure(labels: np.ndarray, truth: np.ndarray) -> float:
 
 def test_a_patch_lies_on_one_thing(rendered: Rendered, stacked: Rendered) -> None:
     for scene in (rendered, stacked):
-        labels = patches(smoothed(scene.frame), scene.labels > 0)
+        labels = cut_smooth_patches(smooth_frame_depth(scene.frame), scene.labels > 0)
         assert _pure(labels, scene.labels) > 0.95
 
 
 def test_a_convex_thing_is_one_patch(rendered: Rendered) -> None:
-    labels = patches(smoothed(rendered.frame), rendered.labels > 0)
+    labels = cut_smooth_patches(smooth_frame_depth(rendered.frame), rendered.labels > 0)
     for thing in (1, 2, 4):
         areas = np.bincount(labels[rendered.labels == thing])
         assert areas[1:].max() > 0.9 * areas.sum()
 
 
 def test_a_plane_does_not_bend_and_a_foot_does(rendered: Rendered) -> None:
-    bend = bends(smoothed(rendered.frame), rendered.labels > 0)
+    bend = compute_concavity_map(smooth_frame_depth(rendered.frame), rendered.labels > 0)
     foot = (rendered.labels > 0)[:-1] & (rendered.labels == 0)[1:]
     assert float(np.median(bend[:-1][foot])) > 0.1
     assert float(np.percentile(bend[250:, 200:280], 95)) < 0.1
@@ -36,7 +41,7 @@ def test_a_plane_does_not_bend_and_a_foot_does(rendered: Rendered) -> None:
 def test_a_picture_too_small_for_a_chord_has_no_bends(rendered: Rendered) -> None:
     camera = rendered.frame.camera.model_copy(update={"width": 4, "height": 3})
     small = RGBDFrame(np.zeros((3, 4, 3), np.uint8), np.ones((3, 4), np.float32), camera, rendered.frame.source)
-    assert not bends(small, np.ones((3, 4), np.bool_)).any()
+    assert not compute_concavity_map(small, np.ones((3, 4), np.bool_)).any()
 
 
 def test_growing_stops_at_a_jump_and_at_the_foreground() -> None:
@@ -44,7 +49,7 @@ def test_growing_stops_at_a_jump_and_at_the_foreground() -> None:
     depth[:, 6:] = 1.5
     labels = np.zeros((5, 9), np.int32)
     labels[2, 2] = 1
-    result = grown(labels, np.arange(9)[None] * np.ones((5, 1)) > 0, depth)
+    result = grow_labels(labels, np.arange(9)[None] * np.ones((5, 1)) > 0, depth)
     assert (result[:, 1:6] == 1).all()
     assert not result[:, 0].any()
     assert not result[:, 6:].any()

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.perception.segmentation import rim_of
+from grs_agents.perception.segmentation import fit_bowl_rim
 
 Floats = npt.NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def _box(length: float, width: float, height: float) -> Floats:
 def test_a_bowl_is_found_by_its_rim_though_a_part_of_it_is_hidden(
     center: tuple[float, float], radius: float, begin: float, seen: float, noise: float
 ) -> None:
-    found = rim_of(_bowl(center, radius, 0.06, (begin, begin + seen * 2 * np.pi), noise))
+    found = fit_bowl_rim(_bowl(center, radius, 0.06, (begin, begin + seen * 2 * np.pi), noise))
     assert found is not None
     assert found[0] == pytest.approx(center, abs=0.003)
     assert found[1] == pytest.approx(2 * radius, abs=0.006)
@@ -50,28 +50,28 @@ def test_strays_behind_a_bowl_shift_it_little() -> None:
     """Where a sensor mixes the far rim with the table behind it, points lie low and beyond."""
     bowl = _bowl((0.4, 0.1), 0.07, 0.05, (0, 2 * np.pi), 0.001)
     strays = np.random.default_rng(3).uniform((0.49, 0.06, 0.001), (0.52, 0.14, 0.02), (200, 3))
-    found = rim_of(np.concatenate([bowl, strays]))
+    found = fit_bowl_rim(np.concatenate([bowl, strays]))
     assert found is not None and found[0] == pytest.approx((0.4, 0.1), abs=0.003)
 
 
 def test_a_pan_is_more_than_its_rim() -> None:
     pan = _bowl((0.4, 0.1), 0.07, 0.05, (0, 2 * np.pi), 0.001)
     handle = np.random.default_rng(3).uniform((0.47, 0.09, 0.035), (0.6, 0.11, 0.045), (300, 3))
-    assert rim_of(np.concatenate([pan, handle])) is None
+    assert fit_bowl_rim(np.concatenate([pan, handle])) is None
 
 
 def test_a_cup_is_measured_by_its_side() -> None:
-    assert rim_of(_bowl((0.4, 0.1), 0.04, 0.09, (0, 2 * np.pi), 0.001)) is None
+    assert fit_bowl_rim(_bowl((0.4, 0.1), 0.04, 0.09, (0, 2 * np.pi), 0.001)) is None
 
 
 @pytest.mark.parametrize("sides", [(0.1, 0.1), (0.15, 0.1), (0.3, 0.2)])
 def test_the_rim_of_an_open_box_is_not_round(sides: tuple[float, float]) -> None:
-    assert rim_of(_box(*sides, 0.08)) is None
+    assert fit_bowl_rim(_box(*sides, 0.08)) is None
 
 
 def test_half_a_rim_is_too_little() -> None:
-    assert rim_of(_bowl((0.0, 0.0), 0.07, 0.05, (0, np.pi), 0.001)) is None
+    assert fit_bowl_rim(_bowl((0.0, 0.0), 0.07, 0.05, (0, np.pi), 0.001)) is None
 
 
 def test_a_few_points_are_too_few() -> None:
-    assert rim_of(_bowl((0.0, 0.0), 0.07, 0.05, (0, 2 * np.pi), 0.0)[:60]) is None
+    assert fit_bowl_rim(_bowl((0.0, 0.0), 0.07, 0.05, (0, 2 * np.pi), 0.0)[:60]) is None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grs_agents.errors import UnknownNameError
-from grs_agents.perception import DEFAULT, RULES, RGBDFrame, find_table, segment
+from grs_agents.perception import DEFAULT, RULES, RGBDFrame, find_table, segment_objects_on_table
 from grs_agents.perception.segmentation import merge_parts
 from tests.perception.conftest import Thing, render
 
@@ -26,8 +26,8 @@ def _frame(rule: str) -> RGBDFrame:
 def test_a_rule_that_is_off_changes_the_segments(rule: str) -> None:
     frame = _frame(rule)
     table = find_table(frame, np.random.default_rng(0))
-    on = segment(frame, table)
-    off = segment(frame, table, DEFAULT.segmentation.without(rule))
+    on = segment_objects_on_table(frame, table)
+    off = segment_objects_on_table(frame, table, DEFAULT.segmentation.without_rules(rule))
     assert (on != off).any()
 
 
@@ -38,7 +38,7 @@ def _plate(x: float, y: float, z: float, length: float, width: float) -> np.ndar
 
 
 def _count(points: np.ndarray, labels: np.ndarray, *without: str) -> int:
-    return len(np.unique(merge_parts(labels, points, DEFAULT.segmentation.without(*without))))
+    return len(np.unique(merge_parts(labels, points, DEFAULT.segmentation.without_rules(*without))))
 
 
 def test_the_walls_of_a_box_are_two_without_the_rule_of_the_common_rim() -> None:
@@ -59,6 +59,6 @@ def test_a_handle_is_a_part_of_its_own_without_the_rule_of_what_is_unsupported()
 
 def test_an_unknown_rule_is_told_with_those_there_are() -> None:
     with pytest.raises(UnknownNameError) as error:
-        DEFAULT.segmentation.without("rims")
+        DEFAULT.segmentation.without_rules("rims")
     assert "common_rim" in str(error.value)
     assert set(error.value.valid) == set(RULES)

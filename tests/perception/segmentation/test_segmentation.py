@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.perception import RGBDFrame, find_table, read_scene, segment
+from grs_agents.perception import RGBDFrame, find_table, read_scene, segment_objects_on_table
 from tests.perception.conftest import Rendered, Thing, render
 from tests.pictures import read_picture
 
 
 def _segment(frame: RGBDFrame) -> np.ndarray:
-    return segment(frame, find_table(frame, np.random.default_rng(0)))
+    return segment_objects_on_table(frame, find_table(frame, np.random.default_rng(0)))
 
 
 def _ious(found: np.ndarray, truth: np.ndarray) -> list[float]:

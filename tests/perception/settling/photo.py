@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from grs_agents.engine import mujoco
 from grs_agents.library import Library
+from grs_agents.mujoco_import import mujoco
 from grs_agents.perception import Camera, Mask, RGBDFrame, TableFrame
-from grs_agents.perception.settling import PlacedObject, instances, prepare
-from grs_agents.sim.world import VisibleScene, World, build, cast_rays, place
+from grs_agents.perception.settling import PlacedObject, prepare_world_for_settling, to_instance_objects
+from grs_agents.sim.world import VisibleScene, World, build_world, render_along_rays, reset_world_to_poses
 
 WIDTH, HEIGHT, FOCAL = 240, 180, 300.0
 LIBRARY = Library()
@@ -19,16 +19,16 @@ MILK, BLOCK = "HOPE/Milk.urdf", "block/red_block.urdf"
 
 def standing(asset: str, x: float, y: float, above: float = 0.0) -> PlacedObject:
     """An upright asset so far above the table, m."""
-    low, high = np.array(LIBRARY.model(asset).bounds)
+    low, high = np.array(LIBRARY.load_object_model(asset).bounds)
     return PlacedObject(asset, ((x, y, above + float(high[2] - low[2]) / 2), UPRIGHT))
 
 
 def world_of(*things: PlacedObject) -> World:
     """The things in a world, as `settle` begins with it; they are numbered from 0."""
-    items = instances(things, LIBRARY)
-    world = build(items, LIBRARY)
-    place(world, items)
-    prepare(world)
+    items = to_instance_objects(things, LIBRARY)
+    world = build_world(items, LIBRARY)
+    reset_world_to_poses(world, items)
+    prepare_world_for_settling(world)
     mujoco.mj_forward(world.model, world.data)
     return world
 
@@ -41,7 +41,9 @@ def photo_of(things: Sequence[PlacedObject], library: Library) -> tuple[RGBDFram
     camera = Camera(fx=FOCAL, fy=FOCAL, cx=WIDTH / 2, cy=HEIGHT / 2, width=WIDTH, height=HEIGHT, depth_scale=0.001)
     rows, columns = np.indices((HEIGHT, WIDTH))
     local = np.stack([(columns - camera.cx) / FOCAL, (rows - camera.cy) / FOCAL, np.ones((HEIGHT, WIDTH))], axis=-1)
-    picture = cast_rays(VisibleScene(instances(things, library), library), eye, np.asarray(local @ turn.T, np.float64))
+    picture = render_along_rays(
+        VisibleScene(to_instance_objects(things, library), library), eye, np.asarray(local @ turn.T, np.float64)
+    )
     matrix = tuple((*(float(value) for value in row), float(place)) for row, place in zip(turn, eye, strict=True))
     table = TableFrame(T_robot_cam=(*matrix, (0.0, 0.0, 0.0, 1.0)), origin="calibrated", residual=0.0, inliers=0.5)
     return RGBDFrame(picture.color, picture.depth, camera, Path("photo")), table, picture.owner >= 0

@@ -15,7 +15,7 @@ FRONT, BEHIND = standing(SOUP, 0.42, 0.0), standing(MILK, 0.5, 0.02)
 
 def box_of(thing: PlacedObject) -> UprightBox:
     """The box around an upright asset."""
-    low, high = LIBRARY.model(thing.asset).bounds
+    low, high = LIBRARY.load_object_model(thing.asset).bounds
     x, y, z = (float(value) for value in np.subtract(high, low))
     return UprightBox(center=thing.pose[0], size=(x, y, z), yaw=0.0)
 

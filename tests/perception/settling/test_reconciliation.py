@@ -4,7 +4,7 @@ import numpy as np
 
 from grs_agents.library import Library
 from grs_agents.perception import UprightBox
-from grs_agents.perception.settling import PlacedObject, Segment, reconcile_segments, supporting_segments
+from grs_agents.perception.settling import PlacedObject, Segment, match_fallen_to_support, reconcile_segments
 from tests.perception.settling.photo import photo_of
 
 LIBRARY = Library()
@@ -41,8 +41,8 @@ def test_a_guess_that_a_known_thing_fills_is_a_piece_of_it() -> None:
     ]
     agreed = reconcile_segments(segments, frame, table, LIBRARY)
     assert agreed.pieces == {1: 0} and set(agreed.claims) == {2}
-    around = agreed.around(2)
-    assert around.occupied(np.array([MILK.pose[0], BLOCK.pose[0]])).tolist() == [True, False]
+    around = agreed.surroundings_of_segment(2)
+    assert around.occupied_points_mask(np.array([MILK.pose[0], BLOCK.pose[0]])).tolist() == [True, False]
 
 
 def test_what_stays_inside_a_solid_thing_is_a_piece_of_it_but_not_in_a_hollow_one() -> None:
@@ -72,9 +72,9 @@ def test_what_falls_is_a_piece_of_what_it_touches() -> None:
         Segment(block, stone, "box", None),
     ]
     agreed = reconcile_segments(segments, frame, table, LIBRARY)
-    assert not agreed.pieces and not supporting_segments(set(), agreed)
-    assert supporting_segments({1}, agreed) == {1: 0}
-    assert supporting_segments({7}, agreed) == {}
+    assert not agreed.pieces and not match_fallen_to_support(set(), agreed)
+    assert match_fallen_to_support({1}, agreed) == {1: 0}
+    assert match_fallen_to_support({7}, agreed) == {}
     whole = reconcile_segments(segments, frame, table, LIBRARY, {1: 0})
     assert whole.pieces == {1: 0} and set(whole.claims) == {0, 2}
     assert (whole.masks[0] == (mask & ~block)).all()

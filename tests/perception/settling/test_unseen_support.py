@@ -1,6 +1,6 @@
 """What falls and may stand on something that the photo does not show stays where it is; what is shown to hang falls."""
 
-from grs_agents.perception.settling import PlacedObject, may_have_unseen_support, report_of, settle
+from grs_agents.perception.settling import PlacedObject, may_have_unseen_support, settle_and_report, settle_objects
 from tests.perception.settling.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 
 
@@ -8,7 +8,7 @@ def test_the_photo_shows_the_air_below_what_hangs() -> None:
     hanging = standing(BLOCK, 0.5, 0.0, above=0.1)
     frame, table, mask = photo_of([hanging], LIBRARY)
     assert not may_have_unseen_support(hanging, LIBRARY, frame, table)
-    rest, report = report_of([hanging], LIBRARY, frame, table, mask)
+    rest, report = settle_and_report([hanging], LIBRARY, frame, table, mask)
     assert report.held == 0 and report.drift > 0.05
     assert rest.placed[0] is not None and not rest.placed[0].held
 
@@ -16,16 +16,16 @@ def test_the_photo_shows_the_air_below_what_hangs() -> None:
 def test_what_stands_on_something_that_was_not_found_stays() -> None:
     below, above = standing(BLOCK, 0.5, 0.0), standing(BLOCK, 0.5, 0.0, above=0.04)
     frame, table, mask = photo_of([below, above], LIBRARY)
-    rest, report = report_of([above], LIBRARY, frame, table, mask)
+    rest, report = settle_and_report([above], LIBRARY, frame, table, mask)
     assert report.held == 1 and report.drift < 0.002
     assert rest.placed[0] is not None and rest.placed[0].held
-    both, _ = report_of([below, above], LIBRARY, frame, table, mask)
+    both, _ = settle_and_report([below, above], LIBRARY, frame, table, mask)
     assert not any(placed.held for placed in both.placed if placed is not None), "it stands on what was found"
 
 
 def test_only_the_lowest_of_a_pile_is_held() -> None:
     pile = [standing(BLOCK, 0.5, 0.0, above=height) for height in (0.04, 0.08)]
-    rest = settle(pile, LIBRARY, lambda thing: True)
+    rest = settle_objects(pile, LIBRARY, lambda thing: True)
     assert [placed is not None and placed.held for placed in rest.placed] == [True, False]
     assert all(placed is not None and placed.drift < 0.003 for placed in rest.placed)
 
@@ -33,5 +33,5 @@ def test_only_the_lowest_of_a_pile_is_held() -> None:
 def test_a_guess_gives_way_before_what_is_known() -> None:
     milk, block = standing(MILK, 0.5, 0.0), standing(BLOCK, 0.5, 0.046)
     guess = PlacedObject(milk.asset, milk.pose, guessed=True)
-    moved = [placed.drift for placed in settle([guess, block], LIBRARY).placed if placed is not None]
+    moved = [placed.drift for placed in settle_objects([guess, block], LIBRARY).placed if placed is not None]
     assert moved[0] > 0.005 > moved[1]

@@ -29,7 +29,7 @@ from typing import Any, cast
 import numpy as np
 
 from grs_agents import sim
-from grs_agents.engine import mujoco
+from grs_agents.mujoco_import import mujoco
 from grs_agents.sandbox.harness import channel
 from grs_agents.sandbox.protocol import wire
 from grs_agents.sim.world import templates
@@ -84,7 +84,7 @@ def mujoco_module(pollute: bool) -> Any:
 
 def simulation(pollute: bool) -> Any:
     if pollute:
-        sim.configure(seed=99)
+        sim.set_environment_defaults(seed=99)
         task, environment = cast(Any, sim.Task), cast(Any, sim.Environment)
         task.reset = environment.step = lambda *_: None
     return [templates.defaults.seed, sim.Task.reset.__name__, sim.Environment.step.__name__]
@@ -92,9 +92,9 @@ def simulation(pollute: bool) -> Any:
 
 def machinery(pollute: bool) -> Any:
     if pollute:
-        channel.__dict__.update(send=None, progress=None)
+        channel.__dict__.update(send=None, report_progress=None)
         wire.__dict__.update(encode=None)
-    return [channel.send is None, channel.progress is None, wire.encode is None]
+    return [channel.send is None, channel.report_progress is None, wire.encode is None]
 
 
 def json_module(pollute: bool) -> Any:

@@ -77,21 +77,23 @@ def loader() -> None:
 def silence() -> None:
     import grs_agents.sandbox.harness.suite_runner
 
-    grs_agents.sandbox.harness.suite_runner.progress = lambda event: None
+    grs_agents.sandbox.harness.suite_runner.report_progress = lambda event: None
 
 
 def rewritten_events() -> None:
     import grs_agents.sandbox.harness.suite_runner as machinery
 
-    send = machinery.progress
-    machinery.progress = lambda event: send({**event, "outcome": "passed"} if event.get("phase") == "end" else event)
+    send = machinery.report_progress
+    machinery.report_progress = lambda event: send(
+        {**event, "outcome": "passed"} if event.get("phase") == "end" else event
+    )
 
 
 def forged_events() -> None:
-    from grs_agents.sandbox import progress
+    from grs_agents.sandbox import report_progress
 
     for phase in ("start", "end"):
-        progress({"item": "TestX.test_a", "phase": phase, "outcome": "passed", "seconds": 0.1})
+        report_progress({"item": "TestX.test_a", "phase": phase, "outcome": "passed", "seconds": 0.1})
     os._exit(0)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.sandbox.harness import COUNTER, Counter, with_counter_calls
+from grs_agents.sandbox.harness import COUNTER, Counter, insert_counter_calls
 
 SOURCE = '''
 """A docstring."""
@@ -34,8 +34,8 @@ AWAITED = "try: asyncSetUp().send(None)\nexcept StopIteration: pass"
 
 def run(source: str) -> tuple[dict[str, object], Counter]:
     counter = Counter()
-    scope: dict[str, object] = {COUNTER: counter.reached}
-    exec(compile(with_counter_calls(ast.parse(source)), "x.py", "exec"), scope)
+    scope: dict[str, object] = {COUNTER: counter.increment}
+    exec(compile(insert_counter_calls(ast.parse(source)), "x.py", "exec"), scope)
     return scope, counter
 
 
@@ -47,7 +47,7 @@ def test_what_is_reached_is_counted(call: str, count: int) -> None:
 def test_lines_and_docstrings_stay() -> None:
     scope, _ = run(SOURCE)
     assert scope["__doc__"] == "A docstring."
-    tree, marked = ast.parse(SOURCE), with_counter_calls(ast.parse(SOURCE))
+    tree, marked = ast.parse(SOURCE), insert_counter_calls(ast.parse(SOURCE))
     lines = {node.lineno for node in ast.walk(tree) if isinstance(node, ast.stmt)}
     assert {node.lineno for node in ast.walk(marked) if isinstance(node, ast.stmt)} == lines
     with pytest.raises(AssertionError) as caught:
@@ -59,5 +59,5 @@ def test_lines_and_docstrings_stay() -> None:
 def test_any_program_of_our_own_still_compiles(name: str) -> None:
     folder = Path(importlib.import_module(f"grs_agents.{name}").__file__ or "").parent
     files = list(folder.rglob("*.py"))
-    compiled = [compile(with_counter_calls(ast.parse(file.read_text("utf-8"))), file.name, "exec") for file in files]
+    compiled = [compile(insert_counter_calls(ast.parse(file.read_text("utf-8"))), file.name, "exec") for file in files]
     assert [code.co_filename for code in compiled] == [file.name for file in files] != []

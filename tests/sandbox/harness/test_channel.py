@@ -3,9 +3,9 @@
 import pytest
 
 from grs_agents.errors import GrsError
-from grs_agents.sandbox import progress
+from grs_agents.sandbox import report_progress
 
 
 def test_the_host_is_told_to_use_the_sandbox() -> None:
     with pytest.raises(GrsError, match=r"Sandbox\.call"):
-        progress({"x": 1})
+        report_progress({"x": 1})

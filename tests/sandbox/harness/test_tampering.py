@@ -8,7 +8,7 @@ import unittest
 import numpy as np
 import pytest
 
-from grs_agents.sandbox.harness import Integrity, channel, overridden, shadowed, suite_runner
+from grs_agents.sandbox.harness import Integrity, channel, find_overridden_method, find_shadowed_method, suite_runner
 
 
 def nothing(*_: object) -> None:
@@ -20,7 +20,7 @@ PATCHES: dict[str, tuple[object, str]] = {
     "what runs a test": (unittest.TestCase, "run"),
     "the verdict": (unittest.TestResult, "addFailure"),
     "our verdict": (suite_runner.Result, "addFailure"),
-    "our channel": (channel, "progress"),
+    "our channel": (channel, "report_progress"),
     "a suite": (unittest.TestSuite, "run"),
     "numpy": (np.testing, "assert_allclose"),
     "json": (json, "dumps"),
@@ -32,12 +32,12 @@ PATCHES: dict[str, tuple[object, str]] = {
 def test_a_replacement_is_named(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     integrity = Integrity(with_numpy=True)
     owner, attribute = PATCHES[name]
-    assert integrity.broken() is None
+    assert integrity.find_violation() is None
     with monkeypatch.context() as patch:
         patch.setattr(owner, attribute, nothing)
-        broken = integrity.broken()
+        broken = integrity.find_violation()
     assert broken is not None and broken[0].endswith(f"{attribute} was replaced")
-    assert integrity.broken() is None
+    assert integrity.find_violation() is None
 
 
 @pytest.mark.parametrize(("attribute", "value"), [("__code__", nothing.__code__), ("__defaults__", (9.0, 9.0, True))])
@@ -45,7 +45,7 @@ def test_an_exchange_within_a_function_is_seen(attribute: str, value: object, mo
     integrity = Integrity(with_numpy=True)
     with monkeypatch.context() as patch:
         patch.setattr(np.testing.assert_allclose, attribute, value)
-        broken = integrity.broken()
+        broken = integrity.find_violation()
     assert broken is not None and broken[0].endswith("was replaced")
 
 
@@ -55,14 +55,14 @@ def test_the_program_that_replaced_something_is_named(monkeypatch: pytest.Monkey
     exec(compile("def replacement(*_): pass", "task_code.py", "exec"), scope)
     with monkeypatch.context() as patch:
         patch.setattr(unittest.TestCase, "assertEqual", scope["replacement"])
-        assert integrity.broken() == ("unittest.case.TestCase.assertEqual was replaced", "simulation")
+        assert integrity.find_violation() == ("unittest.case.TestCase.assertEqual was replaced", "simulation")
 
 
 def test_what_identity_does_not_show_the_probes_do(monkeypatch: pytest.MonkeyPatch) -> None:
     integrity = Integrity(with_numpy=False)
     with monkeypatch.context() as patch:
         patch.delattr(difflib, "ndiff")
-        assert integrity.broken() == ("unittest's assertEqual no longer fails", None)
+        assert integrity.find_violation() == ("unittest's assertEqual no longer fails", None)
 
 
 def test_honest_customs_pass(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -81,4 +81,8 @@ def test_honest_customs_pass(monkeypatch: pytest.MonkeyPatch) -> None:
 
     test = Honest("assertPlaced")
     test.addTypeEqualityFunc(list, nothing)
-    assert (integrity.broken(), overridden(Honest), shadowed(test, unittest.TestResult())) == (None, None, None)
+    assert (
+        integrity.find_violation(),
+        find_overridden_method(Honest),
+        find_shadowed_method(test, unittest.TestResult()),
+    ) == (None, None, None)

@@ -7,13 +7,13 @@ from grs_agents.sandbox import BatchResult, Sandbox, call_batch
 
 CODE = """
 import os
-from grs_agents.sandbox import progress
+from grs_agents.sandbox import report_progress
 for item in request["items"]:
-    progress({"item": item, "phase": "start"})
+    report_progress({"item": item, "phase": "start"})
     if item == "crash": os._exit(1)
     while item.startswith("hang"): pass
-    progress({"item": item, "phase": "end", "pid": os.getpid()})
-    if item == "stray": progress({"item": "other", "phase": "end"})
+    report_progress({"item": item, "phase": "end", "pid": os.getpid()})
+    if item == "stray": report_progress({"item": "other", "phase": "end"})
     if item == "quit": os._exit(1)
 """
 
@@ -52,7 +52,7 @@ def test_time_is_bounded(hopeless: bool, stopped: list[str], sandbox: Sandbox) -
 def test_death_before_any_item_ends_it(sandbox: Sandbox) -> None:
     result = each(sandbox, "a", "b", code="import os; os._exit(2)")
     assert (len(result.calls), result.ended, result.stopped) == (1, {}, {})
-    assert result.last.outcome == "crashed"
+    assert result.last_call.outcome == "crashed"
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def test_death_before_any_item_ends_it(sandbox: Sandbox) -> None:
 def test_stray_events_are_told_apart(
     stray: str, repeated: set[str], strange: tuple[str, ...], untimely: set[str], sandbox: Sandbox
 ) -> None:
-    code = CODE.replace('progress({"item": "other", "phase": "end"})', f"progress({stray})")
+    code = CODE.replace('report_progress({"item": "other", "phase": "end"})', f"report_progress({stray})")
     result = each(sandbox, "a", "stray", "c", code=code)
     assert list(result.ended) == ["a", "stray", "c"]
     assert (result.repeated, result.strange, result.untimely) == (repeated, strange, untimely)

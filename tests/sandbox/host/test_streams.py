@@ -19,7 +19,7 @@ pipe = int(sys.argv[1])
 request = json.loads(sys.stdin.readline())
 channel.connect(pipe, request.pop("key"))
 channel.send({"kind": "ready"})
-channel.progress({"request": request})
+channel.report_progress({"request": request})
 """
 RESULT = 'channel.send({"kind": "result", "value": {"x": 1}})\n'
 SNEAK = "os.write(pipe, {})\n"
@@ -41,11 +41,11 @@ def call(code: str) -> tuple[tuple[str, object, str] | None, list[dict[str, obje
         os.close(output_end)
         streams = Streams(frames, trace, output, control)
         assert process.stdin is not None
-        process.stdin.write(line_of(streams.keyed({"tool": "t"})))
+        process.stdin.write(line_of(streams.attach_frame_key({"tool": "t"})))
         process.stdin.close()
         deadline = time.monotonic() + 30
-        assert streams.listen(deadline, 1 << 20, until_ready=True) == ("ok", None, "")
-        ending = streams.listen(deadline, 1 << 20)
+        assert streams.read_until_answer(deadline, 1 << 20, until_ready=True) == ("ok", None, "")
+        ending = streams.read_until_answer(deadline, 1 << 20)
         process.kill()
         streams.close()
     return ending, streams.events
@@ -63,14 +63,16 @@ def test_sealed_frames_pass_and_the_key_is_not_part_of_the_request() -> None:
 
 FORGED = {
     "a plain result": SNEAK.format('wire.encode({"kind": "result", "value": {}})'),
-    "sealed with a key of its own": SNEAK.format('wire.seal(wire.encode({"kind": "result", "value": {}}), b"k", 1)'),
+    "sealed with a key of its own": SNEAK.format(
+        'wire.sign_frame(wire.encode({"kind": "result", "value": {}}), b"k", 1)'
+    ),
     "noise": SNEAK.format("b'x' * 100"),
     "a few bytes before the result": SNEAK.format("b'\\0'") + RESULT,
     "a frame sent again": "write, kept = os.write, []\n"
     "os.write = lambda pipe, data: kept.append(bytes(data)) or write(pipe, data)\n"
-    "channel.progress({})\nwrite(pipe, kept[0])\n",
+    "channel.report_progress({})\nwrite(pipe, kept[0])\n",
     "a frame held back": "write = os.write\nos.write = lambda pipe, data: len(data)\n"
-    "channel.progress({})\nos.write = write\n" + RESULT,
+    "channel.report_progress({})\nos.write = write\n" + RESULT,
 }
 
 
@@ -83,5 +85,5 @@ def test_anything_else_ends_the_call(name: str) -> None:
 
 
 def test_what_cannot_be_sent_leaves_no_gap() -> None:
-    ending, _ = call("try: channel.progress({'x': float('nan')})\nexcept ValueError: pass\n" + RESULT)
+    ending, _ = call("try: channel.report_progress({'x': float('nan')})\nexcept ValueError: pass\n" + RESULT)
     assert ending == ("ok", {"x": 1}, "")

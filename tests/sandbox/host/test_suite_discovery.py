@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.sandbox import expected_tests, parse_program
+from grs_agents.sandbox import discover_tests, parse_program
 from grs_agents.sandbox.host import MAX_SOURCE
 
 SOURCE = """
@@ -42,7 +42,7 @@ def test_function(): assert True
 
 
 def test_ids_and_silence() -> None:
-    found = expected_tests(parse_program(SOURCE, "test_task_code.py"))
+    found = discover_tests(parse_program(SOURCE, "test_task_code.py"))
     ids = {
         "TestA": "test_one test_two test_silent test_np test_later",
         "TestB": "test_mixed",
@@ -55,7 +55,7 @@ def test_ids_and_silence() -> None:
 
 
 def test_class_cycles_end() -> None:
-    assert expected_tests(parse_program("class A(B): pass\nclass B(A): pass", "x.py")).ids == ()
+    assert discover_tests(parse_program("class A(B): pass\nclass B(A): pass", "x.py")).ids == ()
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ def test_unparseable_source_is_a_syntax_error(source: str) -> None:
 @given(st.text(max_size=200))
 def test_any_text_parses_or_is_a_syntax_error(source: str) -> None:
     try:
-        found = expected_tests(parse_program(source, "task_code.py"))
+        found = discover_tests(parse_program(source, "task_code.py"))
     except SyntaxError:
         return
     assert all(method.startswith("test") for _, _, method in (name.partition(".") for name in found.ids))
@@ -98,7 +98,7 @@ class TestD(unittest.TestCase):
 
 
 def test_names_that_hide_each_other_and_lines() -> None:
-    found = expected_tests(parse_program(TWICE, "test_task_code.py"))
+    found = discover_tests(parse_program(TWICE, "test_task_code.py"))
     assert found.duplicates == {"TestA.test_one", "TestB.test_one", "TestC.test_c"}
     lines = {
         "TestA.test_one": 5,
@@ -123,4 +123,4 @@ def test_names_that_hide_each_other_and_lines() -> None:
     ],
 )
 def test_a_file_that_chooses_its_tests(source: str, chooses: bool) -> None:
-    assert expected_tests(parse_program(source, "test_task_code.py")).chooses == chooses
+    assert discover_tests(parse_program(source, "test_task_code.py")).chooses == chooses

@@ -27,7 +27,7 @@ def test_passing_tests_under_both_names(check: Check) -> None:
         "def answer(): return 42",
         simulation_name="pack_boxes",
     )
-    assert report.ok, report.text()
+    assert report.all_passed, report.format_as_text()
     assert [case.output for case in report.cases] == ["seen\n", ""]
     assert report.seconds > 0
 
@@ -89,7 +89,7 @@ def test_crashes_are_charged_to_the_running_test_and_the_rest_runs(check: Check)
         "test_z": "passed",
     }
     assert report.outcome == "crashed"
-    assert "ctypes.string_at(0)" in report.text()
+    assert "ctypes.string_at(0)" in report.format_as_text()
 
 
 def test_hang_in_a_test_costs_that_test(check: Check) -> None:
@@ -99,7 +99,7 @@ def test_hang_in_a_test_costs_that_test(check: Check) -> None:
     )
     assert outcomes(report) == {"test_hang": "timeout", "test_z": "passed"}
     assert (report.outcome, report.raised_in) == ("timeout", "tests")
-    assert "while True: pass" in report.text()
+    assert "while True: pass" in report.format_as_text()
 
 
 REST = "    def test_b(self): self.fail()\n    def test_c(self): self.fail()\n"
@@ -119,7 +119,7 @@ def test_hang_in_set_up_costs_one_limit(tests: str, check: Check) -> None:
     assert outcomes(report) == {"test_a": "timeout", "test_b": "not_run", "test_c": "not_run"}
     assert report.cases[0].raised_in == "simulation"
     assert report.seconds < 2 * SHORT.wall_seconds
-    assert "(not_run: " in report.text()
+    assert "(not_run: " in report.format_as_text()
 
 
 def test_second_hang_is_the_last(check: Check) -> None:
@@ -175,15 +175,15 @@ def test_programs_that_do_not_load(name: str, check: Check) -> None:
     report = check(tests, simulation, limits=SHORT.model_copy(update={"wall_seconds": seconds}))
     assert (report.outcome, report.raised_in) == (outcome, raised_in), report
     assert report.message
-    assert not report.ok
+    assert not report.all_passed
 
 
 METHOD = "    def test_a(self): self.assertTrue(0)\n"
 GOOD = METHOD.replace("0", "1")
 START = "    def test_a(self):\n"
 LIE = (
-    START + "        from grs_agents.sandbox import progress\n"
-    "        progress({**dict(item='TestX.test_a', phase='end'), **dict(%s)})\n"
+    START + "        from grs_agents.sandbox import report_progress\n"
+    "        report_progress({**dict(item='TestX.test_a', phase='end'), **dict(%s)})\n"
 )
 WRITES = (
     "        for pipe in range(3, 10):\n            try: os.write(pipe, b'x' * 100)\n            except OSError: pass\n"
@@ -346,17 +346,17 @@ DISHONEST = {
 def test_each_dishonesty_has_an_outcome_of_its_own(name: str, check: Check) -> None:
     tests, outcome, whole = DISHONEST[name]
     report = check(HEAD + tests)
-    assert not report.ok
-    assert (outcomes(report)["test_a"], report.outcome) == (outcome, whole), report.text()
+    assert not report.all_passed
+    assert (outcomes(report)["test_a"], report.outcome) == (outcome, whole), report.format_as_text()
     bad = [case for case in report.cases if case.outcome != "passed"]
     assert all(case.message for case in bad)
-    assert all(case.raised_in == "tests" for case in bad), report.text()
+    assert all(case.raised_in == "tests" for case in bad), report.format_as_text()
 
 
 def test_what_turns_up_later_is_named(check: Check) -> None:
     report = check(HEAD + DISHONEST["added later"][0])
     assert outcomes(report) == {"test_a": "passed", "test_more": "extra"}
-    assert "(extra: " in report.text()
+    assert "(extra: " in report.format_as_text()
 
 
 def test_what_runs_after_tampering_runs_in_a_fresh_process(check: Check) -> None:
@@ -366,7 +366,7 @@ def test_what_runs_after_tampering_runs_in_a_fresh_process(check: Check) -> None
         + METHOD.replace("_a", "_z")
     )
     assert outcomes(report) == {"test_a": "tampered", "test_z": "failed"}
-    assert "unittest.case.TestCase.assertTrue was replaced" in report.text()
+    assert "unittest.case.TestCase.assertTrue was replaced" in report.format_as_text()
 
 
 @pytest.mark.parametrize("outcome", ["forged", "scratch_limit", "thread_limit"])
@@ -379,7 +379,7 @@ def test_how_a_call_ends_is_the_outcome_of_the_test_that_ran(outcome: CallOutcom
     report = run_tests(sandbox, "plain_tests", TestRun(simulation="", tests=HEAD + METHOD + HONEST), SHORT)
     assert outcomes(report) == {"test_a": outcome, "test_b": "missing"}
     assert report.outcome == ("forged" if outcome == "forged" else "crashed")
-    assert f"({outcome}: " in report.text()
+    assert f"({outcome}: " in report.format_as_text()
 
 
 class Scripted(Sandbox):
@@ -411,7 +411,7 @@ REACHED = {
 @pytest.mark.parametrize("name", REACHED)
 def test_an_assertion_that_is_reached_counts(name: str, check: Check) -> None:
     report = check(HEAD + "    def test_a(self):\n" + REACHED[name])
-    assert report.ok, report.text()
+    assert report.all_passed, report.format_as_text()
     assert report.cases[0].assertions >= 1
 
 
@@ -427,13 +427,13 @@ def test_a_limit_that_a_test_reached_fails_it_though_it_caught_the_error(check: 
     assert outcomes(report) == {"test_a": "limit", "test_b": "limit", "test_z": "passed"}
     assert report.cases[0].message == "many: 3 of 2"
     assert "raise ValueError" in report.cases[1].traceback
-    assert (report.outcome, report.ok) == ("failed", False)
+    assert (report.outcome, report.all_passed) == ("failed", False)
 
 
 def test_each_test_is_seeded_alike(check: Check) -> None:
     body = "import random; print(random.random(), np.random.rand()); self.assertTrue(1)"
     report = check(HEAD + f"    def test_a(self): {body}\n    def test_b(self): {body}\n", seed=7)
-    assert report.ok
+    assert report.all_passed
     assert report.cases[0].output == report.cases[1].output
 
 
@@ -447,7 +447,7 @@ def test_episode_of_each_test_is_kept(check: Check) -> None:
         episode="task_code:last",
     )
     assert [case.episode for case in report.cases] == [{"reward": 1.0}, None, None]
-    assert report.ok
+    assert report.all_passed
 
 
 def test_long_texts_are_cut(check: Check) -> None:
@@ -470,8 +470,9 @@ def test_an_episode_that_no_later_file_can_hold_is_refused(episode: str, check: 
     forged = (
         f"dict(item='TestX.test_a', phase='end', outcome='passed', assertions=1, line=4, episode={{'x': {episode}}})"
     )
-    body = f"    def test_a(self): import json; from grs_agents.sandbox import progress; progress({forged})\n"
+    body = "    def test_a(self): import json; from grs_agents.sandbox import report_progress; "
+    body += f"report_progress({forged})\n"
     report = check(HEAD + body)
-    assert not report.ok
+    assert not report.all_passed
     assert report.cases[0].outcome in ("crashed", "forged", "duplicate"), report
     assert report.cases[0].episode is None

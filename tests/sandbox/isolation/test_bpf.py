@@ -12,27 +12,31 @@ from grs_agents.sandbox.isolation import (
     Branch,
     Load,
     Node,
-    among,
-    any_bit,
-    argument,
-    assemble,
-    at_least,
-    encode,
-    equal,
-    places,
-    ranges,
-    upper_half,
+    assemble_instructions,
+    branch_by_range,
+    branch_if_any_bit,
+    branch_if_at_least,
+    branch_if_equal,
+    branch_if_one_of,
+    encode_instructions,
+    find_operand_offsets,
+    load_argument_high_half,
+    load_argument_low_half,
 )
 from tests.sandbox import classic_bpf
 
 words = st.integers(0, 2**32 - 1) | st.integers(0, 9)
 answers = st.integers(0, 2**31).map(Answer)
-tests = st.sampled_from([equal, at_least, any_bit])
+tests = st.sampled_from([branch_if_equal, branch_if_at_least, branch_if_any_bit])
 
 
 def wider(nodes: st.SearchStrategy[Node]) -> st.SearchStrategy[Node]:
     branch = st.builds(lambda test, value, then, other: test(value, then, other), tests, words, nodes, nodes)
-    return branch | st.builds(argument, st.integers(0, 5), nodes) | st.builds(upper_half, st.integers(0, 5), nodes)
+    return (
+        branch
+        | st.builds(load_argument_low_half, st.integers(0, 5), nodes)
+        | st.builds(load_argument_high_half, st.integers(0, 5), nodes)
+    )
 
 
 trees = st.recursive(answers, wider, max_leaves=30).map(lambda node: Load(NUMBER, node))
@@ -54,12 +58,14 @@ def decide(node: Node, number: int, arguments: tuple[int, ...]) -> int:
 
 @given(trees, words, st.tuples(*[st.integers(0, 2**64 - 1) | st.integers(0, 9)] * 6))
 def test_the_program_answers_as_the_tree(tree: Node, number: int, arguments: tuple[int, ...]) -> None:
-    assert classic_bpf.run(encode(assemble(tree)), number, 0, arguments) == decide(tree, number, arguments)
+    assert classic_bpf.run(encode_instructions(assemble_instructions(tree)), number, 0, arguments) == decide(
+        tree, number, arguments
+    )
 
 
 @given(st.lists(words, max_size=600, unique=True), words)
 def test_one_of_many_values(values: list[int], word: int) -> None:
-    program = encode(assemble(Load(NUMBER, among(values, Answer(1), Answer(2)))))
+    program = encode_instructions(assemble_instructions(Load(NUMBER, branch_if_one_of(values, Answer(1), Answer(2)))))
     assert classic_bpf.run(program, word) == (1 if word in values else 2)
     assert all(classic_bpf.run(program, value) == 1 for value in values)
 
@@ -67,22 +73,26 @@ def test_one_of_many_values(values: list[int], word: int) -> None:
 @given(st.lists(st.integers(1, 5000), min_size=1, max_size=400, unique=True), st.integers(0, 6000))
 def test_ranges_of_any_length(borders: list[int], number: int) -> None:
     starts = [0, *sorted(borders)]
-    program = assemble(Load(NUMBER, ranges([(start, Answer(index)) for index, start in enumerate(starts)])))
-    assert classic_bpf.run(encode(program), number) == bisect_right(starts, number) - 1
+    program = assemble_instructions(
+        Load(NUMBER, branch_by_range([(start, Answer(index)) for index, start in enumerate(starts)]))
+    )
+    assert classic_bpf.run(encode_instructions(program), number) == bisect_right(starts, number) - 1
 
 
 def test_no_jump_is_too_far_for_its_byte() -> None:
     long: Node = Answer(1)
     for value in range(500):
-        long = equal(value + 10, Answer(2), long)
-    program = assemble(Load(NUMBER, Branch(0x15, 5, long, Answer(3))))
+        long = branch_if_equal(value + 10, Answer(2), long)
+    program = assemble_instructions(Load(NUMBER, Branch(0x15, 5, long, Answer(3))))
     assert max(max(true, false) for _, true, false, _ in program) <= 255
-    assert [classic_bpf.run(encode(program), number) for number in (5, 6)] == [1, 3]
+    assert [classic_bpf.run(encode_instructions(program), number) for number in (5, 6)] == [1, 3]
 
 
 def test_an_operand_is_replaced_wherever_it_stands() -> None:
-    program = assemble(Load(NUMBER, equal(7, Answer(1), at_least(7, Answer(2), Answer(3)))))
-    encoded = bytearray(encode(program))
-    for place in places(program, 7):
+    program = assemble_instructions(
+        Load(NUMBER, branch_if_equal(7, Answer(1), branch_if_at_least(7, Answer(2), Answer(3))))
+    )
+    encoded = bytearray(encode_instructions(program))
+    for place in find_operand_offsets(program, 7):
         struct.pack_into("=I", encoded, place, 9)
     assert [classic_bpf.run(bytes(encoded), number) for number in (7, 9, 10)] == [3, 1, 2]

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.engine import mujoco
+from grs_agents.mujoco_import import mujoco
 from grs_agents.sandbox.isolation import Allowance, hardening, kernel, landlock, seccomp
 from tests.needs import needs
 from tests.sandbox.confined import NOBODY, PACKAGE, PYTHON, USERS, Got, forked, hardened
@@ -54,8 +54,10 @@ def confined(user: str, scratch: Path) -> Confined:
 
 
 def test_the_layers_that_hold(user: str, scratch: Path) -> None:
-    layers = forked(lambda: list(hardening.harden(hardening.file_rules(PYTHON, [scratch]), Allowance()))).value
-    assert layers == ["no capabilities", "limits", "thread limit", f"landlock {landlock.abi()}", "seccomp"]
+    layers = forked(
+        lambda: list(hardening.harden_process(hardening.create_file_rules(PYTHON, [scratch]), Allowance()))
+    ).value
+    assert layers == ["no capabilities", "limits", "thread limit", f"landlock {landlock.abi_version()}", "seccomp"]
 
 
 def test_several_threads_are_refused_before_anything_is_given_up() -> None:
@@ -64,7 +66,7 @@ def test_several_threads_are_refused_before_anything_is_given_up() -> None:
     def harden_with_a_second_thread() -> None:
         threading.Thread(target=end.wait, daemon=True).start()
         try:
-            hardening.harden(hardening.file_rules(PYTHON, []), Allowance())
+            hardening.harden_process(hardening.create_file_rules(PYTHON, []), Allowance())
         finally:
             assert kernel.prctl(39) == 0  # no_new_privs
             assert Path("/etc/passwd").read_bytes()
@@ -89,7 +91,7 @@ def test_files_are_those_given(confined: Confined, scratch: Path) -> None:
         lambda: subprocess.run(["/bin/true"], check=True),
         socket.socket,
         lambda: os.kill(os.getppid(), 0),
-        lambda: kernel.call("ptrace", 0),
+        lambda: kernel.make_system_call("ptrace", 0),
         lambda: os.memfd_create("x"),
         lambda: os.chown("/tmp", -1, -1),
         lambda: Path("/tmp").chmod(0o1777),
@@ -217,7 +219,7 @@ from grs_agents.sandbox.isolation.privileges import Allowance
 model = mujoco.MjModel.from_xml_string(sys.argv[1])
 data = mujoco.MjData(model)
 mujoco.mj_forward(model, data)
-hardening.harden(hardening.file_rules([Path(path) for path in sys.argv[2:]], []), Allowance())
+hardening.harden_process(hardening.create_file_rules([Path(path) for path in sys.argv[2:]], []), Allowance())
 with mujoco.Renderer(model, 48, 64) as renderer:
     renderer.update_scene(data)
     print(renderer.render().max())
@@ -234,10 +236,10 @@ def test_images_are_rendered_in_software(library: str) -> None:
 
 
 def test_an_older_landlock_is_told_and_made_up_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(landlock, "abi", lambda: 2)
+    monkeypatch.setattr(landlock, "abi_version", lambda: 2)
     library = tmp_path / "library"
     library.write_text("known")
-    assert hardening.missing().keys() == {"landlock 6"}
+    assert hardening.missing_layers().keys() == {"landlock 6"}
 
     def attempt(flags: int) -> Got:
         return hardened(lambda: os.open(library, flags), readable=[library])
@@ -249,19 +251,19 @@ def test_an_older_landlock_is_told_and_made_up_for(monkeypatch: pytest.MonkeyPat
 
 
 def test_what_a_kernel_lacks_is_left_out_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(landlock, "abi", lambda: 0)
-    monkeypatch.setattr(seccomp, "why_not", lambda: "no filters")
-    layers = forked(lambda: list(hardening.harden(hardening.file_rules([], []), Allowance()))).value
+    monkeypatch.setattr(landlock, "abi_version", lambda: 0)
+    monkeypatch.setattr(seccomp, "unavailability_reason", lambda: "no filters")
+    layers = forked(lambda: list(hardening.harden_process(hardening.create_file_rules([], []), Allowance()))).value
     assert layers == ["no capabilities", "limits", "thread limit"]
-    monkeypatch.setattr(kernel, "machine", lambda: None)
-    assert hardening.missing() == {"landlock": landlock.why_not(), "seccomp": "no filters"}
-    assert "x86-64 and aarch64" in landlock.why_not()
+    monkeypatch.setattr(kernel, "detect_architecture", lambda: None)
+    assert hardening.missing_layers() == {"landlock": landlock.unavailability_reason(), "seccomp": "no filters"}
+    assert "x86-64 and aarch64" in landlock.unavailability_reason()
 
 
 def test_preparing_ahead_of_a_fork_changes_nothing_but_the_cost() -> None:
     def prepare_and_harden() -> list[object]:
-        hardening.prepare()
-        layers = hardening.harden(hardening.file_rules(PYTHON, []), Allowance())
+        hardening.prepare_before_fork()
+        layers = hardening.harden_process(hardening.create_file_rules(PYTHON, []), Allowance())
         return [len(layers), kernel.prctl(39)]
 
     assert forked(prepare_and_harden).value == [5, 1]

@@ -14,12 +14,12 @@ pytestmark = needs("64-bit linux")
 
 
 def test_a_call_answers_as_python_does() -> None:
-    assert kernel.call("getpid") == os.getpid()
+    assert kernel.make_system_call("getpid") == os.getpid()
 
 
 def test_a_failed_call_is_an_error_of_the_operating_system() -> None:
     with pytest.raises(OSError, match="Bad file descriptor") as failed:
-        kernel.call("close", -1)
+        kernel.make_system_call("close", -1)
     assert failed.value.errno == errno.EBADF
 
 
@@ -32,9 +32,9 @@ def test_a_failed_property_is_an_error_of_the_operating_system() -> None:
 def test_other_machines_are_not_known(system: str, word: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", system)
     monkeypatch.setattr(sys, "maxsize", word)
-    assert kernel.machine() is None
+    assert kernel.detect_architecture() is None
     with pytest.raises(OSError, match="getpid") as failed:
-        kernel.call("getpid")
+        kernel.make_system_call("getpid")
     assert failed.value.errno == errno.ENOSYS
 
 
@@ -43,9 +43,9 @@ def test_a_small_file_of_the_kernel_is_read_and_written() -> None:
     with Path("/proc/self/comm").open(encoding="ascii") as comm:
         name = comm.read()
     try:
-        kernel.write("/proc/self/comm", b"renamed")
-        assert kernel.read("/proc/self/comm") == b"renamed\n"
+        kernel.write_kernel_file("/proc/self/comm", b"renamed")
+        assert kernel.read_kernel_file("/proc/self/comm") == b"renamed\n"
     finally:
-        kernel.write("/proc/self/comm", name.strip().encode())
+        kernel.write_kernel_file("/proc/self/comm", name.strip().encode())
     with pytest.raises(FileNotFoundError):
-        kernel.read("/proc/self/no such file")
+        kernel.read_kernel_file("/proc/self/no such file")

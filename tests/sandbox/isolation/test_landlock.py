@@ -47,7 +47,9 @@ Restricted = Callable[[Callable[[], object]], Got]
 @pytest.fixture
 def restricted(library: Path, scratch: Path) -> Restricted:
     def run(check: Callable[[], object]) -> Got:
-        return without_new_privileges(lambda: landlock.restrict_files(landlock.rules([library], [scratch])), check)
+        return without_new_privileges(
+            lambda: landlock.restrict_file_access(landlock.create_ruleset([library], [scratch])), check
+        )
 
     return run
 
@@ -161,7 +163,7 @@ def test_a_file_is_named_on_its_own(library: Path, tmp_path: Path) -> None:
         return [(library / "inner" / "text").read_text(), own.read_text(), *denied]
 
     got = without_new_privileges(
-        lambda: landlock.restrict_files(landlock.rules([library / "inner" / "text"], [own])), check
+        lambda: landlock.restrict_file_access(landlock.create_ruleset([library / "inner" / "text"], [own])), check
     )
     assert got.value == ["known", "after", errno.EACCES, errno.EACCES, errno.EACCES]
 
@@ -169,7 +171,7 @@ def test_a_file_is_named_on_its_own(library: Path, tmp_path: Path) -> None:
 def test_an_absent_path_is_left_out(library: Path) -> None:
     paths = [library / "none", library / "inner" / "text" / "none", library]
     got = without_new_privileges(
-        lambda: landlock.restrict_files(landlock.rules(paths, [library / "none"])),
+        lambda: landlock.restrict_file_access(landlock.create_ruleset(paths, [library / "none"])),
         (library / "inner" / "text").read_text,
     )
     assert got.value == "known"
@@ -178,7 +180,7 @@ def test_an_absent_path_is_left_out(library: Path) -> None:
 def test_it_needs_a_process_that_gains_no_privileges() -> None:
     def confine() -> None:
         become(USERS[-1])
-        landlock.restrict_files(landlock.rules([], []))
+        landlock.restrict_file_access(landlock.create_ruleset([], []))
 
     assert forked(confine).errno == errno.EPERM
 
@@ -199,7 +201,7 @@ def test_a_device_takes_no_control(library: Path) -> None:
         return struct.unpack("I", fcntl.ioctl(descriptor, 0x80045430, bytes(4)))[0]
 
     got = without_new_privileges(
-        lambda: landlock.restrict_files(landlock.rules([library], [terminals])), number_of_terminal
+        lambda: landlock.restrict_file_access(landlock.create_ruleset([library], [terminals])), number_of_terminal
     )
     assert got.error == "PermissionError"
 
@@ -225,9 +227,9 @@ def test_no_abstract_socket_is_reached(restricted: Restricted) -> None:
 def test_an_older_version_is_asked_for_its_rights_alone(
     version: int, rights: int, monkeypatch: pytest.MonkeyPatch, library: Path
 ) -> None:
-    monkeypatch.setattr(landlock, "abi", lambda: version)
+    monkeypatch.setattr(landlock, "abi_version", lambda: version)
     asked: list[int] = []
-    call = kernel.call
+    call = kernel.make_system_call
 
     def spy(name: str, *arguments: int) -> int:
         if name == "landlock_create_ruleset":
@@ -235,8 +237,8 @@ def test_an_older_version_is_asked_for_its_rights_alone(
         return call(name, *arguments)
 
     def confine_and_tell() -> list[int]:
-        kernel.call = spy
-        landlock.restrict_files(landlock.rules([library], []))
+        kernel.make_system_call = spy
+        landlock.restrict_file_access(landlock.create_ruleset([library], []))
         return asked
 
     got = without_new_privileges(lambda: None, confine_and_tell)

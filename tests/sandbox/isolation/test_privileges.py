@@ -57,7 +57,7 @@ def test_no_new_privileges_and_not_dumpable(user: str) -> None:
     def give_up() -> list[int]:
         become(user)
         privileges.forbid_new_privileges()
-        privileges.hide()
+        privileges.hide_from_other_processes()
         get_dumpable, get_no_new_privileges = 3, 39
         return [kernel.prctl(get_dumpable), kernel.prctl(get_no_new_privileges)]
 

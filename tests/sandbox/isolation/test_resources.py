@@ -23,7 +23,7 @@ def limited(check: Callable[[], object], user: str = USERS[-1]) -> Got:
         become(user)
         alone = privileges.use_unique_user_id()
         privileges.drop_capabilities()
-        binds = privileges.limit(SMALL, alone)
+        binds = privileges.set_resource_limits(SMALL, alone)
         return [binds, check()]
 
     return forked(limit_and_check)
@@ -84,7 +84,7 @@ def test_threads_of_a_user_are_bounded() -> None:
 
 @needs("root")
 def test_root_that_stays_root_has_no_limit_on_threads_and_is_told_so() -> None:
-    assert forked(lambda: privileges.limit(SMALL, alone=False)).value is False
+    assert forked(lambda: privileges.set_resource_limits(SMALL, alone=False)).value is False
 
 
 def test_nothing_is_raised_and_nothing_comes_back() -> None:
@@ -92,7 +92,7 @@ def test_nothing_is_raised_and_nothing_comes_back() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (200, 300))
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
         stack = resource.getrlimit(resource.RLIMIT_STACK)
-        privileges.limit(SMALL, alone=False)
+        privileges.set_resource_limits(SMALL, alone=False)
         kinds = ("NOFILE", "FSIZE", "CORE", "MEMLOCK", "MSGQUEUE", "SIGPENDING")
         limits = [list(resource.getrlimit(getattr(resource, f"RLIMIT_{kind}"))) for kind in kinds]
         return [limits, resource.getrlimit(resource.RLIMIT_STACK) == stack]

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.sandbox.isolation import NUMBERS, assemble, encode, kernel, seccomp
+from grs_agents.sandbox.isolation import NUMBERS, assemble_instructions, encode_instructions, kernel, seccomp
 from tests.needs import needs
 from tests.sandbox import classic_bpf
 from tests.sandbox.confined import Got, forked, without_new_privileges
@@ -28,7 +28,7 @@ ALLOW, KILL = 0x7FFF0000, 0x80000000
 EPERM, ENOSYS = 0x00050000 + errno.EPERM, 0x00050000 + errno.ENOSYS
 
 PROGRAMS = {
-    (machine, abi): encode(assemble(seccomp.policy(machine, PID, abi)))
+    (machine, abi): encode_instructions(assemble_instructions(seccomp.build_policy_tree(machine, PID, abi)))
     for machine in ("x86_64", "aarch64")
     for abi in (2, 7)
 }
@@ -147,12 +147,12 @@ def test_a_file_open_for_reading_is_not_truncated_if_landlock_lets_it(machine: s
 
 def filtered(check: Callable[[], object]) -> Got:
     """What the check gets behind the filter alone."""
-    return without_new_privileges(lambda: seccomp.install(7), check)
+    return without_new_privileges(lambda: seccomp.install_filter(7), check)
 
 
 @needs("seccomp")
 def test_the_kernel_answers_as_the_model_does() -> None:
-    machine = kernel.machine()
+    machine = kernel.detect_architecture()
     assert machine is not None
     denied = [name for name in seccomp.DENIED.split() if name in NUMBERS[machine]]
     unknown = ["clone3", "inotify_init1", "openat2", "signalfd4", "timerfd_create", "listmount", "vmsplice"]
@@ -162,7 +162,7 @@ def test_the_kernel_answers_as_the_model_does() -> None:
         for name in denied + unknown:
             answers[name] = None
             try:
-                kernel.call(name)
+                kernel.make_system_call(name)
             except OSError as error:
                 answers[name] = error.errno
         return answers
@@ -210,7 +210,7 @@ HARMFUL: dict[str, Callable[[], object]] = {
     "kill all": lambda: os.kill(-1, 0),
     "kill a group by name": lambda: os.killpg(os.getpgrp(), 0),
     "process handle": lambda: os.pidfd_open(os.getppid()),
-    "limits": lambda: kernel.call("setrlimit", resource.RLIMIT_CORE, 0),
+    "limits": lambda: kernel.make_system_call("setrlimit", resource.RLIMIT_CORE, 0),
     "limits of another": lambda: resource.prlimit(os.getppid(), resource.RLIMIT_CORE),
     "permission bits": lambda: Path("/tmp").chmod(0o1777),
     "owner": lambda: os.chown("/tmp", -1, -1),
@@ -227,7 +227,7 @@ HARMFUL: dict[str, Callable[[], object]] = {
     "signals of a pipe": own_signals,
     "a wide pipe": wide_pipe,
     "terminal input": push_input,
-    "trace": lambda: kernel.call("ptrace", 0),
+    "trace": lambda: kernel.make_system_call("ptrace", 0),
     "death signal": lambda: kernel.prctl(1, 0),
     "become dumpable": lambda: kernel.prctl(4, 1),
     "another filter": lambda: kernel.prctl(22, 2, 0),
@@ -262,7 +262,7 @@ def test_every_thread_is_filtered_and_starts_others() -> None:
     def check() -> list[str]:
         before = threading.Thread(target=attempt)
         before.start()
-        seccomp.install(7)
+        seccomp.install_filter(7)
         after = threading.Thread(target=attempt)
         after.start()
         go.set()
@@ -275,7 +275,7 @@ def test_every_thread_is_filtered_and_starts_others() -> None:
 
 @needs("seccomp")
 def test_more_filters_only_take_away() -> None:
-    assert filtered(lambda: seccomp.install(7)).error == "PermissionError"
+    assert filtered(lambda: seccomp.install_filter(7)).error == "PermissionError"
 
 
 @needs("seccomp", "x86_64")
@@ -301,13 +301,13 @@ def test_a_filter_without_giving_up_privileges_is_refused_to_users() -> None:
     def install() -> None:
         if os.geteuid() == 0:
             os.setresuid(65534, 65534, 65534)
-        seccomp.install(7)
+        seccomp.install_filter(7)
 
     assert forked(install).errno == errno.EACCES
 
 
 def test_an_unknown_machine_gets_no_filter(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kernel, "machine", lambda: None)
+    monkeypatch.setattr(kernel, "detect_architecture", lambda: None)
     with pytest.raises(OSError, match="machine"):
-        seccomp.install(7)
-    assert seccomp.why_not()
+        seccomp.install_filter(7)
+    assert seccomp.unavailability_reason()

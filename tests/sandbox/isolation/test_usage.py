@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.sandbox.isolation import ENTRY_BYTES, scratch_bytes, threads
-from grs_agents.sandbox.protocol import empty_folder
+from grs_agents.sandbox.isolation import ENTRY_BYTES, count_scratch_bytes, count_threads
+from grs_agents.sandbox.protocol import delete_folder_contents
 
 MOST = 1 << 30
 
@@ -27,7 +27,7 @@ def test_every_entry_counts_and_links_are_not_followed(tmp_path: Path) -> None:
     (outside / "large").write_bytes(b"x" * (1 << 20))
     (inner / "file").write_bytes(b"x" * 10_000)
     (inner / "link").symlink_to(outside)
-    taken = scratch_bytes(folder, MOST)
+    taken = count_scratch_bytes(folder, MOST)
     assert 4 * ENTRY_BYTES + 10_000 <= taken < 1 << 20
 
 
@@ -41,11 +41,11 @@ def test_deep_folders_and_an_early_end(tmp_path: Path) -> None:
             os.chdir("d")
     finally:
         os.chdir(here)
-    assert scratch_bytes(tmp_path, MOST) == 1100 * ENTRY_BYTES
-    assert 0 < scratch_bytes(tmp_path, 10 * ENTRY_BYTES) <= 12 * ENTRY_BYTES
-    empty_folder(tmp_path)  # too deep for shutil.rmtree, which pytest uses
+    assert count_scratch_bytes(tmp_path, MOST) == 1100 * ENTRY_BYTES
+    assert 0 < count_scratch_bytes(tmp_path, 10 * ENTRY_BYTES) <= 12 * ENTRY_BYTES
+    delete_folder_contents(tmp_path)  # too deep for shutil.rmtree, which pytest uses
 
 
 def test_threads_of_a_process() -> None:
-    assert threads(os.getpid()) >= 1
-    assert threads(1 << 30) == 0
+    assert count_threads(os.getpid()) >= 1
+    assert count_threads(1 << 30) == 0

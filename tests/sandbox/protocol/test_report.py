@@ -30,7 +30,7 @@ def test_failures_come_first_with_their_last_lines_and_episode() -> None:
             ),
         ),
     )
-    lines = report.text().splitlines()
+    lines = report.format_as_text().splitlines()
     assert lines[:3] == [
         "failed: 1 of 2 tests passed",
         "raised in: simulation",
@@ -42,16 +42,16 @@ def test_failures_come_first_with_their_last_lines_and_episode() -> None:
         '  oracle: outcome=step_limit reward=0.50 steps=3/3 detail=1 of 2 objects placed objects=["HOPE/Milk.urdf"]',
         "TestX.test_good: passed",
     ]
-    assert not report.ok
+    assert not report.all_passed
 
 
 def test_an_import_error_is_all_there_is() -> None:
     report = TestReport(outcome="error", message="NameError: x", traceback="T", raised_in="simulation")
-    assert report.text() == "error: 0 of 0 tests passed; NameError: x\nraised in: simulation\n  T"
+    assert report.format_as_text() == "error: 0 of 0 tests passed; NameError: x\nraised in: simulation\n  T"
 
 
 def test_a_strange_episode_is_shown_all_the_same() -> None:
     report = TestReport(outcome="passed", cases=(TestCase(id="T.t", outcome="passed", episode={"reward": "much"}),))
-    assert "reward=much" in report.text()
-    assert report.ok
+    assert "reward=much" in report.format_as_text()
+    assert report.all_passed
     assert TestReport.model_validate_json(report.model_dump_json()) == report

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.sandbox.protocol import Scratch, remove_folder, sweep
+from grs_agents.sandbox.protocol import Scratch, remove_folder, remove_orphaned_folders
 
 
 @pytest.fixture(autouse=True)
@@ -62,6 +62,6 @@ def test_sweep_takes_only_what_a_dead_host_left(tmp_path: Path) -> None:
     (orphan / "file").write_text("x")
     for old in (live.path, orphan, other):
         os.utime(old, (0, 0))
-    sweep()
+    remove_orphaned_folders()
     assert {folder.name for folder in tmp_path.iterdir()} == {live.path.name, "grs-scratch-fresh", "other"}
     live.remove()

@@ -13,9 +13,9 @@ from grs_agents.sandbox.protocol import (
     FrameReader,
     decode,
     encode,
-    marks,
+    extract_json_punctuation,
     new_key,
-    seal,
+    sign_frame,
 )
 
 text = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
@@ -60,7 +60,7 @@ def test_any_bytes_are_a_frame_or_a_frame_error(data: bytes) -> None:
 )
 def test_what_json_cannot_carry_on_is_refused(body: str) -> None:
     with pytest.raises(FrameError):
-        decode(body.encode(), marks(body.encode()))
+        decode(body.encode(), extract_json_punctuation(body.encode()))
 
 
 def test_brackets_and_commas_in_strings_count_for_nothing() -> None:
@@ -83,7 +83,7 @@ def test_only_plain_json_is_sent(value: object) -> None:
 
 def test_lone_surrogates_are_replaced_when_sent() -> None:
     body = encode({"x": "a\ud800"})[4:]
-    assert decode(body, marks(body)) == {"x": "a?"}
+    assert decode(body, extract_json_punctuation(body)) == {"x": "a?"}
 
 
 KEY = bytes.fromhex(new_key())
@@ -91,7 +91,7 @@ KEY = bytes.fromhex(new_key())
 
 def keyed_reader() -> FrameReader:
     reader = FrameReader()
-    reader.require(KEY)
+    reader.require_key(KEY)
     return reader
 
 
@@ -99,12 +99,12 @@ def keyed_reader() -> FrameReader:
 def test_sealed_frames_come_back_and_no_changed_byte_passes(
     frames: list[dict[str, object]], data: st.DataObject
 ) -> None:
-    stream = bytearray(b"".join(seal(encode(frame), KEY, number) for number, frame in enumerate(frames)))
+    stream = bytearray(b"".join(sign_frame(encode(frame), KEY, number) for number, frame in enumerate(frames)))
     assert keyed_reader().feed(bytes(stream)) == frames
     stream[data.draw(st.integers(0, len(stream) - 1))] ^= data.draw(st.integers(1, 255))
     found: list[dict[str, object]] = []
     try:
-        found += keyed_reader().frames(bytes(stream))
+        found += keyed_reader().iterate_frames(bytes(stream))
     except ForgedFrameError:
         return
     assert found == frames[: len(found)] and len(found) < len(frames)  # it waits for the end of a longer frame
@@ -113,10 +113,10 @@ def test_sealed_frames_come_back_and_no_changed_byte_passes(
 ONE = encode({"x": 1})
 FORGED = {
     "no seal": ONE,
-    "another key": seal(ONE, bytes.fromhex(new_key()), 0),
-    "number skipped": seal(ONE, KEY, 1),
-    "sent twice": seal(ONE, KEY, 0) * 2,
-    "another order": seal(ONE, KEY, 0) + seal(ONE, KEY, 2) + seal(ONE, KEY, 1),
+    "another key": sign_frame(ONE, bytes.fromhex(new_key()), 0),
+    "number skipped": sign_frame(ONE, KEY, 1),
+    "sent twice": sign_frame(ONE, KEY, 0) * 2,
+    "another order": sign_frame(ONE, KEY, 0) + sign_frame(ONE, KEY, 2) + sign_frame(ONE, KEY, 1),
     "longer than any": struct.pack("!I", MAX_BODY + 1),
     "empty": struct.pack("!I", 0),
 }
@@ -131,6 +131,6 @@ def test_frames_of_another_hand_are_told_apart(name: str) -> None:
 def test_what_came_before_a_forged_frame_counts() -> None:
     found: list[dict[str, object]] = []
     with pytest.raises(ForgedFrameError):
-        for frame in keyed_reader().frames(seal(ONE, KEY, 0) + ONE):
+        for frame in keyed_reader().iterate_frames(sign_frame(ONE, KEY, 0) + ONE):
             found.append(frame)
     assert found == [{"x": 1}]

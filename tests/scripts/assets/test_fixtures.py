@@ -10,17 +10,17 @@ LIBRARY = Library()
 
 
 def test_the_published_frames() -> None:
-    stand = LIBRARY.model("hanoi/stand.urdf")
+    stand = LIBRARY.load_object_model("hanoi/stand.urdf")
     assert stand.bounds[0] == pytest.approx((-0.06, -0.18, -0.005))
     assert stand.bounds[1] == pytest.approx((0.06, 0.18, 0.055))
-    assert LIBRARY.model("stacking/stand.urdf").size == pytest.approx((0.05, 0.15, 0.005))
-    assert LIBRARY.model("kitting/kit.urdf").size == pytest.approx((0.28, 0.2, 0.005))
-    assert LIBRARY.model("pallet/pallet.urdf").size == pytest.approx((0.3, 0.25, 0.0375))
-    assert LIBRARY.model("plane/plane.urdf").bounds[1][2] == 0
+    assert LIBRARY.load_object_model("stacking/stand.urdf").size == pytest.approx((0.05, 0.15, 0.005))
+    assert LIBRARY.load_object_model("kitting/kit.urdf").size == pytest.approx((0.28, 0.2, 0.005))
+    assert LIBRARY.load_object_model("pallet/pallet.urdf").size == pytest.approx((0.3, 0.25, 0.0375))
+    assert LIBRARY.load_object_model("plane/plane.urdf").bounds[1][2] == 0
 
 
 def test_the_ell_lies_in_its_fixture_with_room_to_spare() -> None:
-    ell, fixture = LIBRARY.model("insertion/ell.urdf"), LIBRARY.model("insertion/fixture.urdf")
+    ell, fixture = LIBRARY.load_object_model("insertion/ell.urdf"), LIBRARY.load_object_model("insertion/fixture.urdf")
     assert ell.bounds[0] == pytest.approx((-0.015, -0.015, -0.02))
     assert ell.bounds[1] == pytest.approx((0.065, 0.065, 0.02))
     gaps: list[float] = []
@@ -31,6 +31,6 @@ def test_the_ell_lies_in_its_fixture_with_room_to_spare() -> None:
 
 
 def test_a_pallet_touches_as_one_solid_and_looks_like_boards() -> None:
-    pallet = LIBRARY.model("pallet/pallet.urdf")
+    pallet = LIBRARY.load_object_model("pallet/pallet.urdf")
     assert len(pallet.colliders) == 1
     assert len(pallet.visuals) > 8

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from grs_agents.engine import mujoco
 from grs_agents.library import Library
+from grs_agents.mujoco_import import mujoco
 from scripts.assets.toys import build_toys
 
 LIBRARY = Library()
@@ -20,7 +20,7 @@ def test_the_published_sizes() -> None:
 
 @pytest.mark.parametrize("stem", ["disk0", "disk1", "disk2", "disk3", "slimdisk"])
 def test_a_disk_drops_over_a_peg_of_the_stand(stem: str) -> None:
-    disk, stand = LIBRARY.model(f"hanoi/{stem}.urdf"), LIBRARY.model("hanoi/stand.urdf")
+    disk, stand = LIBRARY.load_object_model(f"hanoi/{stem}.urdf"), LIBRARY.load_object_model("hanoi/stand.urdf")
     spec = mujoco.MjSpec()
     fixed, free = spec.worldbody, spec.worldbody.add_body(name="disk", pos=[0.002, 0.118, 0.07])
     free.add_freejoint()

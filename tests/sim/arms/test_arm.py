@@ -8,7 +8,7 @@ from sim_scenes import Scripted, at
 
 from grs_agents.content import content_root
 from grs_agents.errors import InputError, UnknownNameError
-from grs_agents.sim import Environment, solve, task_class
+from grs_agents.sim import Environment, find_task_class, run_oracle
 from grs_agents.sim.arms import ArmModel, get_arm
 
 GANTRY = """
@@ -63,7 +63,7 @@ def test_a_wrist_of_one_turn_serves_however_the_flange_is_turned(turn, tmp_path)
     result = env.pick_place(at(0.4, -0.3, 0.04), ((0.5, 0.3, 0.04), (0.0, 0.0, half, half)))
     assert result.note == "placed"
     assert abs(np.dot(env.get_object_pose(1)[1], (0.0, 0.0, half, half))) > 0.999
-    assert min(env.arm.home[-1] + 3.14, 3.14 - env.arm.home[-1]) > 1.5
+    assert min(env.arm.home_joints[-1] + 3.14, 3.14 - env.arm.home_joints[-1]) > 1.5
 
 
 @pytest.fixture(params=["ur5e", "panda", "gantry"])
@@ -91,7 +91,7 @@ def test_every_arm_picks_a_block_and_places_it_turned(
     assert result.note == "placed"
     assert position == pytest.approx((*end, 0.02), abs=0.004)
     assert abs(np.dot(rotation, quaternion)) > 0.999
-    assert env.arm.within_limits(env.physics.joints[None])
+    assert env.arm.is_path_within_limits(env.physics.joint_positions[None])
 
 
 def test_the_same_seed_gives_the_same_motion_bit_for_bit(robot) -> None:
@@ -108,51 +108,55 @@ def test_the_same_seed_gives_the_same_motion_bit_for_bit(robot) -> None:
 @given(st.floats(0.38, 0.65), st.floats(-1.0, 1.0), st.floats(0.01, 0.35), st.floats(-1.2, 1.2))
 def test_where_the_panda_reaches_its_joints_bring_the_tip_and_keep_their_limits(radius, bearing, height, yaw) -> None:
     arm, tip = get_arm("panda"), np.array([[radius * np.cos(bearing), radius * np.sin(bearing), height]])
-    way = np.linspace(ArmModel(arm.add).tip(arm.home)[0], tip[0], 40)
-    path = arm.solve(way, np.linspace(0, yaw, 40))
-    assert arm.reachable(tip)[0]
-    assert arm.within_limits(path)
-    point, rotation = ArmModel(arm.add).tip(path[-1])
+    way = np.linspace(ArmModel(arm.add).tip_pose(arm.home_joints)[0], tip[0], 40)
+    path = arm.solve_ik_tool_down(way, np.linspace(0, yaw, 40))
+    assert arm.reachable_mask(tip)[0]
+    assert arm.is_path_within_limits(path)
+    point, rotation = ArmModel(arm.add).tip_pose(path[-1])
     np.testing.assert_allclose(point, tip[0], atol=2e-4)
     np.testing.assert_allclose(rotation[:2, 0], (np.cos(yaw), np.sin(yaw)), atol=1e-3)
     for row, wanted in zip(path, way, strict=True):
-        np.testing.assert_allclose(ArmModel(arm.add).tip(row)[0], wanted, atol=6e-3)
+        np.testing.assert_allclose(ArmModel(arm.add).tip_pose(row)[0], wanted, atol=6e-3)
 
 
 @given(st.floats(0.22, 0.85), st.floats(-1.5, 1.5), st.floats(0.001, 0.5), st.floats(-3, 3))
 def test_wherever_the_ur5e_reaches_it_is_clear_of_the_table_and_itself(radius, bearing, height, yaw) -> None:
     arm, tip = get_arm("ur5e"), np.array([[radius * np.cos(bearing), radius * np.sin(bearing), height]])
-    if arm.reachable(tip)[0]:
-        assert arm.gap(arm.solve(tip, np.array([yaw]))) is None
+    if arm.reachable_mask(tip)[0]:
+        assert arm.first_collision_along(arm.solve_ik_tool_down(tip, np.array([yaw]))) is None
 
 
 @pytest.mark.parametrize("name", ["ur5e", "panda"])
 def test_the_tool_tilts(name) -> None:
     arm = get_arm(name)
     lean = np.array([[1, 0, 0], [0, np.cos(0.5), -np.sin(0.5)], [0, np.sin(0.5), np.cos(0.5)]])
-    path = arm.solve_poses(np.array([[0.45, 0.1, 0.2]]), lean[None])
-    point, rotation = ArmModel(arm.add).tip(path[0])
+    path = arm.solve_ik_for_poses(np.array([[0.45, 0.1, 0.2]]), lean[None])
+    point, rotation = ArmModel(arm.add).tip_pose(path[0])
     np.testing.assert_allclose(point, (0.45, 0.1, 0.2), atol=2e-4)
     np.testing.assert_allclose(rotation, lean, atol=1e-3)
 
 
 def test_no_arm_reaches_far_behind_or_beyond_its_limits(robot) -> None:
     arm = get_arm(robot)
-    assert arm.reachable(np.array([[0.45, 0.1, 0.1], [1.3, 0, 0.1], [0.02, 0, 0.1]])).tolist() == [True, False, False]
-    assert np.isnan(arm.solve(np.array([[1.6, 0, 0.1]]), np.zeros(1))).all()
-    assert not arm.within_limits(arm.high[None] + 0.1)
+    assert arm.reachable_mask(np.array([[0.45, 0.1, 0.1], [1.3, 0, 0.1], [0.02, 0, 0.1]])).tolist() == [
+        True,
+        False,
+        False,
+    ]
+    assert np.isnan(arm.solve_ik_tool_down(np.array([[1.6, 0, 0.1]]), np.zeros(1))).all()
+    assert not arm.is_path_within_limits(arm.upper_joint_limits[None] + 0.1)
     assert 0 < arm.nearest < 0.45 < arm.farthest
 
 
 def test_an_arm_that_points_into_the_table_or_into_itself_is_not_clear() -> None:
     arm = get_arm("ur5e")
-    down = arm.home.copy()
+    down = arm.home_joints.copy()
     down[1] += 1.2
-    gap = arm.gap(np.linspace(arm.home, down, 50))
+    gap = arm.first_collision_along(np.linspace(arm.home_joints, down, 50))
     assert gap is not None
     assert "the table" in str(gap)
-    assert arm.gap(arm.home[None]) is None
-    folded = arm.gap(np.array([[0.0, -np.pi / 2, 3.05, 0.0, 0.0, 0.0]]))
+    assert arm.first_collision_along(arm.home_joints[None]) is None
+    folded = arm.first_collision_along(np.array([[0.0, -np.pi / 2, 3.05, 0.0, 0.0, 0.0]]))
     assert folded is not None
     assert "its own" in str(folded)
 
@@ -161,7 +165,7 @@ def test_a_users_arm_keeps_its_limits_and_torques_and_its_gripper_stands_still(g
     env = block_at(0.5, 0.0, gantry)
     model = env.physics.model
     assert env.arm.dof == 4
-    assert env.arm.low == pytest.approx((-0.2, -0.6, -1.1, -6))
+    assert env.arm.lower_joint_limits == pytest.approx((-0.2, -0.6, -1.1, -6))
     assert model.actuator_forcerange[2].tolist() == [-300, 300]
     assert env.observation["color"][0].shape == (480, 640, 3)
 
@@ -169,7 +173,7 @@ def test_a_users_arm_keeps_its_limits_and_torques_and_its_gripper_stands_still(g
 def test_degrees_in_a_users_file_are_degrees(tmp_path) -> None:
     file = tmp_path / "degrees.xml"
     file.write_text(GANTRY.replace('<compiler angle="radian"/>', "").replace('"-6 6"', '"-340 340"'))
-    assert get_arm(str(file)).high[3] == pytest.approx(np.deg2rad(340))
+    assert get_arm(str(file)).upper_joint_limits[3] == pytest.approx(np.deg2rad(340))
 
 
 @pytest.mark.parametrize(
@@ -201,9 +205,9 @@ def test_a_robot_that_is_not_there_is_named_with_those_that_are(tmp_path) -> Non
 def test_the_panda_solves_example_programs(example) -> None:
     program = ModuleType(example)
     exec((content_root() / "prompts" / "examples" / f"{example}.py").read_text("utf-8"), vars(program))
-    task = task_class(program)()
+    task = find_task_class(program)()
     env = Environment(task=task, robot="panda", seed=1)
     env.reset()
-    solve(env, task)
-    assert env.episode.outcome == "success"
-    assert env.episode.strict > 0.99
+    run_oracle(env, task)
+    assert env.current_episode.outcome == "success"
+    assert env.current_episode.strict > 0.99

@@ -10,7 +10,7 @@ ARM = ArmModel(ur5e.UR5e().add)
 @given(st.floats(0.25, 0.75), st.floats(-1.5, 1.5), st.floats(0, 0.3), st.floats(-3, 3))
 def test_the_tip_comes_where_it_was_asked_to_with_the_tool_down(radius, bearing, height, yaw) -> None:
     tip = np.array([[radius * np.cos(bearing), radius * np.sin(bearing), height]])
-    position, rotation = ARM.tip(ur5e.solve(tip, np.array([yaw]))[0])
+    position, rotation = ARM.tip_pose(ur5e.solve_ik_tool_down(tip, np.array([yaw]))[0])
     np.testing.assert_allclose(position, tip[0], atol=1e-9)
     np.testing.assert_allclose(rotation[:3, 2], (0, 0, 1), atol=1e-9)
     np.testing.assert_allclose(rotation[:2, 0], (np.cos(yaw), np.sin(yaw)), atol=1e-9)
@@ -18,4 +18,4 @@ def test_the_tip_comes_where_it_was_asked_to_with_the_tool_down(radius, bearing,
 
 def test_points_too_far_too_near_and_too_high_are_out_of_reach() -> None:
     points = np.array([[0.5, 0, 0.1], [0.95, 0, 0.1], [0.1, 0, 0.1], [0.6, 0, 0.9]])
-    assert ur5e.UR5e().reachable(points).tolist() == [True, False, False, False]
+    assert ur5e.UR5e().reachable_mask(points).tolist() == [True, False, False, False]

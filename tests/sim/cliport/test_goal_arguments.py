@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grs_agents.sim import SimulationError, Zone
-from grs_agents.sim.cliport import as_goal, make_goal
+from grs_agents.sim.cliport import convert_to_goal, make_goal
 
 POSE = ((0.5, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0))
 
@@ -25,7 +25,7 @@ def goal(**changes):
 
 
 def test_cliports_tuple_of_eight_becomes_a_goal() -> None:
-    made = as_goal(([1, 2], np.ones((2, 1)), [POSE], True, True, "pose", None, 1.0))
+    made = convert_to_goal(([1, 2], np.ones((2, 1)), [POSE], True, True, "pose", None, 1.0))
     assert made == goal()
     assert (made.objects, made.matches, made.targets) == ((1, 2), ((1,), (1,)), (POSE,))
     assert (made.replace, made.rotations, made.metric, made.zones) == (True, True, "pose", ())

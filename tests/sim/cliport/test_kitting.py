@@ -23,7 +23,7 @@ def test_objects_go_to_the_places_of_their_own_shape(seed: int) -> None:
 
     instance = instantiate(Scripted(scene, max_steps=6), seed)
     done = rollout(TaskInstance.model_validate_json(instance.model_dump_json()))
-    assert (done.episode.outcome, done.strict) == ("success", 1.0), done.episode.shortfalls
+    assert (done.episode.outcome, done.strict_score) == ("success", 1.0), done.episode.shortfalls
 
 
 @pytest.mark.parametrize(("shapes", "colors"), [([20], ["red"]), ([1, 2], ["red"])])

@@ -3,7 +3,7 @@ import pytest
 from sim_scenes import Scripted, at, pose_goal, zone_goal
 
 from grs_agents.library import Library
-from grs_agents.sim import Environment, Task, instantiate, rollout, solve
+from grs_agents.sim import Environment, Task, instantiate, rollout, run_oracle
 
 BLOCK = "block/red_block.urdf"
 BOX = "box/box-template.urdf"
@@ -62,7 +62,7 @@ def test_a_task_without_goals_is_warned_of_and_the_oracle_says_so() -> None:
     instance = drawn(lambda task, env: env.add_object(BLOCK, at(0.5, -0.2, 0.02)))
     assert instance.warnings == ("the task states no goal: its reset() never calls add_goal",)
     done = rollout(instance)
-    assert (done.episode.outcome, done.reward, done.strict) == ("nothing_to_do", 0.0, 0.0)
+    assert (done.episode.outcome, done.reward, done.strict_score) == ("nothing_to_do", 0.0, 0.0)
 
 
 @pytest.mark.parametrize("reward", [0.0, 0.25, 1.0001, 3.0])
@@ -80,7 +80,7 @@ def test_several_zones_do_not_cap_the_reward() -> None:
         task.add_goal(blocks, np.ones((3, 2)), [zone[0] for zone in zones], True, False, "zone", zones, 1.0)
 
     done = rollout(drawn(scene))
-    assert (done.reward, done.strict) == (1.0, 1.0), done.episode
+    assert (done.reward, done.strict_score) == (1.0, 1.0), done.episode
 
 
 def test_a_programs_own_names_do_not_collide_with_the_runtimes() -> None:
@@ -99,8 +99,8 @@ def test_a_programs_own_names_do_not_collide_with_the_runtimes() -> None:
     env = Environment(task=task)
     env.reset()
     assert 0 <= task.get_random_size(0, 1, 0, 1, 0, 1)[0] <= 1
-    solve(env, task)
-    assert env.episode.outcome == "success"
+    run_oracle(env, task)
+    assert env.current_episode.outcome == "success"
 
 
 def test_two_fillings_that_differ_by_a_hair_are_two() -> None:

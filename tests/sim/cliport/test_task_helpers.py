@@ -39,7 +39,7 @@ def test_a_corner_anchor_marks_the_table_and_travels_in_the_instance() -> None:
 
     instance = instantiate(Scripted(scene), 0)
     done = rollout(TaskInstance.model_validate_json(instance.model_dump_json()))
-    assert done.strict == 1.0
+    assert done.strict_score == 1.0
     assert done.moved == ("block/red_block.urdf",)
 
 
@@ -75,7 +75,7 @@ def test_points_are_spread_over_a_mesh_that_is_scaled_and_placed() -> None:
     points = np.array([position for position, _ in found])
     assert points.shape == (60, 3)
     size = np.ptp(points, axis=0)
-    low, high = env.library.filled("kitting/object-template.urdf", {"FNAME": "12.obj"}).bounds
+    low, high = env.library.load_filled_template("kitting/object-template.urdf", {"FNAME": "12.obj"}).bounds
     assert (points >= np.add(low, pose[0]) - 1e-6).all()
     assert (points <= np.add(high, pose[0]) + 1e-6).all()
     assert (size[:2] > 0.5 * np.subtract(high, low)[:2]).all()

@@ -18,10 +18,10 @@ def env(tmp_path) -> Environment:
 
 def test_the_arm_moves_to_a_pose_and_home_again(env) -> None:
     assert not env.movep(((0.5, -0.2, 0.3), utils.eulerXYZ_to_quatXYZW((0, 0, 0.5))))
-    assert env.physics.tip == pytest.approx((0.5, -0.2, 0.3), abs=0.004)
-    assert utils.yaw_of(env.physics.tip_rotation()) == pytest.approx(0.5, abs=0.02)
+    assert env.physics.tip_position == pytest.approx((0.5, -0.2, 0.3), abs=0.004)
+    assert utils.yaw_of(env.physics.suction_tip_rotation()) == pytest.approx(0.5, abs=0.02)
     assert not env.movej(env.homej)
-    assert env.physics.joints == pytest.approx(env.homej, abs=0.01)
+    assert env.physics.joint_positions == pytest.approx(env.homej, abs=0.01)
 
 
 def test_a_move_that_does_not_get_there_in_time_says_so(env) -> None:
@@ -29,7 +29,7 @@ def test_a_move_that_does_not_get_there_in_time_says_so(env) -> None:
 
 
 def test_joint_angles_are_the_ones_of_the_pose(env) -> None:
-    tip, _ = ArmModel(env.arm.add).tip(env.solve_ik(at(0.5, 0.2, 0.1)))
+    tip, _ = ArmModel(env.arm.add).tip_pose(env.solve_ik(at(0.5, 0.2, 0.1)))
     assert tip == pytest.approx((0.5, 0.2, 0.1))
 
 
@@ -49,8 +49,8 @@ def test_what_the_arm_cannot_do_is_typed(env) -> None:
 def test_the_arm_moves_to_a_tilted_pose(env) -> None:
     rotation = utils.eulerXYZ_to_quatXYZW((0.4, 0.2, 0.7))
     assert not env.movep(((0.5, -0.1, 0.25), rotation))
-    assert env.physics.tip == pytest.approx((0.5, -0.1, 0.25), abs=0.005)
-    assert abs(np.dot(env.physics.tip_rotation(), rotation)) > 0.9995
+    assert env.physics.tip_position == pytest.approx((0.5, -0.1, 0.25), abs=0.005)
+    assert abs(np.dot(env.physics.suction_tip_rotation(), rotation)) > 0.9995
 
 
 def test_configured_cameras_see_what_the_observation_shows(env) -> None:
@@ -86,4 +86,4 @@ def test_a_way_through_the_table_is_refused_before_the_arm_moves(env) -> None:
     down[1] += 1.2
     with pytest.raises(SimulationError, match="the table"):
         env.movej(down)
-    assert env.physics.joints == pytest.approx(env.homej, abs=0.01)
+    assert env.physics.joint_positions == pytest.approx(env.homej, abs=0.01)

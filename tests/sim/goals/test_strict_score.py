@@ -16,7 +16,7 @@ def after(scene, **moves) -> Environment:
     env = Environment(task=Scripted(scene))
     env.reset()
     for name, pose in moves.items():
-        env.place_object(int(name[1:]), pose)
+        env.set_object_pose(int(name[1:]), pose)
     env.step_simulation(100)
     env.step(None)
     return env
@@ -30,12 +30,12 @@ def stack(task, env) -> None:
 
 
 def test_an_object_at_the_height_of_its_target_counts() -> None:
-    episode = after(stack, _1=at(0.5, 0.1, 0.0605)).episode
+    episode = after(stack, _1=at(0.5, 0.1, 0.0605)).current_episode
     assert (episode.reward, episode.strict, episode.shortfalls) == (1.0, 1.0, ())
 
 
 def test_an_object_below_its_target_counts_as_published_and_not_strictly() -> None:
-    episode = after(stack, _2=at(0.6, 0.3, 0.02), _1=at(0.5, 0.1, 0.0205)).episode
+    episode = after(stack, _2=at(0.6, 0.3, 0.02), _1=at(0.5, 0.1, 0.0205)).current_episode
     assert (episode.reward, episode.strict) == (1.0, 0.0)
     assert "block/red_block.urdf" in episode.shortfalls[0]
 
@@ -46,16 +46,16 @@ def test_a_bystander_that_is_knocked_over_lowers_the_score() -> None:
         env.add_object("HOPE/Milk.urdf", at(0.4, 0.3, 0.095))
 
     env = after(scene, _1=at(0.5, 0.1, 0.0605), _3=((0.4, 0.3, 0.05), LYING))
-    assert env.episode.reward == 1.0
-    assert env.episode.strict == pytest.approx(0.5)
-    assert env.episode.shortfalls == ("HOPE/Milk.urdf was knocked over",)
+    assert env.current_episode.reward == 1.0
+    assert env.current_episode.strict == pytest.approx(0.5)
+    assert env.current_episode.shortfalls == ("HOPE/Milk.urdf was knocked over",)
 
 
 def test_an_object_that_lies_at_its_target_but_stood_at_first_does_not_count() -> None:
     def scene(task, env) -> None:
         pose_goal(task, env.add_object("HOPE/Milk.urdf", at(0.5, 0.1, 0.095)), at(0.5, 0.3, 0.03))
 
-    episode = after(scene, _1=((0.5, 0.3, 0.0300), LYING)).episode
+    episode = after(scene, _1=((0.5, 0.3, 0.0300), LYING)).current_episode
     assert (episode.reward, episode.strict) == (1.0, 0.0)
     assert "upright" in episode.shortfalls[0]
 
@@ -66,7 +66,7 @@ def test_two_objects_cannot_claim_one_target() -> None:
         places = [at(0.6, 0.1, 0.02), at(0.6, 0.3, 0.02)]
         task.add_goal(objs, np.ones((2, 2)), places, False, False, "pose", None, 1.0, [0, 0])
 
-    episode = after(scene, _1=at(0.6, 0.1, 0.02), _2=at(0.6, 0.1, 0.0605)).episode
+    episode = after(scene, _1=at(0.6, 0.1, 0.02), _2=at(0.6, 0.1, 0.0605)).current_episode
     assert (episode.reward, episode.strict) == (1.0, 0.5)
 
 
@@ -76,10 +76,10 @@ def test_what_was_credited_and_undone_later_keeps_the_published_reward_alone() -
             pose_goal(task, env.add_object(name, at(0.4, y, 0.02)), at(0.6, y, 0.02), reward=0.5)
 
     env = after(scene, _1=at(0.6, 0.1, 0.02))
-    assert env.episode.reward == env.episode.strict == 0.5
-    env.place_object(1, at(0.4, -0.2, 0.02))
+    assert env.current_episode.reward == env.current_episode.strict == 0.5
+    env.set_object_pose(1, at(0.4, -0.2, 0.02))
     env.step(None)
-    assert (env.episode.reward, env.episode.strict) == (0.5, 0.0)
+    assert (env.current_episode.reward, env.current_episode.strict) == (0.5, 0.0)
 
 
 def test_an_object_on_the_lid_of_what_stands_in_a_zone_is_not_in_the_zone() -> None:
@@ -89,7 +89,7 @@ def test_an_object_on_the_lid_of_what_stands_in_a_zone_is_not_in_the_zone() -> N
         zone_goal(task, [red], at(0.55, 0.1, 0.0), (0.2, 0.2, 0.0))
 
     top = Environment().library.asset("HOPE/Cookies.urdf").size[2]
-    episode = after(scene, _1=at(0.55, 0.1, top + 0.021)).episode
+    episode = after(scene, _1=at(0.55, 0.1, top + 0.021)).current_episode
     assert (episode.reward, episode.strict) == (1.0, 0.0)
     assert "above its zone" in episode.shortfalls[0]
 
@@ -109,7 +109,7 @@ def test_an_object_that_two_goals_speak_of_in_turn_is_judged_at_the_last() -> No
         pose_goal(task, red, at(0.4, 0.3, 0.02), reward=0.5)
 
     done = rollout(instantiate(Scripted(scene), 0))
-    assert (done.reward, done.strict) == (1.0, 1.0)
+    assert (done.reward, done.strict_score) == (1.0, 1.0)
 
 
 @given(st.lists(st.lists(st.integers(0, 5), unique=True, max_size=4), max_size=6))
@@ -135,14 +135,14 @@ def levels(task, env) -> None:
 
 
 def test_levels_a_little_higher_than_the_blocks_hold_one_on_the_other() -> None:
-    built = after(levels, _1=at(0.5, 0.1, 0.0202), _2=at(0.5, 0.1, 0.0604), _3=at(0.5, 0.1, 0.1006)).episode
+    built = after(levels, _1=at(0.5, 0.1, 0.0202), _2=at(0.5, 0.1, 0.0604), _3=at(0.5, 0.1, 0.1006)).current_episode
     assert (built.reward, built.strict) == (pytest.approx(1.0), pytest.approx(1.0))
 
 
 def test_a_level_does_not_hold_on_what_is_not_at_its_own_target_nor_in_mid_air() -> None:
-    astray = after(levels, _3=at(0.5, 0.1, 0.0202), _2=at(0.5, 0.1, 0.0604)).episode
+    astray = after(levels, _3=at(0.5, 0.1, 0.0202), _2=at(0.5, 0.1, 0.0604)).current_episode
     assert astray.strict == 0.0
-    alone = after(levels, _3=at(0.5, 0.1, 0.0202)).episode
+    alone = after(levels, _3=at(0.5, 0.1, 0.0202)).current_episode
     assert alone.strict == 0.0
     assert any("where nothing would hold it" in clause for clause in alone.shortfalls)
 
@@ -153,7 +153,7 @@ def test_a_mark_on_the_table_carries_what_stands_on_it_and_one_in_the_air_does_n
         env.add_object("zone/zone.urdf", at(0.5, 0.1, mark), "fixed")
         pose_goal(task, env.add_object(BLOCKS[0], at(0.45, -0.2, 0.02)), at(0.5, 0.1, height), symmetry=np.pi / 2)
 
-    assert after(scene, _2=at(0.5, 0.1, 0.0205)).episode.strict == strict
+    assert after(scene, _2=at(0.5, 0.1, 0.0205)).current_episode.strict == strict
 
 
 def test_what_stands_in_a_fixture_is_where_a_target_in_the_fixture_says() -> None:

@@ -1,6 +1,6 @@
 from sim_scenes import at, pose_goal, run
 
-from grs_agents.sim import clear_episodes, last_episode
+from grs_agents.sim import clear_last_episode, last_episode
 
 
 def test_the_last_episode_can_be_read_and_forgotten() -> None:
@@ -12,5 +12,5 @@ def test_the_last_episode_can_be_read_and_forgotten() -> None:
     assert latest is not None
     assert latest["outcome"] == "success"
     assert latest["steps"] == episode.steps == 1
-    clear_episodes()
+    clear_last_episode()
     assert last_episode() is None

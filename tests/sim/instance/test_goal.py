@@ -95,7 +95,7 @@ def test_the_oracle_meets_typed_goals_by_their_own_definition(scene) -> None:
     assert TaskInstance.model_validate_json(instance.model_dump_json(), strict=True) == instance
     done = rollout(instance)
     assert done.episode.outcome == "success", done.episode.detail
-    assert (done.reward, done.strict, done.idle_reward) == (1.0, 1.0, 0.0), done.episode.shortfalls
+    assert (done.reward, done.strict_score, done.idle_reward) == (1.0, 1.0, 0.0), done.episode.shortfalls
 
 
 def score(scene, **moves):
@@ -103,10 +103,10 @@ def score(scene, **moves):
     env = Environment(task=Scripted(scene))
     env.reset()
     for name, pose in moves.items():
-        env.place_object(int(name[1:]), pose)
+        env.set_object_pose(int(name[1:]), pose)
     env.step_simulation(150)
     env.step(None)
-    return env.episode
+    return env.current_episode
 
 
 def box_on_its_side(task, env) -> None:
@@ -141,12 +141,12 @@ def test_a_stack_of_which_one_is_placed_counts_the_two_that_touch() -> None:
 def test_a_typed_goal_that_is_undone_later_keeps_its_published_reward_alone() -> None:
     env = Environment(task=Scripted(lid))
     env.reset()
-    env.place_object(2, at(0.5, 0.25, 0.05))
+    env.set_object_pose(2, at(0.5, 0.25, 0.05))
     env.step_simulation(100)
     env.step(None)
-    env.place_object(2, at(0.4, -0.2, 0.01))
+    env.set_object_pose(2, at(0.4, -0.2, 0.01))
     env.step(None)
-    assert (env.episode.reward, env.episode.strict) == (1.0, 0.0)
+    assert (env.current_episode.reward, env.current_episode.strict) == (1.0, 0.0)
 
 
 def lying(task, env) -> None:

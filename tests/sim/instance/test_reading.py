@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
-from grs_agents.sim import InstanceError, TaskInstance, read_instance
+from grs_agents.sim import InstanceError, TaskInstance, parse_instance_json
 from grs_agents.sim.instance import MAX_BYTES
 
 POSE = [[0.5, 0.0, 0.02], [0.0, 0.0, 0.0, 1.0]]
@@ -85,7 +85,7 @@ def text_of(tree: object) -> str:
 def read(text: str) -> TaskInstance | None:
     """The instance, or None with a named error; anything else escapes."""
     try:
-        return read_instance(text)
+        return parse_instance_json(text)
     except InstanceError as error:
         assert isinstance(error, InputError)
         assert error.message and error.remedy and len(error.message) < 1100
@@ -93,9 +93,9 @@ def read(text: str) -> TaskInstance | None:
 
 
 def test_the_valid_one_is_read() -> None:
-    instance = read_instance(text_of(VALID))
-    assert read_instance(instance.model_dump_json()) == instance
-    assert read_instance(text_of(VALID).encode()) == instance
+    instance = parse_instance_json(text_of(VALID))
+    assert parse_instance_json(instance.model_dump_json()) == instance
+    assert parse_instance_json(text_of(VALID).encode()) == instance
 
 
 @settings(max_examples=150, deadline=None)
@@ -153,7 +153,7 @@ def test_a_changed_text_is_refused_by_name_or_valid(data: st.DataObject) -> None
 @given(st.binary(max_size=100))
 def test_any_bytes_are_refused_by_name(data: bytes) -> None:
     with pytest.raises(InstanceError):
-        read_instance(data)
+        parse_instance_json(data)
 
 
 REFUSED = {
@@ -181,12 +181,12 @@ def test_what_is_wrong_is_named(name: str) -> None:
     text = text_of(VALID)
     assert old in text
     with pytest.raises(InstanceError) as caught:
-        read_instance(text.replace(old, new, 1))
+        parse_instance_json(text.replace(old, new, 1))
     assert told in str(caught.value)
 
 
 def test_sizes_are_bounded_before_anything_is_parsed() -> None:
     with pytest.raises(InstanceError, match=f"{MAX_BYTES} are the most"):
-        read_instance(b"[" * (MAX_BYTES + 1))
+        parse_instance_json(b"[" * (MAX_BYTES + 1))
     with pytest.raises(InstanceError, match="2, 1 are the most"):
-        read_instance(text_of(VALID), objects=1)
+        parse_instance_json(text_of(VALID), objects=1)

@@ -72,7 +72,7 @@ def test_the_cup_finds_no_seal_on_a_small_ball_nor_on_an_edge(single) -> None:
 
 def test_the_hold_is_where_the_cup_seals(single) -> None:
     env = single(*box(0.06, 0.03, 0.04), 0.5, 0)
-    hold = find_grasp(env.physics, 1, env.get_object_pose(1)[0], env.outline(1))
+    hold = find_grasp(env.physics, 1, env.get_object_pose(1)[0], env.object_prism(1))
     assert hold.point == pytest.approx((0.5, 0, 0.04), abs=0.002)
 
 
@@ -102,7 +102,7 @@ def test_the_force_through_the_cup_is_what_accelerates_and_carries_the_object(si
         now = np.array(physics.data.qvel[start : start + 3])
         acceleration = (now - velocity) / physics.timestep
         velocity[:] = now
-        lifted = physics.pose(1)[0][2] > 0.035
+        lifted = physics.object_pose(1)[0][2] > 0.035
         if physics.held == 1 and lifted:
             forces.append(float(np.linalg.norm(physics.data.efc_force[:3])))
             inertial.append(float(np.linalg.norm(0.6 * (acceleration + np.array([0, 0, 9.81])))))

@@ -22,8 +22,8 @@ def test_what_is_carried_is_tilted_as_the_place_is_against_the_pick(robot) -> No
     physics = env.physics
 
     def look() -> None:
-        if physics.held == 1 and physics.tip[1] > 0.15:
-            seen.append(physics.pose(1))
+        if physics.held_object_id == 1 and physics.tip_position[1] > 0.15:
+            seen.append(physics.object_pose(1))
 
     physics.observer = look
     result = env.pick_place(at(0.5, -0.2, 0.04), ((0.45, 0.2, 0.15), rotation))
@@ -38,7 +38,7 @@ def test_turns_one_after_the_other_never_wind_the_wrist_beyond_its_limits(robot)
     for _ in range(6):
         x, y, _ = env.get_object_pose(1)[0]
         assert env.pick_place(at(x, y, 0.04), ((0.5, -y, 0.04), quarter)).note == "placed"
-        assert env.arm.within_limits(env.physics.joints[None])
+        assert env.arm.is_path_within_limits(env.physics.joint_positions[None])
     assert abs(np.sin(utils.yaw_of(env.get_object_pose(1)[1]) - 6 * 2.6)) < 0.03
 
 
@@ -66,8 +66,8 @@ def test_the_oracle_picks_up_again_what_was_dropped_on_the_way() -> None:
     physics, dropped = env.physics, []
 
     def drop_once() -> None:
-        if not dropped and physics.held == 1 and physics.tip[1] > 0.0:
-            dropped.append(physics.tip)
+        if not dropped and physics.held_object_id == 1 and physics.tip_position[1] > 0.0:
+            dropped.append(physics.tip_position)
             physics.cup.release()
 
     physics.observer = drop_once
@@ -75,8 +75,8 @@ def test_the_oracle_picks_up_again_what_was_dropped_on_the_way() -> None:
     while (action := agent.act()) is not None:
         if env.step(action)[2]:
             break
-    notes = [record.note for record in env.episode.actions]
+    notes = [record.note for record in env.current_episode.actions]
     assert dropped
     assert notes[0] == "block/block.urdf was dropped on the way"
     assert notes[-1] == "placed"
-    assert env.episode.outcome == "success"
+    assert env.current_episode.outcome == "success"

@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 from sim_scenes import Scripted
 
 from grs_agents.sim import Environment, NoFreeSpaceError
-from grs_agents.sim.world import footprint, signed_gaps
+from grs_agents.sim.world import object_prism_at_pose, signed_outline_gaps
 
 
 @settings(max_examples=10, deadline=None)
@@ -16,10 +16,10 @@ def test_random_poses_are_free_and_within_reach(seed: int) -> None:
 
     env = Environment(task=Scripted(scene), seed=seed)
     env.reset(settle=False)
-    outlines = [footprint(env.shapes(item.id), item.pose).outline for item in env.objects]
+    outlines = [object_prism_at_pose(env.object_model(item.id), item.pose).outline for item in env.objects]
     for index, outline in enumerate(outlines):
-        assert all(signed_gaps(outline, other, np.zeros((1, 2)))[0] > 0 for other in outlines[:index])
-    assert all(env.arm.can_reach(item.pose[0]) for item in env.objects)
+        assert all(signed_outline_gaps(outline, other, np.zeros((1, 2)))[0] > 0 for other in outlines[:index])
+    assert all(env.arm.can_reach_point(item.pose[0]) for item in env.objects)
 
 
 def test_a_full_table_gives_none_and_asking_without_end_is_stopped() -> None:
@@ -35,4 +35,4 @@ def test_a_full_table_gives_none_and_asking_without_end_is_stopped() -> None:
     except NoFreeSpaceError as error:
         assert "1.50 x 1.50" in str(error)
     assert answers[0] == (None, None)
-    assert env.episode.outcome == "no_free_space"
+    assert env.current_episode.outcome == "no_free_space"

@@ -5,7 +5,7 @@ from sim_scenes import Scripted, at, pose_goal, run, zone_goal
 from grs_agents.sim import Environment, Task, TaskInstance, in_zone, instantiate, rollout, upright
 from grs_agents.sim.arms import BLADE_WIDTH
 from grs_agents.sim.cliport import Spatula, push
-from grs_agents.sim.expert import Pieces, Strokes, predict_places, starts_clear_of_pieces
+from grs_agents.sim.expert import Pieces, Strokes, find_clear_stroke_starts, predict_piece_positions
 from grs_agents.sim.motion import stroke_endpoints
 
 LEFT = at(0.5, 0.27, 0.001)
@@ -60,7 +60,7 @@ def test_a_block_is_pushed_as_far_as_the_blade_goes_and_lies_still() -> None:
     push_from(env, (0.5, -0.05), (0.5, 0.2))
     (x, y, z), _ = env.get_object_pose(1)
     assert (x, y, z) == pytest.approx((0.5, 0.15 + 0.0225, 0.02), abs=0.006)
-    (action,) = env.episode.actions
+    (action,) = env.current_episode.actions
     assert (action.object, action.pushed, action.note) == (1, (1,), "pushed")
     assert env.is_static
 
@@ -76,27 +76,27 @@ def test_a_block_is_pushed_as_far_as_the_blade_goes_and_lies_still() -> None:
 def test_a_push_that_cannot_be_says_why_and_moves_nothing(start, end, note: str) -> None:
     env = ready(block)
     push_from(env, start, end)
-    (action,) = env.episode.actions
+    (action,) = env.current_episode.actions
     assert note in action.note
     assert action.pushed == ()
     assert env.get_object_pose(1)[0] == pytest.approx((0.5, 0.0, 0.02), abs=0.01)
 
 
 def test_one_block_is_pushed_into_a_zone_and_onto_a_pose() -> None:
-    assert played(block).episode.strict == 1.0
+    assert played(block).current_episode.strict == 1.0
 
     def onto(task, env) -> None:
         task.pos_eps = 0.02
         pose_goal(task, env.add_object("block/red_block.urdf", at(0.5, 0.0, 0.02)), at(0.55, 0.2, 0.02))
 
-    assert played(onto).episode.outcome == "success"
+    assert played(onto).current_episode.outcome == "success"
 
 
 def test_a_pile_is_swept_into_a_zone_and_the_same_seed_sweeps_alike() -> None:
     first, second = (played(pile, seed=3) for _ in range(2))
-    assert first.episode.outcome == "success", first.episode.detail
-    assert first.episode.strict > 0.97, first.episode.shortfalls
-    assert first.episode == second.episode
+    assert first.current_episode.outcome == "success", first.current_episode.detail
+    assert first.current_episode.strict > 0.97, first.current_episode.shortfalls
+    assert first.current_episode == second.current_episode
     assert first.info == second.info
 
 
@@ -114,7 +114,7 @@ def test_a_pile_is_swept_into_the_zone_of_a_typed_goal() -> None:
         task.num_blocks = 10
         task.add_goal(in_zone(task.make_piles(env), env.add_object("zone/zone.urdf", LEFT, "fixed")))
 
-    assert played(zone).episode.outcome == "success"
+    assert played(zone).current_episode.outcome == "success"
 
 
 def test_the_oracle_of_pushes_says_why_it_stops() -> None:
@@ -122,14 +122,14 @@ def test_the_oracle_of_pushes_says_why_it_stops() -> None:
         lying = ((0.5, 0.0, 0.02), (0.0, 0.7071068, 0.0, 0.7071068))
         task.add_goal(upright(env.add_object("cylinder/cylinder.urdf", lying)))
 
-    assert "no goal says where" in played(tipped).episode.detail
+    assert "no goal says where" in played(tipped).current_episode.detail
     env = played(
         lambda task, env: zone_goal(
             task, [env.add_object("block/red_block.urdf", at(1.0, 0.6, 0.02))], LEFT, (0.12, 0.12, 0)
         )
     )
-    assert env.episode.outcome == "unreachable", env.episode.detail
-    assert played(lambda task, env: None).episode.outcome == "nothing_to_do"
+    assert env.current_episode.outcome == "unreachable", env.current_episode.detail
+    assert played(lambda task, env: None).current_episode.outcome == "nothing_to_do"
 
 
 def test_words_about_piles_choose_the_spatula_and_suction_tasks_keep_the_cup() -> None:
@@ -153,9 +153,9 @@ def test_words_about_piles_choose_the_spatula_and_suction_tasks_keep_the_cup() -
 def test_the_model_of_a_stroke_queues_pieces_up_ahead_of_the_blade() -> None:
     pieces = Pieces((1, 2, 3), np.array([[0.1, 0.0], [0.12, 0.0], [0.1, BLADE_WIDTH]]), np.full(3, 0.005))
     strokes = Strokes(np.zeros((1, 2)), np.array([[0.2, 0.0]]))
-    after = predict_places(strokes, pieces)[0]
+    after = predict_piece_positions(strokes, pieces)[0]
     assert after[0] == pytest.approx((0.205, 0.0))
     assert after[1, 0] > after[0, 0] + 0.009
     assert after[2] == pytest.approx(pieces.places[2])
-    assert starts_clear_of_pieces(strokes, pieces).all()
-    assert not starts_clear_of_pieces(Strokes(np.array([[0.1, 0.0]]), np.array([[0.2, 0.0]])), pieces).any()
+    assert find_clear_stroke_starts(strokes, pieces).all()
+    assert not find_clear_stroke_starts(Strokes(np.array([[0.1, 0.0]]), np.array([[0.2, 0.0]])), pieces).any()

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.library import Library, write_background
+from grs_agents.library import Library, write_background_asset
 from grs_agents.sim import Environment, InstanceObject, InstanceTask, TaskInstance
-from grs_agents.sim.world import arm_at_home, rendering
+from grs_agents.sim.world import arm_spheres_at_home, rendering
 
 SHELF = np.array([[[0.4, -0.3, 0.10], [0.6, -0.1, 0.12]]])
 MESH = (np.array([[0.4, -0.3, 0.12], [0.6, -0.3, 0.12], [0.6, -0.1, 0.12], [0.4, -0.1, 0.12]]),)
@@ -16,8 +16,8 @@ MESH = (np.array([[0.4, -0.3, 0.12], [0.6, -0.3, 0.12], [0.6, -0.1, 0.12], [0.4,
 @pytest.fixture
 def library(tmp_path: Path) -> Library:
     """The shipped one and a shelf over the table."""
-    write_background(tmp_path, MESH[0], np.array([[0, 1, 2], [0, 2, 3]]), SHELF, (0.1, 0.2, 0.9))
-    return Library().overlay(tmp_path)
+    write_background_asset(tmp_path, MESH[0], np.array([[0, 1, 2], [0, 2, 3]]), SHELF, (0.1, 0.2, 0.9))
+    return Library().with_overlay(tmp_path)
 
 
 def instance(background: str | None) -> TaskInstance:
@@ -50,13 +50,13 @@ def test_an_environment_takes_it_away_again(library: Library) -> None:
 def test_cameras_see_it(library: Library) -> None:
     view = rendering.View((0.5, -0.2, 1.0), (0.5, -0.19, 0.0), height=60, width=80)
     sight = rendering.VisibleScene((), library, background="background/room.urdf")
-    red, _, blue = rendering.render(sight, [view])[0].color[30, 40].tolist()
+    red, _, blue = rendering.render_views(sight, [view])[0].color[30, 40].tolist()
     assert blue > 3 * red
 
 
 @pytest.mark.parametrize("robot", ["ur5e", "panda"])
 def test_the_arm_at_home_reaches_from_its_base_to_over_the_table(robot: str) -> None:
-    spheres = arm_at_home(robot, Library())
+    spheres = arm_spheres_at_home(robot, Library())
     assert np.linalg.norm(spheres[:, :2], axis=1).min() < 0.05
     assert spheres[:, 0].max() > 0.3
     assert (spheres[:, 3] > 0).all() and (spheres[:, 3] < 0.5).all()

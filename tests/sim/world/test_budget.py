@@ -20,7 +20,7 @@ def _afterwards_as_before(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     with monkeypatch.context() as patch:
         patch.setattr(budget, "_call", type(budget._call)())
         yield
-    sim.configure()
+    sim.set_environment_defaults()
 
 
 def spot(number: int) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
@@ -28,7 +28,7 @@ def spot(number: int) -> tuple[tuple[float, float, float], tuple[float, float, f
 
 
 def test_steps_of_all_environments_count_together_and_stay_used_up() -> None:
-    sim.configure(limits=Limits(simulated_steps=100))
+    sim.set_environment_defaults(limits=Limits(simulated_steps=100))
     first, second = Environment(), Environment()
     first.step_simulation(60)
     for env in (second, first, Environment()):
@@ -36,11 +36,11 @@ def test_steps_of_all_environments_count_together_and_stay_used_up() -> None:
             env.step_simulation(60)
     with pytest.raises(SimulationBudgetError):
         first.step_simulation(1)
-    sim.begin_test()
-    assert sim.reached_limit() is None
+    sim.reset_before_test()
+    assert sim.describe_reached_limit() is None
     with pytest.raises(SimulationBudgetError):
         Environment().step_simulation(1)
-    assert (sim.reached_limit() or "").startswith("simulated_step_limit: the call used up")
+    assert (sim.describe_reached_limit() or "").startswith("simulated_step_limit: the call used up")
 
 
 def test_without_limits_each_environment_has_a_budget_of_its_own() -> None:
@@ -48,30 +48,30 @@ def test_without_limits_each_environment_has_a_budget_of_its_own() -> None:
         Environment(budget=50).step_simulation(50)
     with pytest.raises(SimulationBudgetError, match="50"):
         Environment(budget=50).step_simulation(51)
-    assert sim.reached_limit()
+    assert sim.describe_reached_limit()
 
 
 def test_a_new_call_begins_anew() -> None:
     for _ in range(2):
-        sim.configure(limits=Limits(simulated_steps=10))
+        sim.set_environment_defaults(limits=Limits(simulated_steps=10))
         Environment().step_simulation(10)
-    sim.configure()  # says nothing about limits
+    sim.set_environment_defaults()  # says nothing about limits
     with pytest.raises(SimulationBudgetError):
         Environment().step_simulation(1)
 
 
 def test_objects_are_those_on_the_table_at_once() -> None:
-    sim.configure(limits=Limits(objects=3))
+    sim.set_environment_defaults(limits=Limits(objects=3))
     env = Environment()
     for _ in range(2):
-        env.clear()
+        env.remove_all_objects()
         for number in range(3):
             env.add_object(CUBE, spot(number))
     for _ in range(2):
         with pytest.raises(ObjectLimitError, match=r"4 objects.*3 are the most"):
             env.add_object(CUBE, spot(4))
     assert len(env.objects) == 3
-    assert isinstance(sim.reached(), ObjectLimitError)
+    assert isinstance(sim.latest_limit_error(), ObjectLimitError)
 
 
 def test_two_hundred_objects_are_enough_without_limits() -> None:
@@ -83,10 +83,10 @@ def test_two_hundred_objects_are_enough_without_limits() -> None:
 
 
 def test_vertices_are_those_of_all_meshes_on_the_table() -> None:
-    shapes, library = Library().model(MUG), Library()
-    each = budget.add_vertices(0, shapes, library)
+    shapes, library = Library().load_object_model(MUG), Library()
+    each = budget.add_to_vertex_count(0, shapes, library)
     assert each > 100
-    sim.configure(limits=Limits(mesh_vertices=2 * each))
+    sim.set_environment_defaults(limits=Limits(mesh_vertices=2 * each))
     env = Environment()
     env.add_object(MUG, spot(0))
     env.add_object(CUBE, spot(9))
@@ -94,7 +94,7 @@ def test_vertices_are_those_of_all_meshes_on_the_table() -> None:
     with pytest.raises(VertexLimitError, match=f"{3 * each} vertices, {2 * each} are the most"):
         env.add_object(MUG, spot(40))
     assert len(env.objects) == 3
-    env.clear()
+    env.remove_all_objects()
     env.add_object(MUG, spot(0))
 
 
@@ -106,7 +106,7 @@ def test_a_mesh_of_ones_own_is_counted(tmp_path: Path) -> None:
         '<mesh filename="own.obj" scale="0.01 0.01 0.01"/></geometry></visual><collision><geometry>'
         '<box size="0.05 0.05 0.05"/></geometry></collision></link></robot>'
     )
-    sim.configure(limits=Limits(mesh_vertices=999))
+    sim.set_environment_defaults(limits=Limits(mesh_vertices=999))
     env = Environment(tmp_path)
     env.add_object("own.urdf", spot(0))
     with pytest.raises(VertexLimitError, match="1000"):

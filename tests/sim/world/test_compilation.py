@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from sim_scenes import at
 
-from grs_agents.library import Library, convex_volume
-from grs_agents.perception.proxies import box_mesh, obj_text, turned_mesh
+from grs_agents.library import Library, convex_mesh_volume
+from grs_agents.perception.proxies import box_mesh, mesh_to_obj_text, revolved_mesh
 from grs_agents.sim.instance import InstanceObject
-from grs_agents.sim.world import build
+from grs_agents.sim.world import build_world
 
 HAMMER = """<robot name="hammer"><link name="hammer">
 <inertial><mass value="0.4"/><inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial>
@@ -20,9 +20,9 @@ HAMMER = """<robot name="hammer"><link name="hammer">
 
 def test_the_parts_of_an_object_share_its_mass_by_their_volume(tmp_path: Path) -> None:
     (tmp_path / "hammer.urdf").write_text(HAMMER)
-    (tmp_path / "unit.obj").write_text(obj_text(box_mesh((1.0, 1.0, 1.0))))
+    (tmp_path / "unit.obj").write_text(mesh_to_obj_text(box_mesh((1.0, 1.0, 1.0))))
     (tmp_path / "manifest.json").write_text('{"version": 1, "assets": []}')
-    world = build([InstanceObject(id=1, asset="hammer.urdf", pose=at(0.5, 0.0, 0.3))], Library(tmp_path))
+    world = build_world([InstanceObject(id=1, asset="hammer.urdf", pose=at(0.5, 0.0, 0.3))], Library(tmp_path))
     body = world.model.body("object_1")
     head, handle, knob = 0.1 * 0.04 * 0.04, 0.02 * 0.02 * 0.2, 4 / 3 * math.pi * 0.01**3
     total = head + handle + knob
@@ -41,8 +41,8 @@ def test_the_parts_of_an_object_share_its_mass_by_their_volume(tmp_path: Path) -
 
 
 def test_the_volume_of_a_mesh_does_not_depend_on_how_its_faces_are_turned(tmp_path: Path) -> None:
-    vertices, faces = turned_mesh([(0, -1), (2, -1), (2, 1), (0, 1)])
+    vertices, faces = revolved_mesh([(0, -1), (2, -1), (2, 1), (0, 1)])
     turned = np.where((np.arange(len(faces)) % 2 == 0)[:, None], faces, faces[:, ::-1])
-    (tmp_path / "solid.obj").write_text(obj_text((vertices + 5, turned)))
+    (tmp_path / "solid.obj").write_text(mesh_to_obj_text((vertices + 5, turned)))
     prism = 32 * 2**2 * math.sin(2 * math.pi / 32) / 2 * 2  # 32 sides
-    assert convex_volume(tmp_path / "solid.obj") == pytest.approx(prism, rel=1e-3)
+    assert convex_mesh_volume(tmp_path / "solid.obj") == pytest.approx(prism, rel=1e-3)

@@ -27,13 +27,13 @@ def test_physics_that_diverges_is_a_named_error_and_leaves_no_file(tmp_path: Pat
         env.step_simulation(2)
     assert not list(tmp_path.iterdir())
     env.reset()
-    env.physics.check()
+    env.physics.raise_if_diverged()
 
 
 def test_a_state_that_was_kept_goes_on_as_it_did() -> None:
     env = two_things()
     physics = env.physics
-    kept = physics.snapshot()
+    kept = physics.save_state()
 
     def later() -> list[float]:
         physics.data.qvel[-6:-3] = (0.5, 0.2, 0.0)
@@ -41,25 +41,25 @@ def test_a_state_that_was_kept_goes_on_as_it_did() -> None:
         return physics.data.qpos.tolist()
 
     first = later()
-    physics.restore(kept)
+    physics.restore_state(kept)
     assert later() == first
 
 
 def test_a_ray_straight_down_meets_what_stands_there() -> None:
     physics = two_things().physics
-    height, owner = physics.height_below(0.5, -0.1)
+    height, owner = physics.surface_height_below(0.5, -0.1)
     assert (owner, height) == (2, pytest.approx(0.04, abs=0.001))
-    assert physics.height_below(0.3, -0.3) == (pytest.approx(0.0, abs=1e-6), -1)
+    assert physics.surface_height_below(0.3, -0.3) == (pytest.approx(0.0, abs=1e-6), -1)
 
 
 def test_what_rests_is_held_up_and_does_not_move() -> None:
     physics = two_things().physics
-    assert physics.supported(1)
-    assert physics.speed_of(1) < 0.01
-    physics.teleport(1, at(0.5, 0.1, 0.3))
+    assert physics.is_object_supported(1)
+    assert physics.object_speed(1) < 0.01
+    physics.teleport_object(1, at(0.5, 0.1, 0.3))
     physics.step(5)
-    assert not physics.supported(1)
-    assert physics.speed() > 0.1
+    assert not physics.is_object_supported(1)
+    assert physics.max_free_body_speed() > 0.1
 
 
 def test_a_scene_put_down_at_rest_settles_in_a_few_steps_and_as_a_new_one_does() -> None:

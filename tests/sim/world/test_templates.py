@@ -38,7 +38,7 @@ def overlay(folder: Path, text: str) -> Library:
     (folder / "own" / "own-template.urdf").write_text(text)
     (folder / "manifest.json").write_text(json.dumps({"assets": [entry]}))
     (folder.parent / "outside.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n")
-    return Library().overlay(folder)
+    return Library().with_overlay(folder)
 
 
 WORDS = {
@@ -97,7 +97,7 @@ def test_a_hostile_template_is_refused_by_name(name: str, tmp_path: Path) -> Non
     folder.mkdir()
     env = Environment(library=overlay(folder, text))
     with pytest.raises(GrsError, match=told):
-        env.insert(InstanceObject(id=1, asset="own/own-template.urdf", fill={"DIM": (0.1, 0.1, 0.1)}, pose=SPOT))
+        env.insert_object(InstanceObject(id=1, asset="own/own-template.urdf", fill={"DIM": (0.1, 0.1, 0.1)}, pose=SPOT))
 
 
 def test_a_harmless_one_is_filled(tmp_path: Path) -> None:
@@ -105,14 +105,14 @@ def test_a_harmless_one_is_filled(tmp_path: Path) -> None:
     folder.mkdir()
     env = Environment(library=overlay(folder, f"<robot name='x'>{PLAIN.format('')}</robot>"))
     item = InstanceObject(id=1, asset="own/own-template.urdf", fill={"DIM": (0.1, 0.2, 0.1)}, pose=SPOT)
-    assert env.get_object_size(env.insert(item)) == pytest.approx((0.1, 0.2, 0.1))
+    assert env.get_object_size(env.insert_object(item)) == pytest.approx((0.1, 0.2, 0.1))
 
 
 @pytest.mark.parametrize("asset", ["../secret.urdf", "/etc/passwd", "own/../../x.urdf", "x.urdf\0", "http://x/y.urdf"])
 def test_an_instance_names_assets_of_the_library_alone(asset: str) -> None:
     env = Environment()
     with pytest.raises(GrsError, match="unknown asset"):
-        env.insert(InstanceObject(id=1, asset=asset, pose=SPOT))
+        env.insert_object(InstanceObject(id=1, asset=asset, pose=SPOT))
 
 
 @pytest.mark.parametrize("fill", [{"DIM": (float("nan"),)}, {"DIM": (3.0,)}, {"DIM": ("x",)}, {"x" * 21: (1.0,)}])

@@ -2,7 +2,7 @@
 
 from grs_agents.library import Library
 from grs_agents.sim import InstanceObject, InstanceTie
-from grs_agents.sim.world import build, ids_tied_at_points
+from grs_agents.sim.world import build_world, ids_of_point_tied_objects
 
 FLAT = (0.0, 0.0, 0.0, 1.0)
 ORIGIN = ((0.0, 0.0, 0.0), FLAT)
@@ -19,11 +19,11 @@ def thing(number: int, asset: str) -> InstanceObject:
 
 
 def test_only_what_a_point_ties_is_limp() -> None:
-    assert ids_tied_at_points((tie("point", 1, 2), tie("fixed", 2, 3))) == {1, 2}
+    assert ids_of_point_tied_objects((tie("point", 1, 2), tie("fixed", 2, 3))) == {1, 2}
 
 
 def test_a_large_thing_on_a_joint_is_no_bead_and_must_seal() -> None:
     objects = [thing(1, "block/small.urdf"), thing(2, "bowl/bowl.urdf")]
-    world = build(objects, Library(), ties=(tie("point", 1, 2),))
+    world = build_world(objects, Library(), ties=(tie("point", 1, 2),))
     assert world.limp == {1, 2}
     assert world.beads == {1}

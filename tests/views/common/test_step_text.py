@@ -8,9 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
-from grs_agents.terminal import visible
+from grs_agents.terminal import escape_control_chars
 from grs_agents.trace import Finding, NodeEnded, NodeStarted, read_events
-from grs_agents.views.common import Step, Steps, failed_step, find_step, sections, steps
+from grs_agents.views.common import (
+    Step,
+    Steps,
+    find_last_failed_step,
+    find_step_by_number,
+    group_events_into_steps,
+    iter_step_sections,
+)
 from tests.views.conftest import DIFF, SECOND
 
 
@@ -19,16 +26,16 @@ def rows(script: Callable[[], Any]) -> list[Step]:
     run = script()
     run.before_fix()
     run.after_fix()
-    return steps(read_events(run.log.path))
+    return group_events_into_steps(read_events(run.log.path))
 
 
 def told(step: Step) -> str:
     """All that is said of a step."""
-    return "\n".join(f"{section.heading}\n{section.text}" for section in sections(step))
+    return "\n".join(f"{section.heading}\n{section.text}" for section in iter_step_sections(step))
 
 
 def test_a_step_tells_its_prompt_reply_and_diff_exactly(rows: list[Step]) -> None:
-    text = told(find_step(rows, 6))
+    text = told(find_step_by_number(rows, 6))
     assert rows[5].node == "fix_code"
     assert "# Role: fix_code\n\n## Test report" in text
     assert f"```python\n{SECOND}```" in text
@@ -37,36 +44,36 @@ def test_a_step_tells_its_prompt_reply_and_diff_exactly(rows: list[Step]) -> Non
 
 
 def test_a_failing_test_comes_with_its_traceback_and_what_the_oracle_did(rows: list[Step]) -> None:
-    text = told(find_step(rows, 4))
+    text = told(find_step_by_number(rows, 4))
     assert 'File "test.py", line 9\nAssertionError: 0.25 < 0.99' in text
     assert "oracle: step_limit, reward 0.25" in text
 
 
 def test_the_step_that_failed_is_the_last_one_with_trouble(rows: list[Step]) -> None:
-    found = failed_step(rows)
-    assert found is not None and (found.number, found.trouble) == (4, "tests: 1 passed, 1 failed")
-    assert failed_step(rows[:3]) is None
+    found = find_last_failed_step(rows)
+    assert found is not None and (found.number, found.problem_summary) == (4, "tests: 1 passed, 1 failed")
+    assert find_last_failed_step(rows[:3]) is None
     folded = Steps()
-    folded.add(NodeStarted(node="audit"))
-    folded.add(Finding(check="solved", passed=False, detail="0.25 < 0.99"))
-    folded.add(NodeEnded(node="audit", seconds=1.0))
-    assert folded.rows[0].trouble == "solved: 0.25 < 0.99"
-    folded.add(NodeStarted(node="conclude"))
-    folded.add(NodeEnded(node="conclude", seconds=1.0, error="KeyError: 'reward'"))
-    found = failed_step(folded.rows)
-    assert found is not None and found.trouble in told(found)
+    folded.add_event(NodeStarted(node="audit"))
+    folded.add_event(Finding(check="solved", passed=False, detail="0.25 < 0.99"))
+    folded.add_event(NodeEnded(node="audit", seconds=1.0))
+    assert folded.rows[0].problem_summary == "solved: 0.25 < 0.99"
+    folded.add_event(NodeStarted(node="conclude"))
+    folded.add_event(NodeEnded(node="conclude", seconds=1.0, error="KeyError: 'reward'"))
+    found = find_last_failed_step(folded.rows)
+    assert found is not None and found.problem_summary in told(found)
 
 
 @pytest.mark.parametrize("number", [0, 9, -1])
 def test_a_step_that_is_not_there_is_an_input_error(rows: list[Step], number: int) -> None:
     with pytest.raises(InputError, match="one of 1 to 8"):
-        find_step(rows, number)
+        find_step_by_number(rows, number)
 
 
 @given(st.text())
 def test_what_is_printed_cannot_command_the_terminal(text: str) -> None:
-    shown = visible(text)
+    shown = escape_control_chars(text)
     assert all(character in "\n\t" or ord(character) >= 32 for character in shown)
     assert not any(0x7F <= ord(character) <= 0x9F for character in shown)
     if shown == text.replace("\r\n", "\n"):
-        assert visible(shown) == shown
+        assert escape_control_chars(shown) == shown

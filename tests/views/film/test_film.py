@@ -7,14 +7,24 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from grs_agents.engine import mujoco
 from grs_agents.errors import GrsError, InputError
 from grs_agents.library import Library
+from grs_agents.mujoco_import import mujoco
 from grs_agents.sim import TaskInstance, rollout
 from grs_agents.sim.arms import get_arm
 from grs_agents.trace import NodeStarted, Rollout
 from grs_agents.views.common import find_grasps, read_motion
-from grs_agents.views.film import Shot, Stage, film, joint_positions, pictures, props_of, rollout_of, watch, write_film
+from grs_agents.views.film import (
+    Shot,
+    Stage,
+    find_recorded_rollout,
+    play_in_mujoco_window,
+    recover_joint_positions,
+    render_frames,
+    rollout_film,
+    scene_props_from_instance,
+    write_film,
+)
 from tests.views.conftest import write_rollout
 
 
@@ -32,30 +42,30 @@ def played(tmp_path_factory: pytest.TempPathFactory, library: Library) -> tuple[
 def test_the_joints_bring_every_link_where_it_was_recorded(tmp_path: Path, library: Library, robot: str) -> None:
     event = write_rollout(tmp_path, 0)
     instance = TaskInstance.model_validate_json((tmp_path / (event.instance or "")).read_bytes())
-    stage = Stage(props_of(instance, get_arm(robot)), library)
+    stage = Stage(scene_props_from_instance(instance, get_arm(robot)), library)
     arm, rng = get_arm(robot), np.random.default_rng(0)
-    wanted = rng.uniform(arm.low, arm.high, (5, arm.dof))
+    wanted = rng.uniform(arm.lower_joint_limits, arm.upper_joint_limits, (5, arm.dof))
     wanted = np.clip(wanted, -3.1, 3.1)
     places: list[npt.NDArray[np.float64]] = []
     turns: list[npt.NDArray[np.float64]] = []
     for joints in wanted:
         stage.data.qpos[:] = joints
         mujoco.mj_kinematics(stage.model, stage.data)
-        bodies = [stage.model.body(name).id for name in arm.links]
+        bodies = [stage.model.body(name).id for name in arm.link_names]
         places.append(stage.data.xpos[bodies].copy())
         turns.append(stage.data.xquat[bodies][:, [1, 2, 3, 0]].copy())
     np.savez(
         tmp_path / "arm.npz",
         times=np.arange(5.0),
-        names=np.array(arm.links),
+        names=np.array(arm.link_names),
         positions=np.array(places),
         quaternions=np.array(turns),
         tool=np.zeros((5, 3)),
     )
     motion = read_motion(tmp_path / "arm.npz")
-    found = joint_positions(stage.model, motion)
+    found = recover_joint_positions(stage.model, motion)
     assert np.abs(np.sin((found - wanted) / 2)).max() < 1e-3
-    stage.show(motion, 3, found)
+    stage.set_frame(motion, 3, found)
     assert np.allclose(stage.data.xpos[stage.model.body("cup").id], places[3][-1], atol=1e-4)
 
 
@@ -67,7 +77,7 @@ def test_what_the_tool_carried_is_known_with_its_moments(played: tuple[Path, Rol
     index = motion.names.index("object_0")
     carried = np.linalg.norm(motion.positions[found[0].end, index] - motion.positions[found[0].start, index])
     assert carried > 0.2
-    assert find_grasps(motion.thinned(0.01)) == []
+    assert find_grasps(motion.downsample(0.01)) == []
 
 
 def test_a_film_shows_what_moves_with_or_without_a_graphics_library(
@@ -75,9 +85,9 @@ def test_a_film_shows_what_moves_with_or_without_a_graphics_library(
 ) -> None:
     folder, event = played
     shot = Shot(folder, event, library, width=160, height=120)
-    drawn = [image.astype(int) for image in pictures(shot, [0.0, shot.motion.seconds])]
-    monkeypatch.setattr(film, "_backends", lambda: ("nonsense", "rays"))
-    cast = [image.astype(int) for image in pictures(shot, [0.0, shot.motion.seconds])]
+    drawn = [image.astype(int) for image in render_frames(shot, [0.0, shot.recorded_motion.duration_seconds])]
+    monkeypatch.setattr(rollout_film, "_rendering_backends", lambda: ("nonsense", "rays"))
+    cast = [image.astype(int) for image in render_frames(shot, [0.0, shot.recorded_motion.duration_seconds])]
     for first, last in (drawn, cast):
         assert first.shape == (120, 160, 3)
         assert first.std() > 10
@@ -89,10 +99,10 @@ def test_a_film_is_written_in_real_time(
     played: tuple[Path, Rollout], library: Library, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str
 ) -> None:
     folder, event = played
-    monkeypatch.setattr(film, "_backends", lambda: ("rays",))
+    monkeypatch.setattr(rollout_film, "_rendering_backends", lambda: ("rays",))
     shot = Shot(folder, event, library, width=96, height=64)
     frames = write_film(shot, tmp_path / name, rate=2)
-    assert frames == int(shot.motion.seconds * 2) + 1
+    assert frames == int(shot.recorded_motion.duration_seconds * 2) + 1
     opened = cv2.VideoCapture(str(tmp_path / name))
     shown = 0
     while opened.read()[0]:
@@ -104,11 +114,11 @@ def test_what_cannot_be_played_is_an_input_error(
     played: tuple[Path, Rollout], library: Library, tmp_path: Path
 ) -> None:
     folder, event = played
-    assert rollout_of([NodeStarted(node="audit"), event], folder) is event
+    assert find_recorded_rollout([NodeStarted(node="audit"), event], folder) is event
     with pytest.raises(InputError, match="no rollout of seed 3; name one of 0"):
-        rollout_of([event], folder, 3)
+        find_recorded_rollout([event], folder, 3)
     with pytest.raises(InputError, match="no recorded rollout"):
-        rollout_of([event.model_copy(update={"recording": "gone.npz"})], folder)
+        find_recorded_rollout([event.model_copy(update={"recording": "gone.npz"})], folder)
     shot = Shot(folder, event, library)
     with pytest.raises(InputError, match=r"ends in \.mp4 or \.gif"):
         write_film(shot, tmp_path / "film.avi")
@@ -119,12 +129,12 @@ def test_what_cannot_be_played_is_an_input_error(
         read_motion(tmp_path / "bad.npz")
     broken = Shot(folder, event.model_copy(update={"instance": "gone.json"}), library)
     with pytest.raises(InputError, match=r"cannot read .*gone\.json"):
-        list(pictures(broken, [0.0]))
+        list(render_frames(broken, [0.0]))
 
 
 def test_without_a_display_the_remedy_is_a_film(
     played: tuple[Path, Rollout], library: Library, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(film, "has_display", lambda: False)
+    monkeypatch.setattr(rollout_film, "has_display", lambda: False)
     with pytest.raises(GrsError, match=r"no display.*--out film\.mp4"):
-        watch(Shot(*played, library))
+        play_in_mujoco_window(Shot(*played, library))

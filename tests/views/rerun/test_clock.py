@@ -13,20 +13,22 @@ def test_time_goes_forward_and_nodes_start_at_whole_seconds(steps: list[bool | f
     for number, step in enumerate(steps):
         before = clock.now
         if isinstance(step, bool):
-            moment = clock.tick(NodeStarted(node="a", sequence=number) if step else Note(text="", sequence=number))
+            moment = clock.advance_to_event(
+                NodeStarted(node="a", sequence=number) if step else Note(text="", sequence=number)
+            )
             assert moment.replay > before.replay
             assert moment.event == number
             assert not step or moment.replay == int(moment.replay)
         else:
-            clock.play(step)
+            clock.advance_by_seconds(step)
             assert clock.now.replay - before.replay == step or abs(clock.now.replay - before.replay - step) < 1e-9
             assert clock.now.simulated >= before.simulated
 
 
 def test_a_node_takes_a_second_and_a_rollout_its_own_time() -> None:
     clock = Clock()
-    starts = [clock.tick(NodeStarted(node="a")).replay for _ in range(3)]
+    starts = [clock.advance_to_event(NodeStarted(node="a")).replay for _ in range(3)]
     assert starts == [1.0, 2.0, 3.0]
-    clock.play(2.5)
+    clock.advance_by_seconds(2.5)
     assert clock.now.simulated == 2.5
-    assert clock.tick(NodeStarted(node="a")).replay == 6.0
+    assert clock.advance_to_event(NodeStarted(node="a")).replay == 6.0

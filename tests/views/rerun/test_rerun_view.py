@@ -14,8 +14,8 @@ from rerun.chunk import RrdReader
 from grs_agents.library import Library
 from grs_agents.trace import Decision, Event, NodeStarted, ProgramVersion, Prompt, Reply, Rollout, read_events
 from grs_agents.trace import TestsRun as Tested
-from grs_agents.views.common import line
-from grs_agents.views.rerun import Paths, RerunView, rebuild, rerun_program, viewer_environment
+from grs_agents.views.common import format_event_line
+from grs_agents.views.rerun import Paths, RerunView, find_rerun_program, rebuild_rrd_file, viewer_environment
 from tests.needs import needs
 from tests.views.looking import connected, picture, viewer
 
@@ -61,7 +61,7 @@ def check_whole(path: Path, events: list[Event]) -> None:
     """Every event, node, program, decision, test run and rollout is in the recording, at its number."""
     log = column(path, Paths.LOG, "TextLog:text")
     assert [number for number, _ in log] == [event.sequence for event in events]
-    assert [text.split()[0] for _, text in log] == [line(event).split()[0] for event in events]
+    assert [text.split()[0] for _, text in log] == [format_event_line(event).split()[0] for event in events]
     visited = [(event.sequence, event.node) for event in of(events, NodeStarted)]
     lane = column(path, Paths.NODE, "StateChange:state")
     assert [row for row in lane if row[1] != "end"] == visited
@@ -81,7 +81,7 @@ def check_whole(path: Path, events: list[Event]) -> None:
 
 def verify(path: Path) -> None:
     """``rerun rrd verify`` finds nothing wrong."""
-    command = [str(rerun_program()), "rrd", "verify", str(path)]
+    command = [str(find_rerun_program()), "rrd", "verify", str(path)]
     done = subprocess.run(command, env=viewer_environment(), capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
@@ -151,7 +151,7 @@ def test_a_recording_is_rebuilt_from_the_events_alone(script: Callable[[], Any],
     run = script()
     run.before_fix()
     run.after_fix()
-    path = rebuild(run.folder, library)
+    path = rebuild_rrd_file(run.folder, library)
     assert path == run.folder / "trace.rrd"
     check_whole(path, read_events(run.log.path))
     verify(path)
@@ -162,7 +162,7 @@ def test_a_call_without_a_picture_shows_none(script: Callable[[], Any], library:
     run.before_fix()
     run.after_fix()
     asked = of(read_events(run.log.path), Prompt)
-    changes = every_row(rebuild(run.folder, library), Paths.IMAGE, "EncodedImage:blob")
+    changes = every_row(rebuild_rrd_file(run.folder, library), Paths.IMAGE, "EncodedImage:blob")
     assert {bool(prompt.images) for prompt in asked} == {True, False}
     for prompt in asked:
         latest = [value for number, value in changes if number <= prompt.sequence][-1]
@@ -173,7 +173,7 @@ def test_the_viewer_opens_at_the_end(script: Callable[[], Any], library: Library
     run = script()
     run.before_fix()
     run.after_fix()
-    reader = RrdReader(rebuild(run.folder, library))
+    reader = RrdReader(rebuild_rrd_file(run.folder, library))
     panel = reader.stream(store=reader.blueprints()[0]).filter(content="/time_panel").to_chunks()
     batches = [chunk.to_record_batch() for chunk in panel]
     name = "TimePanelBlueprint:play_state"

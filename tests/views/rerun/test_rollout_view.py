@@ -10,7 +10,7 @@ from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.sim.instance import InstanceObject, TaskInstance
 from grs_agents.trace import Rollout
-from grs_agents.views.rerun import Paths, Recording, RolloutView, blueprint, duration
+from grs_agents.views.rerun import Paths, Recording, RolloutView, build_run_blueprint, rollout_duration
 
 
 def rollout(folder: Path, color: tuple[float, float, float, float] | None) -> Rollout:
@@ -24,9 +24,9 @@ def rollout(folder: Path, color: tuple[float, float, float, float] | None) -> Ro
 
 
 def test_shapes_are_logged_again_only_where_they_differ(tmp_path: Path, library: Library) -> None:
-    view, recording = RolloutView(tmp_path, library), Recording(tmp_path / "a.rrd", "a", blueprint(("a",)))
+    view, recording = RolloutView(tmp_path, library), Recording(tmp_path / "a.rrd", "a", build_run_blueprint(("a",)))
     for color in (None, None, (0.0, 1.0, 0.0, 1.0)):
-        assert view.show(recording, rollout(tmp_path, color)) == 0.0
+        assert view.show_rollout(recording, rollout(tmp_path, color)) == 0.0
     recording.close()
     chunks = [chunk.to_record_batch() for chunk in RrdReader(tmp_path / "a.rrd").stream().to_chunks()]
     paths = [batch.schema.metadata[b"rerun:entity_path"].decode() for batch in chunks]
@@ -38,12 +38,12 @@ def test_shapes_are_logged_again_only_where_they_differ(tmp_path: Path, library:
 
 def test_a_broken_recording_is_an_input_error_and_a_missing_one_lasts_no_time(tmp_path: Path, library: Library) -> None:
     event = Rollout(seed=0, reward=0.0, outcome="error", recording="r.npz")
-    recording = Recording(tmp_path / "a.rrd", "a", blueprint(("a",)))
-    assert duration(tmp_path, event) == 0.0
+    recording = Recording(tmp_path / "a.rrd", "a", build_run_blueprint(("a",)))
+    assert rollout_duration(tmp_path, event) == 0.0
     with pytest.raises(InputError, match=r"cannot read .*r\.npz"):
-        RolloutView(tmp_path, library).show(recording, event)
+        RolloutView(tmp_path, library).show_rollout(recording, event)
 
 
 def test_a_rollout_lasts_as_long_as_its_recording(tmp_path: Path) -> None:
     np.savez(tmp_path / "r.npz", times=np.array([1.0, 1.5, 3.25]))
-    assert duration(tmp_path, Rollout(seed=0, reward=0.0, outcome="success", recording="r.npz")) == 2.25
+    assert rollout_duration(tmp_path, Rollout(seed=0, reward=0.0, outcome="success", recording="r.npz")) == 2.25

@@ -15,10 +15,10 @@ def test_rows_are_sent_together_each_at_its_moment(tmp_path: Path) -> None:
     rows = Rows(stream, wait=60.0)
     for event in range(3):
         moment = Moment(event / 10, event, attempt=1, simulated=2.0)
-        rows.add("/seconds", rr.Scalars, moment, {"scalars": [float(event)]})
-        rows.add("/graph", rr.GraphNodes, moment, {"node_ids": ["a", "b"][: 1 + event % 2]})
-    rows.send()
-    rows.send()
+        rows.add_row("/seconds", rr.Scalars, moment, {"scalars": [float(event)]})
+        rows.add_row("/graph", rr.GraphNodes, moment, {"node_ids": ["a", "b"][: 1 + event % 2]})
+    rows.send_pending_rows()
+    rows.send_pending_rows()
     stream.disconnect()
     seconds, graph = (
         [chunk.to_record_batch() for chunk in RrdReader(tmp_path / "a.rrd").stream().filter(content=path).to_chunks()]
@@ -35,7 +35,7 @@ def test_rows_are_sent_together_each_at_its_moment(tmp_path: Path) -> None:
 def test_a_row_is_sent_though_nothing_follows(tmp_path: Path) -> None:
     stream = rr.RecordingStream("grs", recording_id="a")
     stream.save(tmp_path / "a.rrd")
-    Rows(stream, wait=0.1).add("/seconds", rr.Scalars, Moment(), {"scalars": [1.0]})
+    Rows(stream, wait=0.1).add_row("/seconds", rr.Scalars, Moment(), {"scalars": [1.0]})
     found = 0
     while not found:
         with suppress(RuntimeError):  # a message is being written

@@ -10,7 +10,7 @@ from rerun.chunk import RrdReader
 from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.trace import SceneStage
-from grs_agents.views.rerun import Paths, Recording, SceneView, blueprint
+from grs_agents.views.rerun import Paths, Recording, SceneView, build_run_blueprint
 
 CAMERA = {"fx": 50.0, "fy": 50.0, "cx": 16.0, "cy": 12.0, "width": 32, "height": 24, "depth_scale": 0.001}
 
@@ -21,11 +21,11 @@ def test_the_cloud_lies_where_the_camera_says(tmp_path: Path) -> None:
     depth[12, 16] = 800
     cv2.imwrite(str(tmp_path / "depth.png"), depth)
     pose = [[0, -1, 0, 0.5], [-1, 0, 0, 0.1], [0, 0, -1, 0.8], [0, 0, 0, 1]]
-    recording = Recording(tmp_path / "a.rrd", "a", blueprint(("a",)))
+    recording = Recording(tmp_path / "a.rrd", "a", build_run_blueprint(("a",)))
     view = SceneView(tmp_path, Library())
     files = {"rgb": "rgb.png", "depth": "depth.png"}
-    view.show(recording, SceneStage(stage="frame", summary={"camera": CAMERA}, files=files))
-    view.show(recording, SceneStage(stage="segmented", summary={"camera": {**CAMERA, "T_robot_cam": pose}}))
+    view.show_scene_stage(recording, SceneStage(stage="frame", summary={"camera": CAMERA}, files=files))
+    view.show_scene_stage(recording, SceneStage(stage="segmented", summary={"camera": {**CAMERA, "T_robot_cam": pose}}))
     recording.close()
     chunks = RrdReader(tmp_path / "a.rrd").stream().filter(content=f"{Paths.SCENE}/points").to_chunks()
     points = [row for chunk in chunks for row in chunk.to_record_batch().column("Points3D:positions").to_pylist()]
@@ -33,15 +33,17 @@ def test_the_cloud_lies_where_the_camera_says(tmp_path: Path) -> None:
 
 
 def test_a_missing_picture_is_an_input_error(tmp_path: Path) -> None:
-    recording = Recording(tmp_path / "a.rrd", "a", blueprint(("a",)))
+    recording = Recording(tmp_path / "a.rrd", "a", build_run_blueprint(("a",)))
     with pytest.raises(InputError, match=r"cannot read .*lost\.png"):
-        SceneView(tmp_path, Library()).show(recording, SceneStage(stage="frame", files={"rgb": "lost.png"}))
+        SceneView(tmp_path, Library()).show_scene_stage(recording, SceneStage(stage="frame", files={"rgb": "lost.png"}))
 
 
 def test_objects_without_boxes_or_masks_are_still_listed(tmp_path: Path) -> None:
-    recording = Recording(tmp_path / "a.rrd", "a", blueprint(("a",)))
+    recording = Recording(tmp_path / "a.rrd", "a", build_run_blueprint(("a",)))
     objects = [{"name": "milk_1", "asset": "HOPE/Milk.urdf"}, {"id": 7, "description": "a box"}]
-    SceneView(tmp_path, Library()).show(recording, SceneStage(stage="described", summary={"objects": objects}))
+    SceneView(tmp_path, Library()).show_scene_stage(
+        recording, SceneStage(stage="described", summary={"objects": objects})
+    )
     recording.close()
     chunks = RrdReader(tmp_path / "a.rrd").stream().filter(content=Paths.OBJECTS).to_chunks()
     text = chunks[0].to_record_batch().column("TextDocument:text").to_pylist()[0][0]

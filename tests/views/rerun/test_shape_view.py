@@ -4,7 +4,7 @@ import pytest
 import rerun as rr
 
 from grs_agents.library import Library, Shape
-from grs_agents.views.rerun import TEXTURE_EDGE, geometry
+from grs_agents.views.rerun import TEXTURE_EDGE, shape_to_rerun
 
 
 @pytest.mark.parametrize(
@@ -16,15 +16,15 @@ from grs_agents.views.rerun import TEXTURE_EDGE, geometry
     ],
 )
 def test_primitives(shape: Shape, archetype: type, library: Library) -> None:
-    assert isinstance(geometry(shape, library, None), archetype)
+    assert isinstance(shape_to_rerun(shape, library, None), archetype)
 
 
 def test_every_asset_can_be_drawn_with_its_texture_or_a_colour(library: Library) -> None:
     textured = 0
     for asset in library.assets():
-        for shape in library.model(asset.name).visuals:
-            drawn = geometry(shape, library, None)
-            painted = geometry(shape, library, (1.0, 0.0, 0.0, 1.0))
+        for shape in library.load_object_model(asset.name).visuals:
+            drawn = shape_to_rerun(shape, library, None)
+            painted = shape_to_rerun(shape, library, (1.0, 0.0, 0.0, 1.0))
             if isinstance(drawn, rr.Mesh3D) and isinstance(painted, rr.Mesh3D):
                 assert drawn.vertex_positions is not None
                 assert len(drawn.vertex_positions) > 3

@@ -5,23 +5,23 @@ from pathlib import Path
 from rerun.chunk import RrdReader
 
 from grs_agents.trace import NodeStarted, RunEnded, RunStarted
-from grs_agents.views.rerun import MachineView, Moment, Paths, Recording, blueprint
+from grs_agents.views.rerun import MachineView, Moment, Paths, Recording, build_run_blueprint
 
 
 def test_the_graph_of_the_run_is_shown_with_visits(tmp_path: Path) -> None:
     view = MachineView()
     edges = (("__start__", "route"), ("route", "mine"), ("mine", "__end__"))
     nodes = ("__start__", "route", "mine", "__end__")
-    view.follow(RunStarted(run_id="a", graph="mine", seed=0, nodes=nodes, edges=edges))
-    view.follow(NodeStarted(node="route", visit=1))
-    view.follow(NodeStarted(node="route", visit=2))
+    view.track_event(RunStarted(run_id="a", graph="mine", seed=0, nodes=nodes, edges=edges))
+    view.track_event(NodeStarted(node="route", visit=1))
+    view.track_event(NodeStarted(node="route", visit=2))
     assert view.nodes == ("route", "mine", "end")
-    recording = Recording(tmp_path / "a.rrd", "a", blueprint(view.nodes))
-    view.prepare(recording)
-    view.show(recording)
-    view.follow(RunEnded(status="accepted"))
+    recording = Recording(tmp_path / "a.rrd", "a", build_run_blueprint(view.nodes))
+    view.log_static_graph(recording)
+    view.log_current_state(recording)
+    view.track_event(RunEnded(status="accepted"))
     recording.moment = Moment(event=1)
-    view.show(recording)
+    view.log_current_state(recording)
     recording.close()
     labels: list[tuple[int, list[str]]] = []
     for chunk in RrdReader(tmp_path / "a.rrd").stream().filter(content=Paths.MACHINE).to_chunks():

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from grs_agents.errors import InputError
-from grs_agents.views import WebAddress, viewer_command, viewing
-from grs_agents.views.rerun import WEB_PORT, has_display, recordings, viewer_environment
+from grs_agents.views import WebAddress, open_viewer, viewer_command
+from grs_agents.views.rerun import WEB_PORT, find_recordings, has_display, viewer_environment
 from tests.needs import needs
 
 
@@ -25,14 +25,14 @@ def test_the_viewer_listens_to_this_machine_alone(tmp_path: Path) -> None:
 
 
 def test_the_page_in_the_browser_is_on_a_port_that_is_free() -> None:
-    usual = WebAddress.free()
+    usual = WebAddress.with_free_ports()
     assert usual.url == f"http://127.0.0.1:{usual.page}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{usual.data}%2Fproxy"
     with socket.socket() as other:
         other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         with contextlib.suppress(OSError):
             other.bind(("127.0.0.1", WEB_PORT))
             other.listen()
-        assert WebAddress.free().page != WEB_PORT
+        assert WebAddress.with_free_ports().page != WEB_PORT
 
 
 def test_no_usage_data_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -43,7 +43,7 @@ def test_no_usage_data_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_folder_without_a_recording_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no recording"):
-        recordings(tmp_path)
+        find_recordings(tmp_path)
     with pytest.raises(InputError, match="no recording"):
         viewer_command(tmp_path / "trace.rrd")
 
@@ -53,7 +53,7 @@ def test_without_a_display_the_error_says_what_to_do(tmp_path: Path, monkeypatch
     (tmp_path / "trace.rrd").touch()
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    with pytest.raises(InputError, match=r"no display.*--web.*rerun trace.rrd"), viewing(tmp_path):
+    with pytest.raises(InputError, match=r"no display.*--web.*rerun trace.rrd"), open_viewer(tmp_path):
         pass
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from grs_agents.library import Library
 from grs_agents.trace import NodeStarted, Rollout, read_events
-from grs_agents.views.rerun import compare, rebuild
+from grs_agents.views.rerun import rebuild_rrd_file, record_comparison
 from tests.needs import needs
 from tests.views.looking import headless, picture
 
@@ -19,7 +19,7 @@ def moment(folder: Path, wanted: Callable[[Any], bool]) -> float:
 
     clock = Clock()
     for event in read_events(folder / "events.jsonl"):
-        now = clock.tick(event)
+        now = clock.advance_to_event(event)
         if wanted(event):
             return now.replay
     raise AssertionError("no such event")
@@ -30,7 +30,7 @@ def test_a_headless_viewer_draws_the_run(script: Callable[[], Any], library: Lib
     run = script()
     run.before_fix()
     run.after_fix()
-    rebuild(run.folder, library)
+    rebuild_rrd_file(run.folder, library)
     began = moment(run.folder, lambda event: isinstance(event, NodeStarted))
     played = moment(run.folder, lambda event: isinstance(event, Rollout)) + 2.0
     with headless(run.folder / "trace.rrd") as client:
@@ -50,7 +50,7 @@ def test_two_runs_stand_side_by_side(script: Callable[[], Any], library: Library
     run = script()
     run.before_fix()
     run.after_fix()
-    both = compare([(run.folder, library), (run.folder, library)], tmp_path / "both.rrd")
+    both = record_comparison([(run.folder, library), (run.folder, library)], tmp_path / "both.rrd")
     with headless(both) as client:
         origins = {view.origin for view in client.get_state().views}
         image = picture(client, moment(run.folder, lambda event: isinstance(event, Rollout)) + 2.0)

@@ -12,7 +12,7 @@ import threading
 from pathlib import Path
 from typing import Any, NoReturn, cast
 
-from grs_agents.sandbox import progress
+from grs_agents.sandbox import report_progress
 from tests.sandbox.attacks.kit import REFUSED, World, gets
 
 LOST = ("crashed", "crashed by SIGKILL", "timeout", "error", "forged", "nothing")
@@ -104,7 +104,7 @@ def flood_of_prints(world: World) -> None:
 @gets("output_limit")
 def flood_of_events(world: World) -> None:
     for number in range(3 << 10):
-        progress({"number": number, "text": "x" * 1024})
+        report_progress({"number": number, "text": "x" * 1024})
 
 
 @gets("output_limit", "forged", wall_seconds=2)

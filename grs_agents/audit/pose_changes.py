@@ -1,0 +1,52 @@
+"""Which objects do not stand where the photo shows them."""
+
+import math
+from collections.abc import Sequence
+
+from grs_agents.audit.types import Change
+from grs_agents.base import Quat
+from grs_agents.perception import SceneDescription, SceneObject
+from grs_agents.sim import InstanceObject, TaskInstance
+
+SAME_PLACE = 0.03
+"""An object within this many metres of its place in the photo has kept it."""
+SAME_TILT = math.radians(15)
+"""And within this angle of how it stands there; its turn about the vertical does not count."""
+
+
+def find_pose_changes(instances: Sequence[TaskInstance], scene: SceneDescription) -> list[Change]:
+    """Every object position that was not taken from the photo; each place in the photo is taken once."""
+    return [change for instance in instances for change in _find_instance_changes(instance, scene)]
+
+
+def _find_instance_changes(instance: TaskInstance, scene: SceneDescription) -> list[Change]:
+    free = list(scene.objects)
+    changes: list[Change] = []
+    for item in instance.objects:
+        places = [place for place in free if place.asset == item.asset]
+        nearest = min(places, key=lambda place: math.dist(place.position, item.pose[0]), default=None)
+        if nearest is not None and _has_photo_pose(item, nearest):
+            free.remove(nearest)
+            continue
+        changes.append(
+            Change(
+                seed=instance.seed,
+                asset=item.asset,
+                position=item.pose[0],
+                photo=None if nearest is None else nearest.position,
+                distance=None if nearest is None else math.dist(nearest.position, item.pose[0]),
+            )
+        )
+    return changes
+
+
+def _has_photo_pose(item: InstanceObject, place: SceneObject) -> bool:
+    near = math.dist(place.position, item.pose[0]) <= SAME_PLACE
+    cosine = sum(a * b for a, b in zip(_object_up_axis(item.pose[1]), _object_up_axis(place.orientation), strict=True))
+    return near and math.acos(max(-1.0, min(1.0, cosine))) <= SAME_TILT
+
+
+def _object_up_axis(quaternion: Quat) -> tuple[float, float, float]:
+    """The object's own z axis in the robot frame."""
+    x, y, z, w = quaternion
+    return (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))

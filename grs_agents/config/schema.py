@@ -1,0 +1,178 @@
+"""The configuration's types: frozen, every key known, every bound stated.
+
+``Limits``, what one sandbox call may cost, is the one definition that configuration, sandbox and simulation share.
+"""
+
+import re
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from grs_agents.base import Frozen
+
+
+class Limits(Frozen):
+    """What one call may cost; each limit that is reached has an outcome of its own.
+
+    A call is all tests of a file, or all seeds of an instantiation. The sandbox keeps the first six, whatever the code
+    in it does. The simulation keeps the last three: they end a program that asks for too much with an error that says
+    so, long before the others would.
+    """
+
+    # from the moment the worker takes the request, kept by the host
+    wall_seconds: float = Field(default=60, gt=0, le=3600)
+    # processor time of the worker process, kept by the kernel (whole seconds, rounded up)
+    cpu_seconds: float = Field(default=50, gt=0, le=3600)
+    memory_mib: int = Field(default=1024, ge=64, le=65536)  # address space on top of what a fresh worker holds
+    scratch_mib: int = Field(default=64, ge=1, le=4096)  # everything in the worker's scratch folder
+    # everything the worker writes: standard output, progress and result together
+    output_mib: int = Field(default=8, ge=1, le=256)
+    threads: int = Field(default=64, ge=1, le=1024)  # of the worker process, all together
+    simulated_steps: int = Field(default=500_000, ge=1, le=1_000_000_000)  # time steps of all simulated worlds together
+    objects: int = Field(default=200, ge=1, le=200)  # on the table at once
+    # of all meshes of the objects on the table at once
+    mesh_vertices: int = Field(default=200_000, ge=1, le=100_000_000)
+
+
+ROLES = ("default", "describe", "match", "task", "simulation", "tests", "route", "fix_code", "fix_tests")
+"""The agent roles a model may be named for; ``default`` serves every role that has none of its own."""
+ROLE_ALIASES = {"router": "route", "describer": "describe", "matcher": "match", "task_author": "task"}
+
+
+class ModelConfig(Frozen):
+    """Which chat model serves a role."""
+
+    model: str  # `offline` or `provider:name` (providers: openai, anthropic, google, ollama)
+    base_url: str | None = None  # another endpoint that speaks the provider's protocol
+    key_variable: str | None = None  # the NAME of the environment variable that holds the key, never the key
+    temperature: float | None = Field(default=None, ge=0, le=2)  # passed on where given
+    timeout: float = Field(default=120.0, gt=0)  # seconds for one call, from the request to the last byte of the reply
+    max_tokens: int | None = Field(default=None, gt=0)  # the longest reply
+
+    @field_validator("key_variable")
+    @classmethod
+    def _validate_key_variable(cls, value: str | None) -> str | None:
+        if value is not None and not re.fullmatch(r"[A-Z_][A-Z0-9_]*", value):
+            raise ValueError("this is no name of an environment variable (A-Z, 0-9, _); the key itself does not belong")
+        return value
+
+    @field_validator("base_url")
+    @classmethod
+    def _refuse_password_in_url(cls, value: str | None) -> str | None:
+        host = (value or "").split("//", 1)[-1].split("/", 1)[0]
+        if "@" in host:
+            raise ValueError("a user or password in the URL would be recorded; give the key by key_variable")
+        return value
+
+
+class ToolsConfig(Frozen):
+    """Which tool file does each exchangeable job."""
+
+    segment: str = "segment_rgbd"
+    depth: str = "depth_given"
+    match: str = "match_features"
+
+
+TableChoice = Literal["auto", "largest", "highest"] | Annotated[int, Field(ge=1, le=100)]
+"""Which level plane of the photo is the table: by a rule, or by its number in ``scene.json``."""
+
+
+class SceneConfig(Frozen):
+    """How a photo is read."""
+
+    # `auto`; `largest`, the level plane with most pixels; `highest`; or the number of one of `frame.planes` in
+    # `scene.json`
+    table: TableChoice = "auto"
+
+
+class SegmentConfig(Frozen):
+    """What a segmentation tool is told besides the photo."""
+
+    model: str | None = Field(default=None, max_length=4096)  # the folder of a model of the user's own
+
+
+class DepthConfig(Frozen):
+    """What a depth tool is told of a photo without depth."""
+
+    model: str | None = Field(default=None, max_length=4096)  # the folder of a model of the user's own
+    # of the photo's width, in degrees, where neither `camera.json` nor the photo tells its lens
+    field_of_view: float | None = Field(default=None, ge=5, le=150)
+
+
+class MatchConfig(Frozen):
+    """What a match tool is told besides the candidates, and what becomes of objects that nothing matches."""
+
+    model: str | None = Field(default=None, max_length=4096)  # the folder of a model of the user's own (`match_clip`)
+    ocr: bool = True  # read what is printed on objects; needs the extra `ocr` and is passed over without it
+    # the folder of an index of the library (`grs assets index`)
+    index: str | None = Field(default=None, max_length=4096)
+    proxies: bool = True  # a solid of its own size and look stands for what nothing matches; if false, that is left out
+
+
+class BackgroundConfig(Frozen):
+    """Whether what is around the table stands in the simulation too."""
+
+    on: bool = False  # reconstruct it; needs the extra `background`
+    # edge of the cells of its signed distance, metres; what is solid has cells of twice that
+    voxel: float = Field(default=0.015, ge=0.005, le=0.1)
+
+
+class PromptsConfig(Frozen):
+    """Which prompt file each role uses."""
+
+    describe: str = "describe"
+    match: str = "match"
+    task: str = "task"
+    simulation: str = "simulation"
+    tests: str = "tests"
+    route: str = "route"
+    fix_code: str = "fix_code"
+    fix_tests: str = "fix_tests"
+
+
+class AuditConfig(Frozen):
+    """What a task must show to be accepted."""
+
+    seeds: int = Field(default=3, ge=1, le=100)  # how many task instances are solved
+    # the least strict score, and the least published reward, that the oracle must reach on each
+    reward: float = Field(default=0.99, gt=0, le=1)
+
+
+class Config(Frozen):
+    """Everything a run can be told."""
+
+    graph: str = "grs"  # the topology to run, by its name in `graphs/`
+    # who decides between fixing code and tests: `llm`, `rules`, `always_code`, a dotted path (`package.module:Policy`)
+    # or an entry point in the group `grs_agents.policies`
+    policy: str = "llm"
+    seed: int = Field(default=0, ge=0, lt=2**31)  # the seed of everything random, the offline model's choices included
+    # the arm behind the table: `ur5e`, `panda` or the path of an MJCF file (`.xml`) of one's own
+    robot: str = Field(default="ur5e", max_length=4096)
+    max_fixes: int = Field(default=10, ge=0, le=1000)  # code and test fixes together
+    # what separates generated code from the machine: `bubblewrap`, `landlock`, `sandbox-exec` (macOS), or `auto` for
+    # the strongest that holds. `none` can only be asked for with `--unsafe-no-sandbox`
+    sandbox: Literal["auto", "bubblewrap", "landlock", "sandbox-exec", "none"] = "auto"
+    workers: int = Field(default=2, ge=1, le=64)  # how many sandbox calls may run at once
+    # how often a reply that does not parse is asked for again, with the error
+    reply_retries: int = Field(default=2, ge=0, le=20)
+    models: dict[str, ModelConfig] = Field(default_factory=lambda: {"default": ModelConfig(model="offline")})
+    tools: ToolsConfig = ToolsConfig()
+    scene: SceneConfig = SceneConfig()
+    segment: SegmentConfig = SegmentConfig()
+    depth: DepthConfig = DepthConfig()
+    match: MatchConfig = MatchConfig()
+    background: BackgroundConfig = BackgroundConfig()
+    prompts: PromptsConfig = PromptsConfig()
+    limits: Limits = Limits()
+    audit: AuditConfig = AuditConfig()
+
+    def model_for_role(self, role: str) -> ModelConfig:
+        """The model that serves ``role``."""
+        return self.models.get(role, self.models["default"])
+
+    @field_validator("robot")
+    @classmethod
+    def _validate_robot(cls, robot: str) -> str:
+        if robot in ("ur5e", "panda") or robot.endswith((".xml", ".mjcf")):
+            return robot
+        raise ValueError(f"there is no arm {robot!r}; use ur5e, panda or the path of an MJCF file (.xml, .mjcf)")

@@ -1,0 +1,203 @@
+"""What assets a folder holds: known layouts first, then descriptions, then loose meshes."""
+
+import re
+from collections import Counter
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path, PurePosixPath
+from typing import Final
+
+from grs_agents.library.importing.mesh_appearance import HOPE_LICENSE, OPEN_LICENSE
+from grs_agents.library.importing.mesh_reader import SUFFIXES
+from grs_agents.library.importing.source_folder import SourceFolder, find_obj_material_files
+from grs_agents.library.importing.types import Kind, RefusedError, SourceItem
+
+DESCRIPTIONS: Final[dict[str, Kind]] = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf"}
+_PREFERRED: Final = (".glb", ".gltf", ".obj", ".dae", ".ply", ".stl", ".msh")
+_COLLISION: Final = re.compile(r"(_coll?|_collision|_ch|_vis|\.part\d+|_convex.*|coacd.*|vhacd.*)$", re.IGNORECASE)
+_UNTOLD: Final = ("model", "mesh", "textured", "object", "scene", "untitled")
+"""Names of mesh files that say nothing: the folder's name is taken."""
+_YCB: Final = re.compile(r"^\d{3}(-[a-z])?_\w+$")
+_YCB_FOLDERS: Final = ("google_16k/", "google_64k/", "google_512k/", "tsdf/", "poisson/")
+_YCB_FILES: Final = (
+    *(f"{folder}textured.obj" for folder in _YCB_FOLDERS),
+    *("textured_simple.obj", "textured.obj", "google_16k/nontextured.ply", "google_16k/nontextured.stl"),
+)
+_FILES: Final = re.compile(r"""(?:filename|file)\s*=\s*["']([^"']+)["']""")
+_HOPE: Final = "stable_hope_objects"
+_MOST: Final = 1_000_000
+_HEAD: Final = 2000
+
+
+def find_source_items(folder: SourceFolder) -> list[SourceItem]:
+    """The assets of a folder, in the order of their paths, each with a name of its own."""
+    names = list(_list_visible_files(folder.root))
+    claimed: set[str] = set()
+    items: list[SourceItem] = []
+    for layout in (
+        _find_hope_items(names),
+        _find_gso_items(names),
+        _find_ycb_items(names),
+        _find_urdf_and_mjcf_items(folder, names, claimed),
+    ):
+        items += [item for item in layout if not _is_claimed(item.file, claimed)]
+        claimed |= {item.file for item in items}
+        claimed |= {f"{_home_folder_of_item(item)}/" for item in items if item.kind in ("gso", "ycb", "hope")}
+    items += list(_find_loose_mesh_items(names, claimed))
+    return _assign_unique_names(sorted(items, key=lambda item: item.file))
+
+
+def find_item_files(folder: SourceFolder, item: SourceItem) -> tuple[str, ...]:
+    """All files that an item is made of, as far as they can be found; what is wrong with them is said on reading."""
+    files = {item.file, *([item.texture] if item.texture else []), *item.files}
+    for name in tuple(files):
+        if name.lower().endswith(".obj"):
+            try:
+                materials, pictures = find_obj_material_files(folder, name)
+            except RefusedError:
+                continue
+            files |= {*materials, *pictures}
+    return tuple(sorted(files))
+
+
+def slugify_name(name: str) -> str:
+    """A name as files and programs can bear it: letters, digits, ``_`` and ``-``, at most 64."""
+    slug = re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_-")[:64]
+    return slug if re.match(r"[A-Za-z0-9]", slug) else f"asset_{slug}".rstrip("_")
+
+
+def _list_visible_files(root: Path) -> Iterator[str]:
+    """Every file below ``root`` by its relative name, hidden ones and links left out."""
+    for path in sorted(islice(root.rglob("*"), _MOST)):
+        relative = path.relative_to(root)
+        if path.is_file() and not path.is_symlink() and not any(part.startswith(".") for part in relative.parts):
+            yield relative.as_posix()
+
+
+def _is_claimed(file: str, claimed: set[str]) -> bool:
+    return file in claimed or any(f"{parent}/" in claimed for parent in PurePosixPath(file).parents)
+
+
+def _lowercase_suffix(file: str) -> str:
+    return PurePosixPath(file).suffix.lower()
+
+
+def _home_folder_of_item(item: SourceItem) -> str:
+    """The folder that belongs to an item of a known layout; that of the whole set for HOPE with its copies."""
+    parts = PurePosixPath(item.file).parts
+    if item.kind == "hope":
+        return "/".join(parts[: parts.index(_HOPE) + 1])
+    return "/".join(parts[: -2 if item.kind == "gso" or not _YCB.match(parts[-2]) else -1])
+
+
+def _find_hope_items(names: list[str]) -> Iterator[SourceItem]:
+    """The HOPE meshes as LIBERO packages them, ``stable_hope_objects/KIND``, without their recoloured copies."""
+    homes: dict[str, list[str]] = {}
+    for name in names:
+        parts = PurePosixPath(name).parts
+        if _HOPE in parts[:-2]:
+            homes.setdefault("/".join(parts[: parts.index(_HOPE) + 2]), []).append(name)
+    kinds = {PurePosixPath(home).name for home in homes}
+    for home, files in homes.items():
+        kind = PurePosixPath(home).name
+        mesh = _choose_hope_mesh(home, files)
+        if mesh is not None and kind.partition("_")[2] not in kinds:
+            texture = next((file for file in files if file.endswith("/texture_map.png")), None)
+            yield SourceItem(kind="hope", name=kind, file=mesh, texture=texture, license=HOPE_LICENSE)
+
+
+def _choose_hope_mesh(home: str, files: list[str]) -> str | None:
+    """The mesh to look at of a HOPE object: the OBJ in its folder, else a binary one anywhere below."""
+    direct = (file for file in files if PurePosixPath(file).parent.as_posix() == home and file.endswith(".obj"))
+    visible = (file for file in direct if not _COLLISION.search(PurePosixPath(file).stem))
+    return next(visible, None) or next((file for file in files if file.endswith(".msh")), None)
+
+
+def _find_gso_items(names: list[str]) -> Iterator[SourceItem]:
+    """Google Scanned Objects: ``NAME/meshes/model.obj`` with its picture in another folder."""
+    known = set(names)
+    for name in names:
+        if name.endswith("meshes/model.obj"):
+            home = name.removesuffix("meshes/model.obj")
+            picture, metadata = f"{home}materials/textures/texture.png", f"{home}metadata.pbtxt"
+            yield SourceItem(
+                kind="gso",
+                name=PurePosixPath(home).name or "model",
+                file=name,
+                files=(metadata,) if metadata in known else (),
+                texture=picture if picture in known else None,
+                license=OPEN_LICENSE,
+            )
+
+
+def _find_ycb_items(names: list[str]) -> Iterator[SourceItem]:
+    """YCB objects: a folder ``NNN_name`` with one of several meshes of the same thing."""
+    known = set(names)
+    parents = {parent for name in names for parent in PurePosixPath(name).parents}
+    for home in sorted(parent.as_posix() for parent in parents if _YCB.match(parent.name)):
+        file = next((f"{home}/{file}" for file in _YCB_FILES if f"{home}/{file}" in known), None)
+        if file is not None:
+            yield SourceItem(kind="ycb", name=PurePosixPath(home).name, file=file, license=OPEN_LICENSE)
+
+
+def _find_urdf_and_mjcf_items(folder: SourceFolder, names: list[str], claimed: set[str]) -> Iterator[SourceItem]:
+    """URDF and MJCF files; the meshes that they name are theirs, and those beside the only one of a folder."""
+    descriptions = [name for name in names if _lowercase_suffix(name) in DESCRIPTIONS]
+    homes = Counter(PurePosixPath(name).parent.as_posix() for name in descriptions)
+    for name in descriptions:
+        text = None if _is_claimed(name, claimed) else _read_urdf_or_mjcf_text(folder.root / name)
+        if text is None:
+            continue
+        parts = _find_mentioned_files(text, name, names)
+        claimed |= set(parts)
+        home = PurePosixPath(name).parent.as_posix()
+        if home != "." and homes[home] == 1:
+            claimed |= {file for file in names if file.startswith(f"{home}/")} - set(descriptions)
+        yield SourceItem(
+            kind=DESCRIPTIONS[_lowercase_suffix(name)], name=PurePosixPath(name).stem, file=name, files=parts
+        )
+
+
+def _read_urdf_or_mjcf_text(path: Path) -> str | None:
+    """The text of a URDF or MJCF file; None for XML of another kind."""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        head = file.read(_HEAD)
+        return head + file.read(_MOST) if _lowercase_suffix(path.name) == ".urdf" or "<mujoco" in head else None
+
+
+def _find_mentioned_files(text: str, description: str, names: list[str]) -> tuple[str, ...]:
+    """The files whose names a description says, below its folder or the folder around that."""
+    mentioned = {PurePosixPath(file).name for file in _FILES.findall(text)}
+    around = PurePosixPath(description).parent.parent  # of "." it is "." itself
+    files = [PurePosixPath(file) for file in names]
+    return tuple(file.as_posix() for file in files if file.name in mentioned and file.is_relative_to(around))
+
+
+def _find_loose_mesh_items(names: list[str], claimed: set[str]) -> Iterator[SourceItem]:
+    """Meshes that belong to nothing else: one of each name, in the format that says most."""
+    loose: dict[str, list[str]] = {}
+    for name in names:
+        if _lowercase_suffix(name) in SUFFIXES and not _is_claimed(name, claimed):
+            loose.setdefault(PurePosixPath(name).with_suffix("").as_posix(), []).append(name)
+    for stem, files in loose.items():
+        pure = PurePosixPath(stem)
+        main = _COLLISION.sub("", stem)
+        if main != stem and main in loose:
+            continue
+        file = min(files, key=lambda file: _PREFERRED.index(_lowercase_suffix(file)))
+        untold = pure.name.lower() in _UNTOLD and pure.parent.name
+        yield SourceItem(kind="mesh", name=pure.parent.name if untold else pure.name, file=file)
+
+
+def _assign_unique_names(items: list[SourceItem]) -> list[SourceItem]:
+    """The items with names as slugs, those that were taken numbered."""
+    taken: set[str] = set()
+    named: list[SourceItem] = []
+    for item in items:
+        slug = base = slugify_name(item.name)
+        number = 2
+        while slug.lower() in taken:
+            slug, number = f"{base[:60]}-{number}", number + 1
+        taken.add(slug.lower())
+        named.append(item.model_copy(update={"name": slug}))
+    return named

@@ -1,0 +1,70 @@
+"""Writing a prepared asset into a library: URDF, OBJ, PNG, convex parts, views, and its entry."""
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from grs_agents.files import write_bytes
+from grs_agents.library.asset import Asset
+from grs_agents.library.asset_rendering import random_view_directions, render_asset_views
+from grs_agents.library.formats import MAX_PARTS, format_urdf_text
+from grs_agents.library.importing.types import Collider, ConvexHull, TexturedMesh
+from grs_agents.library.library import Library
+from grs_agents.library.mesh_files import box_inertia, encode_png, format_obj_text
+from grs_agents.library.shapes import Shape
+
+VIEWS = 3
+"""Random views of each asset, as in the paper."""
+VIEW_SIZE = 384
+
+
+def write_asset_files(root: Path, asset: Asset, solid: TexturedMesh, colliders: Sequence[Collider]) -> Asset:
+    """Write all files of an asset below the library ``root``; its entry, which is not in the manifest yet."""
+    collection, _, file = asset.name.rpartition("/")
+    files = _build_asset_files(collection, file.removesuffix(".urdf"), asset, solid, colliders)
+    parts = sum(isinstance(collider, ConvexHull) for collider in colliders)
+    for number in range(parts, MAX_PARTS):
+        (root / f"{collection}/meshes/{asset.kind}.part{number}.obj").unlink(missing_ok=True)  # of an earlier import
+    for name, data in files.items():
+        write_bytes(root / name, data)
+    _write_random_views(root, asset.name)
+    digests = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
+    origin = asset.origin and asset.origin.model_copy(update={"files": digests})
+    return asset.model_copy(update={"origin": origin})
+
+
+def _build_asset_files(
+    collection: str, slug: str, asset: Asset, solid: TexturedMesh, colliders: Sequence[Collider]
+) -> dict[str, bytes]:
+    """The content of each file of an asset, by library-relative name."""
+    base, texture = f"{collection}/meshes/{slug}", f"{collection}/textures/{slug}.png"
+    uvs, number = np.unique(np.round(solid.uvs.reshape(-1, 2), 5), axis=0, return_inverse=True)
+    mesh = format_obj_text(solid.vertices, solid.faces, uvs, number.reshape(-1, 3))
+    files = {f"{base}.obj": mesh.encode(), texture: encode_png(solid.image)}
+    hulls = [collider for collider in colliders if isinstance(collider, ConvexHull)]
+    for number, hull in enumerate(hulls):
+        files[f"{base}.part{number}.obj"] = format_obj_text(hull.vertices, hull.faces).encode()
+    seen = Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=f"{base}.obj", texture=texture, color=(1.0, 1.0, 1.0, 1.0))
+    touching = [collider for collider in colliders if isinstance(collider, Shape)]
+    touching += [Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=f"{base}.obj")] if hulls else []
+    inertia = box_inertia(asset.size, asset.mass)
+    text = format_urdf_text(
+        slug, [seen], touching, mass=asset.mass, friction=asset.friction, inertia=inertia, folder=collection
+    )
+    return files | {asset.name: text.encode()}
+
+
+def asset_view_path(root: Path, name: str, number: int) -> Path:
+    """Where the picture of an asset's random view ``number`` lies."""
+    urdf = root / name
+    return urdf.parent / "views" / f"{urdf.stem}-{number}.png"
+
+
+def _write_random_views(root: Path, name: str) -> None:
+    """The random views, the same for the same name."""
+    seed = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big")
+    directions = random_view_directions(VIEWS, np.random.default_rng(seed))
+    for number, view in enumerate(render_asset_views(Library(root), name, directions, size=VIEW_SIZE)):
+        write_bytes(asset_view_path(root, name, number), encode_png(view.rgba))

@@ -1,0 +1,102 @@
+"""Segments that the graphs share. Each adds its nodes and edges to a graph, and leads on to the node ``then``."""
+
+from itertools import pairwise
+from typing import Final, TypeAlias
+
+from langgraph.graph import END, START, StateGraph
+
+from grs_agents.nodes.authoring import fix_code, fix_tests, generate_sim, generate_task, generate_tests
+from grs_agents.nodes.comprehension import (
+    describe_candidates,
+    find_table,
+    match_candidates_to_assets,
+    next_step_after_register,
+    read_photo,
+    register_assets_in_photo,
+    segment_photo,
+    settle_objects,
+)
+from grs_agents.nodes.judging import (
+    audit_task,
+    conclude_run,
+    decide_what_to_fix,
+    next_step_after_audit,
+    next_step_after_author,
+    next_step_after_route,
+    next_step_after_tests,
+    run_tests,
+)
+from grs_agents.nodes.services import Services
+from grs_agents.state import RunState
+
+RunGraph: TypeAlias = StateGraph[RunState, Services, RunState, RunState]
+
+PERCEPTION: Final = {
+    "read": read_photo,
+    "find_table": find_table,
+    "segment": segment_photo,
+    "describe": describe_candidates,
+    "match": match_candidates_to_assets,
+    "register": register_assets_in_photo,
+    "settle": settle_objects,
+}
+AUTHORS: Final = {"generate_task": generate_task, "generate_sim": generate_sim, "generate_tests": generate_tests}
+
+
+def empty_graph() -> RunGraph:
+    """A graph over ``RunState`` whose nodes get the ``Services`` of the run."""
+    return StateGraph(RunState, context_schema=Services)
+
+
+def add_perception(graph: RunGraph, then: str) -> None:
+    """From the start: from the photo to objects at rest in MuJoCo (paper, Scene Comprehension).
+
+    Residual candidates, which show once the first objects are placed, are described and matched in a second pass.
+    """
+    for name, step in PERCEPTION.items():
+        graph.add_node(name, step)
+    for source, target in pairwise((START, *list(PERCEPTION)[:-1])):
+        graph.add_edge(source, target)
+    graph.add_conditional_edges("register", next_step_after_register, ["describe", "settle"])
+    graph.add_edge("settle", then)
+
+
+def add_authors(graph: RunGraph, *names: str, then: str) -> None:
+    """The authors ``names`` one after another. A run whose author gave no usable answer goes on to ``conclude``.
+
+    Raises:
+        KeyError: a name is none of ``AUTHORS``.
+    """
+    for name, following in zip(names, (*names[1:], then), strict=True):
+        graph.add_node(name, AUTHORS[name])
+        graph.add_conditional_edges(name, next_step_after_author, {"ok": following, "stop": "conclude"})
+
+
+def add_fix_loop(graph: RunGraph, then: str, router: bool = True) -> str:
+    """Run the tests, and fix until they pass or the fixes are used up (paper, Algorithm 1).
+
+    Returns:
+        the node that a failure goes to: ``route``, or ``fix_code`` without a router.
+    """
+    first = "route" if router else "fix_code"
+    graph.add_node("run_tests", run_tests)
+    graph.add_node("fix_code", fix_code)
+    graph.add_conditional_edges("run_tests", next_step_after_tests, {"audit": then, "fix": first, "stop": "conclude"})
+    graph.add_edge("fix_code", "run_tests")
+    if router:
+        graph.add_node("route", decide_what_to_fix)
+        graph.add_node("fix_tests", fix_tests)
+        graph.add_conditional_edges("route", next_step_after_route, ["fix_code", "fix_tests"])
+        graph.add_edge("fix_tests", "run_tests")
+    return first
+
+
+def add_judging(graph: RunGraph, fix: str | None = None) -> None:
+    """Audit the program and conclude the run. What the audit finds goes to the node ``fix``, if there is one."""
+    graph.add_node("audit", audit_task)
+    graph.add_node("conclude", conclude_run)
+    if fix is None:
+        graph.add_edge("audit", "conclude")
+    else:
+        graph.add_conditional_edges("audit", next_step_after_audit, {"fix": fix, "stop": "conclude"})
+    graph.add_edge("conclude", END)

@@ -1,0 +1,81 @@
+"""Pictures of a scene: the frame, masks and crops as files, and an annotated photo for people."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.files import write_bytes
+from grs_agents.foreign import read_picture
+from grs_agents.perception.types import Camera, Candidate, CandidateRecord, Image, Mask, RGBDFrame
+
+COLORS = ((230, 60, 60), (60, 180, 75), (60, 110, 230), (245, 160, 40), (150, 60, 190), (60, 200, 220), (230, 80, 200))
+
+
+def save_frame(frame: RGBDFrame, run: Path) -> dict[str, str]:
+    """Write ``scene/rgb.png`` and ``scene/depth.png`` (uint16, in the camera's unit); returns these names."""
+    units = np.rint(frame.depth / frame.camera.depth_scale).astype(np.uint16)
+    _write_png(run / "scene/rgb.png", cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR))
+    _write_png(run / "scene/depth.png", units)
+    return {"rgb": "scene/rgb.png", "depth": "scene/depth.png"}
+
+
+def load_frame(run: Path, camera: Camera, source: str) -> RGBDFrame:
+    """Read again what `save_frame` wrote; raises InputError if the pictures are gone."""
+    color, depth = (read_picture(run / name, cv2.IMREAD_UNCHANGED) for name in ("scene/rgb.png", "scene/depth.png"))
+    metres = np.asarray(depth * camera.depth_scale, np.float32)
+    return RGBDFrame(np.asarray(cv2.cvtColor(color, cv2.COLOR_BGR2RGB), np.uint8), metres, camera, Path(source))
+
+
+def load_mask(file: Path) -> Mask:
+    """Read a mask that `save_candidates` wrote, (H, W) bool; raises InputError if it is gone."""
+    return read_picture(file, cv2.IMREAD_UNCHANGED) > 0
+
+
+def save_candidates(frame: RGBDFrame, candidates: Sequence[Candidate], run: Path) -> tuple[CandidateRecord, ...]:
+    """Write each candidate's mask and crop, the label image ``scene/masks.png`` and the annotated photo."""
+    return save_additional_candidates(frame, candidates, (), run)
+
+
+def save_additional_candidates(
+    frame: RGBDFrame, candidates: Sequence[Candidate], earlier: Sequence[CandidateRecord], run: Path
+) -> tuple[CandidateRecord, ...]:
+    """Write candidates like `save_candidates`; label image and annotated photo show the ``earlier`` ones below them."""
+    records = tuple(_save_candidate(one, run) for one in candidates)
+    masks = {one.id: load_mask(run / one.mask) for one in earlier} | {one.id: one.mask for one in candidates}
+    labels = np.zeros(frame.depth.shape, np.uint8)
+    for number, mask in masks.items():
+        labels[mask] = number
+    _write_png(run / "scene/masks.png", labels)
+    _write_png(run / "scene/annotated.png", cv2.cvtColor(draw_candidate_overlay(frame, masks), cv2.COLOR_RGB2BGR))
+    return records
+
+
+def _save_candidate(one: Candidate, run: Path) -> CandidateRecord:
+    mask, crop = f"scene/mask_{one.id:02d}.png", f"scene/crop_{one.id:02d}.png"
+    _write_png(run / mask, one.mask.astype(np.uint8) * 255)
+    _write_png(run / crop, cv2.cvtColor(one.crop, cv2.COLOR_RGB2BGR))
+    return CandidateRecord.model_validate({**vars(one), "mask": mask, "crop": crop})
+
+
+def draw_candidate_overlay(frame: RGBDFrame, masks: Mapping[int, Mask]) -> Image:
+    """(H, W, 3) uint8: the photo with the mask, outline and number of each candidate."""
+    picture = frame.rgb.copy()
+    for number, mask in masks.items():
+        color = COLORS[number % len(COLORS)]
+        picture[mask] = (0.6 * picture[mask] + 0.4 * np.array(color)).astype(np.uint8)
+        outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        cv2.drawContours(picture, outlines, -1, color, 2)
+    for number, mask in masks.items():
+        rows, columns = np.nonzero(mask)
+        place = (int(columns.mean()) - 6, int(rows.mean()) + 6)
+        for thickness, color in ((4, (0, 0, 0)), (1, (255, 255, 255))):
+            cv2.putText(picture, str(number), place, cv2.FONT_HERSHEY_SIMPLEX, 0.6, color, thickness, cv2.LINE_AA)
+    return picture
+
+
+def _write_png(file: Path, image: "npt.NDArray[np.integer[Any] | np.floating[Any]]") -> None:
+    write_bytes(file, cv2.imencode(".png", image)[1].tobytes())

@@ -1,0 +1,66 @@
+"""Models of the user's own, as transformers writes them into folders: opened from disk, never from a hub."""
+
+import json
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from grs_agents.errors import ConfigError, GrsError, InputError
+
+LOCAL: Mapping[str, bool] = {"local_files_only": True}
+
+
+def load_model_config(setting: str, name: str | None, tool: str) -> tuple[Path, dict[str, Any]]:
+    """The folder ``name`` of a tool's model and its configuration.
+
+    Raises:
+        ConfigError: the ``setting`` of our configuration, as ``depth.model``, names none, or no folder of a model.
+    """
+    if name is None:
+        raise ConfigError(f"tool {tool} needs a model", f"name its folder: --set {setting}=FOLDER")
+    folder = Path(name)
+    try:
+        config = json.loads((folder / "config.json").read_text(encoding="utf-8"))
+        return folder, {**config, "model_type": str(config["model_type"])}
+    except (OSError, ValueError, RecursionError, TypeError, LookupError) as error:
+        raise ConfigError(
+            f"{setting} = {name!r}: no folder of a model with a config.json that transformers wrote ({error})",
+            "name one on this machine; nothing is downloaded",
+        ) from error
+
+
+def load_pretrained_model(kind: Any, folder: Path, setting: str, transformers: Any, **options: Any) -> Any:
+    """A model of a class of transformers with all its weights, in the mode of use.
+
+    Raises:
+        InputError: weights are missing; transformers would go on with random ones.
+    """
+    transformers.logging.set_verbosity_error()
+    transformers.logging.disable_progress_bar()
+    model, loading = kind.from_pretrained(
+        str(folder), use_safetensors=True, output_loading_info=True, **LOCAL, **options
+    )
+    missing = sorted(loading["missing_keys"])
+    if missing:
+        named = ", ".join(missing[:3]) + (", ..." if len(missing) > 3 else "")
+        raise InputError(
+            f"{setting} = {str(folder)!r} lacks {len(missing)} of its weights: {named}",
+            "name a folder with the whole model",
+        )
+    return model.eval()
+
+
+@contextmanager
+def wrap_model_errors(what: str, folder: Path, photo: object, loader: str) -> Generator[None]:
+    """Whatever the libraries of a model think of a user's folder or photo becomes one line, an InputError."""
+    try:
+        yield
+    except GrsError:
+        raise
+    except Exception as error:
+        said = (str(error).strip() or repr(error)).splitlines()[0][:300]
+        raise InputError(
+            f"the {what} model {folder} failed on {photo}: {said}",
+            f"name the folder of a model that transformers loads by {loader}",
+        ) from error

@@ -1,0 +1,68 @@
+"""A scene in one ``.npz``: rgb, depth and K, and what else may be known."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from grs_agents.errors import InputError
+from grs_agents.foreign import MOST_PIXELS, Numbers, read_npz
+from grs_agents.perception.reading.camera import camera_from_matrix
+from grs_agents.perception.reading.frame_assembly import RecordedDepth, Recording
+from grs_agents.perception.reading.picture import Picture
+from grs_agents.perception.types import Image
+
+WANTED = {
+    "rgb": "(H, W, 3) uint8",
+    "depth": "(H, W), metres as floats or integers times depth_scale",
+    "K": "3x3, in pixels",
+}
+OPTIONAL = {"depth_scale": "metres per unit of depth", "T_robot_cam": "4x4, camera to robot frame, metres"}
+
+
+def read_npz_archive(file: Path) -> Recording:
+    """Read the arrays rgb, depth and K, and depth_scale and T_robot_cam where they are there."""
+    arrays = read_npz(file, WANTED, OPTIONAL)
+    rgb = _convert_to_rgb_uint8(arrays["rgb"], file)
+    depth, matrix = arrays["depth"], arrays["K"]
+    if depth.ndim != 2 or depth.dtype.kind == "b" or depth.dtype.itemsize < 2 or depth.size > MOST_PIXELS:
+        raise InputError(f"depth in {file} has shape {depth.shape} and type {depth.dtype}", f"give {WANTED['depth']}")
+    if matrix.shape != (3, 3):
+        raise InputError(f"K in {file} has shape {matrix.shape}", f"give {WANTED['K']}")
+    scale = _read_depth_scale(arrays, depth, file)
+    more: dict[str, Any] = {"depth_scale": scale}
+    if "T_robot_cam" in arrays:
+        more["T_robot_cam"] = arrays["T_robot_cam"].tolist()
+    size = (rgb.shape[1], rgb.shape[0])
+    camera = camera_from_matrix(matrix.tolist(), size, f"K in {file}", **more)
+    measured = RecordedDepth(depth, scale, f"depth in {file}", f"depth_scale in {file}")
+    return Recording(file, Picture(file, rgb), camera, measured)
+
+
+def _convert_to_rgb_uint8(rgb: Numbers, file: Path) -> Image:
+    channels = rgb.shape[2] if rgb.ndim == 3 else 1
+    if rgb.ndim not in (2, 3) or channels not in (1, 3, 4) or rgb.dtype.name not in ("uint8", "uint16"):
+        raise InputError(f"rgb in {file} has shape {rgb.shape} and type {rgb.dtype}", f"give {WANTED['rgb']}")
+    if rgb.shape[0] * rgb.shape[1] > MOST_PIXELS:
+        raise InputError(
+            f"rgb in {file} is {rgb.shape[1]}x{rgb.shape[0]}, more than {MOST_PIXELS} pixels", "give it smaller"
+        )
+    eight = (rgb // 257 if rgb.dtype == np.uint16 else rgb).astype(np.uint8)
+    planes = eight.reshape(*eight.shape[:2], channels)
+    return np.repeat(planes, 3, axis=2) if channels == 1 else planes[..., :3].copy()
+
+
+def _read_depth_scale(arrays: dict[str, Numbers], depth: Numbers, file: Path) -> float:
+    """Metres per unit of depth: told, or 1 for floats."""
+    given = arrays.get("depth_scale")
+    if given is None and depth.dtype.kind == "f":
+        return 1.0
+    if given is None:
+        raise InputError(
+            f"depth in {file} is of type {depth.dtype} and there is no depth_scale",
+            "add depth_scale: 0.001 for millimetres",
+        )
+    scale = float(given.reshape(-1)[0]) if given.size == 1 else np.nan
+    if not (np.isfinite(scale) and scale > 0):
+        raise InputError(f"depth_scale in {file} is {str(given.tolist())[:80]}", "give one number: metres per unit")
+    return scale

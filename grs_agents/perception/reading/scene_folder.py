@@ -1,0 +1,104 @@
+"""A scene folder: a photo, its depth as a picture, an array or a point cloud, and ``camera.json``."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from grs_agents.errors import InputError
+from grs_agents.foreign import list_folder_names, path_exists, read_npy
+from grs_agents.perception.reading import point_cloud as clouds
+from grs_agents.perception.reading.camera import DepthUnit, read_camera_file
+from grs_agents.perception.reading.frame_assembly import RecordedDepth, Recording, Units, guess_depth_unit
+from grs_agents.perception.reading.picture import SUFFIXES, read_color_picture, read_depth_picture
+from grs_agents.perception.reading.point_cloud import Cloud, depth_from_cloud, read_point_cloud
+
+COLOR_STEMS = ("rgb", "color")
+NO_CLOUDS = ("masks", "labels")
+IN_METRES = DepthUnit(1.0)  # points, and depths that a model estimates
+
+
+def read_scene_folder(folder: Path) -> Recording:
+    """Read ``rgb.*``, ``camera.json``, and ``depth.*`` or a point cloud."""
+    names = list_folder_names(folder)
+    photos = [name for name in names if _has_stem_and_suffix(name, COLOR_STEMS, SUFFIXES)]
+    photo = _pick_single_name(photos, folder)
+    if photo is None:
+        raise _missing_photo_error(folder, names)
+    picture = read_color_picture(folder / photo)
+    depths = [name for name in names if _has_stem_and_suffix(name, ("depth",), (*SUFFIXES, ".npy"))]
+    depths = depths or [name for name in names if _is_point_cloud_name(name)]
+    depth_file = _pick_single_name(depths, folder)
+    camera_file = folder / "camera.json"
+    if depth_file is None:
+        return add_camera_to_recording(Recording(folder, picture), camera_file)
+    return add_depth_to_recording(Recording(folder, picture), folder / depth_file, camera_file)
+
+
+def add_camera_to_recording(recording: Recording, camera_file: Path) -> Recording:
+    """A recording without depth, with the camera of its photo if there is such a file."""
+    if not path_exists(camera_file):
+        return recording
+    found = read_camera_file(camera_file, IN_METRES)
+    return replace(recording, camera=found.camera, notes=(*recording.notes, *found.notes))
+
+
+def add_depth_to_recording(recording: Recording, file: Path, camera_file: Path) -> Recording:
+    """The recording with the depth in ``file`` and the camera of both."""
+    depth = read_depth_or_cloud(file)
+    if isinstance(depth, Cloud):
+        found = read_camera_file(camera_file, IN_METRES)
+        units, how = depth_from_cloud(depth, found.camera)
+        notes = (*found.notes, how)
+    else:
+        found = read_camera_file(camera_file, guess_depth_unit(depth))
+        units, notes = depth, found.notes
+    measured = RecordedDepth(units, found.camera.depth_scale, str(file))
+    return replace(recording, camera=found.camera, measured=measured, notes=(*recording.notes, *notes))
+
+
+def read_depth_or_cloud(file: Path) -> Cloud | Units:
+    """Depth in the file's own unit, (H, W), or points."""
+    if file.suffix.lower() in clouds.SUFFIXES and file.stem.lower() != "depth":
+        return read_point_cloud(file)
+    if file.suffix.lower() != ".npy":
+        return read_depth_picture(file)
+    array = read_npy(file)
+    if array.ndim != 2 or array.dtype.kind == "b" or array.dtype == np.uint8:
+        raise InputError(
+            f"{file} is an array of shape {array.shape} and type {array.dtype}", "give (H, W), metres as floats"
+        )
+    return array
+
+
+def _missing_photo_error(folder: Path, names: Sequence[str]) -> InputError:
+    """The folder holds no photo of a known name: another picture in it may be the photo."""
+    stems = ("depth", *NO_CLOUDS)
+    others = [name for name in names if Path(name.lower()).suffix in SUFFIXES and Path(name.lower()).stem not in stems]
+    if not others:
+        return InputError(f"{folder / 'rgb.png'} does not exist", "put the photo there as rgb.png")
+    shown = [f"{name[:60]!a}" for name in others[:4]]
+    return InputError(
+        f"{folder / 'rgb.png'} does not exist, but {', '.join(shown)} {'is' if len(others) == 1 else 'are'} there",
+        f"if it is the photo, rename it to rgb{Path(others[0]).suffix.lower()}",
+    )
+
+
+def _has_stem_and_suffix(name: str, stems: tuple[str, ...], suffixes: tuple[str, ...]) -> bool:
+    path = Path(name.lower())
+    return path.stem in stems and path.suffix in suffixes
+
+
+def _is_point_cloud_name(name: str) -> bool:
+    path = Path(name.lower())
+    return path.suffix in clouds.SUFFIXES and path.stem not in NO_CLOUDS
+
+
+def _pick_single_name(names: list[str], folder: Path) -> str | None:
+    """The one name there is, ``None`` without any; raises InputError if there are several."""
+    if len(names) > 1:
+        raise InputError(
+            f"{folder} holds {' and '.join(names[:4])}: which of them is meant cannot be told", "leave one of them"
+        )
+    return names[0] if names else None

@@ -1,0 +1,77 @@
+"""What a scene is read from, told by its name: the one door to all the formats."""
+
+from pathlib import Path
+
+from grs_agents import content
+from grs_agents.errors import InputError
+from grs_agents.foreign import is_folder, path_exists
+from grs_agents.perception.reading import point_cloud
+from grs_agents.perception.reading.bop import PREFIX, is_bop_source, parse_bop_source, read_bop_image
+from grs_agents.perception.reading.frame_assembly import Recording, assemble_frame
+from grs_agents.perception.reading.npz_archive import read_npz_archive
+from grs_agents.perception.reading.photo_without_depth import Estimator, assemble_frame_from_photo
+from grs_agents.perception.reading.picture import SUFFIXES, read_color_picture
+from grs_agents.perception.reading.scene_folder import add_camera_to_recording, read_scene_folder
+from grs_agents.perception.types import RGBDFrame
+
+REMEDY = (
+    "name a folder with rgb.png, depth.png and camera.json, bop:ROOT/SPLIT/SCENE/IMAGE, an .npz, or a photo with a "
+    "depth tool"
+)
+
+
+def check_scene_source(source: Path) -> None:
+    """See that there is something of a known kind under this name, without reading it; raises InputError if not."""
+    try:
+        str(source).encode()
+    except UnicodeEncodeError as error:  # neither the run's record nor its trace could name it
+        raise InputError(f"the scene's name {str(source)!a} is not UTF-8", "rename it") from error
+    if is_bop_source(source):
+        parse_bop_source(source)
+    elif not is_folder(source):
+        if not path_exists(source):
+            raise InputError(
+                f"scene {source} does not exist", f"{REMEDY}; samples: {', '.join(content.sample_scenes())}"
+            )
+        if source.suffix.lower() in point_cloud.SUFFIXES:
+            raise InputError(f"{source} is a cloud alone", "put it into a folder with rgb.png and camera.json")
+        if source.suffix.lower() not in (".npz", *SUFFIXES):
+            raise InputError(f"{source} is no scene", REMEDY)
+
+
+def resolve_scene_path(source: Path) -> Path:
+    """The scene that a user names: what lies there, else the sample scene of that name."""
+    return source if is_bop_source(source) or path_exists(source) else content.sample_scenes().get(str(source), source)
+
+
+def short_scene_name(source: Path) -> str:
+    """A short name for the scene."""
+    if is_bop_source(source):
+        return "-".join(Path(str(source).removeprefix(PREFIX)).parts[-4:])
+    return source.resolve().stem if not is_folder(source) else source.resolve().name
+
+
+def read_scene(source: Path, estimate: Estimator | None = None, field_of_view: float | None = None) -> RGBDFrame:
+    """Read and check a scene; ``estimate`` makes the depth of a photo without, ``field_of_view`` degrees wide.
+
+    Raises:
+        InputError: a file is missing or unreadable, sizes differ in shape, the camera is incomplete or not finite,
+            too little was measured, or the depth is in another unit than the camera says.
+    """
+    check_scene_source(source)
+    recording = _read_recording(source)
+    if recording.measured is not None and recording.camera is not None:
+        return assemble_frame(recording, recording.camera, recording.measured)
+    if estimate is None:
+        raise InputError(f"{recording.picture.file} has no depth", "add depth.png or a point cloud, and camera.json")
+    return assemble_frame_from_photo(recording, estimate, field_of_view)
+
+
+def _read_recording(source: Path) -> Recording:
+    if is_bop_source(source):
+        return read_bop_image(source)
+    if is_folder(source):
+        return read_scene_folder(source)
+    if source.suffix.lower() == ".npz":
+        return read_npz_archive(source)
+    return add_camera_to_recording(Recording(source, read_color_picture(source)), source.parent / "camera.json")

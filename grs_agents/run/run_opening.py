@@ -1,0 +1,201 @@
+"""Open a run: all that can be known to be wrong is refused here, before anything ran and before a folder is made.
+
+The run folder is made new, or opened again to resume.
+"""
+
+import fcntl
+import os
+import re
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from grs_agents import content
+from grs_agents.config import Config, validate_config
+from grs_agents.errors import ConfigError, InputError
+from grs_agents.files import unwritable_error
+from grs_agents.models import make_chat_model
+from grs_agents.perception import check_scene_source, short_scene_name
+from grs_agents.policies import load_policy
+from grs_agents.run.record import EXIT_STATUS, FILE, RunRecord, installed_versions, read_record
+from grs_agents.toolkit import load_tool
+
+LOCK = ".lock"
+"""Locked by the process that runs in the folder, whose number it holds."""
+
+
+def make_run_folder(name: str, seed: int, out: Path | None) -> Path:
+    """Make the folder of a new run: ``out``, or ``runs/<time>-<name>-<seed>``."""
+    if out is not None:
+        require_unused_folder(out)
+        return _make_folder(out, exist_ok=True)
+    slug = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-") or "scene"
+    stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
+    base = folder = Path("runs") / f"{stamp}-{slug}-{seed}"
+    number = 1
+    while True:
+        try:
+            return _make_folder(folder, exist_ok=False)
+        except FileExistsError:
+            number += 1
+            folder = base.with_name(f"{base.name}-{number}")
+
+
+def _make_folder(folder: Path, exist_ok: bool) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=exist_ok)
+    except FileExistsError as error:
+        if not exist_ok:
+            raise
+        raise unwritable_error(folder, error) from error
+    except OSError as error:
+        raise unwritable_error(folder, error) from error
+    return folder
+
+
+def require_unused_folder(folder: Path) -> None:
+    """See that a folder is new or empty."""
+    if (folder / FILE).exists():
+        raise InputError(f"{folder} already holds a run", "go on with it with --resume, or name another with --out")
+    try:
+        if folder.is_dir() and any(entry.name != LOCK for entry in folder.iterdir()):
+            raise InputError(f"{folder} is not empty", "name a new or empty folder with --out")
+    except OSError as error:
+        raise unwritable_error(folder, error) from error
+
+
+@contextmanager
+def lock_run_folder(folder: Path) -> Generator[None]:
+    """Let no other process run in ``folder`` until the block ends. The kernel lets go of a process that is killed.
+
+    Who only looks at a run does not need this.
+    """
+    try:
+        descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
+    except OSError as error:
+        raise unwritable_error(folder / LOCK, error) from error
+    try:
+        _lock_descriptor(descriptor, folder)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _lock_descriptor(descriptor: int, folder: Path) -> None:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, str(os.getpid()).encode(), 0)
+    except BlockingIOError as error:
+        holder = os.pread(descriptor, 20, 0)
+        who = f"process {int(holder)}" if holder.isdigit() else "another process"
+        raise InputError(f"{folder} is in use by {who}", "wait until it ends, or name another --out") from error
+    except OSError as error:
+        raise unwritable_error(folder / LOCK, error) from error
+
+
+def open_resumed_folder(out: Path | None, source: Path, command: str) -> tuple[Path, RunRecord]:
+    """Open the folder of an earlier run of the same scene by the same ``command``."""
+    if out is None:
+        raise InputError("--resume needs the folder of the run", "name it with --out DIR")
+    record = read_record(out)
+    if Path(record.source).resolve() != source.resolve():
+        raise InputError(
+            f"{out} is a run of {record.source}, not of {source}", "resume it with the scene it was made from"
+        )
+    if record.command != command:
+        raise InputError(
+            f"{out} was made by `grs {record.command}`, not by `grs {command}`", "name another folder with --out"
+        )
+    return out, record
+
+
+GIVEN = frozenset({"scene_path", "max_fixes", "fixes", "history"})
+"""The fields of the state that a run begins with."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """What the user asked for."""
+
+    command: str  # `run` or `scene`
+    source: Path  # the scene: a folder, a file, or `bop:` and an image of a data set
+    config: Config
+    out: Path | None = None
+    resume: bool = False  # go on with the run in `out`
+    # fields of the state beside those that every run begins with
+    given: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    nested: bool = False  # the graph runs in a node of another, which is told of its steps and keeps the checkpoints
+
+
+@contextmanager
+def open_run(order: Order) -> Generator[tuple[Path, RunRecord, Config]]:
+    """Check the order, then make the run's folder or open the one to go on with, and keep other processes out of it.
+
+    Yields:
+        The folder, the record to write into it (of an ended run: the one that is there), the configuration.
+    """
+    if order.resume:
+        folder, record = open_resumed_folder(order.out, order.source, order.command)
+        config = validate_config(record.config)
+        if record.status in EXIT_STATUS:
+            yield folder, record, config
+            return
+        check_configured_names(config, order.command, order.given)
+        with lock_run_folder(folder):
+            record = read_record(folder)  # another process may have written it before it let go
+            if record.status not in EXIT_STATUS:
+                update = {"status": "running", "reason": "", "exit_status": None, "attempts": record.attempts + 1}
+                record = record.model_copy(update=update)
+            yield folder, record, config
+        return
+    config = order.config
+    check_scene_source(order.source)
+    check_configured_names(config, order.command, order.given)
+    folder = make_run_folder(short_scene_name(order.source), config.seed, order.out)
+    record = RunRecord(
+        id=folder.resolve().name,
+        status="running",
+        command=order.command,
+        source=str(order.source),
+        graph=config.graph,
+        config=config.model_dump(mode="json"),
+        versions=installed_versions(),
+        seeds=tuple(config.seed + step for step in range(config.audit.seeds)),
+    )
+    with lock_run_folder(folder):
+        require_unused_folder(folder)  # another process may have been quicker
+        yield folder, record, config
+
+
+def check_configured_names(config: Config, command: str, given: Mapping[str, Any]) -> None:
+    """See that every graph, policy, tool, prompt and model that ``config`` names can be had."""
+    graph = load_graph(config.graph)
+    needs: Sequence[str] = getattr(graph, "NEEDS", ())
+    missing = [name for name in needs if name not in GIVEN and name not in given]
+    if missing:
+        raise ConfigError(
+            f"graph {config.graph!r} needs {' and '.join(missing)} in its state, and a run begins with a photo alone",
+            "use graph=grs, or call the graph from your own program",
+        )
+    if command == "run" and not getattr(graph, "VERDICT", True):
+        raise ConfigError(f"graph {config.graph!r} comes to no verdict", "use graph=grs, or `grs scene` for the scene")
+    load_policy(config.policy)
+    for name in config.tools.model_dump().values():
+        load_tool(name)
+    for name in config.prompts.model_dump().values():
+        content.content_path("prompts", name)
+    for spec in config.models.values():
+        make_chat_model(spec, config.seed)
+
+
+def load_graph(name: str) -> ModuleType:
+    """The graph file ``name``. Raises ConfigError: nothing has that name, or the file has no ``build``."""
+    module = content.load_module("graphs", name)
+    if not callable(getattr(module, "build", None)):
+        raise ConfigError(f"graph {name!r} ({module.__file__}) has no build()", "define what is missing")
+    return module

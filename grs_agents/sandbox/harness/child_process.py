@@ -1,0 +1,179 @@
+"""The process of one call: takes the request, gives up every right it can, runs the tool, reports."""
+
+import faulthandler
+import fcntl
+import importlib
+import math
+import os
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NoReturn
+
+from grs_agents import content
+from grs_agents.sandbox.harness import channel
+from grs_agents.sandbox.harness.captured_error import CapturedError
+from grs_agents.sandbox.isolation import (
+    Allowance,
+    HardeningError,
+    create_file_rules,
+    harden_process,
+    kernel,
+    prepare_before_fork,
+    set_resource_limits,
+)
+from grs_agents.sandbox.protocol import Limits, Settings, startup, wire
+
+_DESCRIPTORS = 128
+_FRAMES, _TRACE = 3, 4
+_PDEATHSIG = 1
+_GRACE_SECONDS = 60
+_PROMISED = ("landlock", "no capabilities", "seccomp")
+
+
+def warm_up(settings: Settings) -> None:
+    """Before there is an order: import what the settings name, and do what each child would otherwise do again."""
+    for name in settings.preload:
+        importlib.import_module(name)
+    for folder in settings.overlays:
+        content.add_overlay_folder(folder)
+    for name in settings.tools:
+        content.load_module("tools", name)
+    if settings.layers:
+        prepare_before_fork()
+
+
+def create_worker_file_rules(settings: Settings, scratch: Path) -> int | None:
+    """What a process that works in ``scratch`` may do with files, as ``harden`` takes it; forked ones inherit it."""
+    return create_file_rules(settings.readable, (scratch, Path(os.devnull))) if settings.layers else None
+
+
+def serve_request(
+    frames: int, trace: int, output: int, scratch: Path, limits: Limits, settings: Settings, rules: int | None
+) -> NoReturn:
+    """Serve one request in this process, which was forked or started for it alone, and end it."""
+    with suppress(BaseException):
+        zygote, before = os.getppid(), time.process_time()
+        rules = _close_other_descriptors(frames, trace, output, rules)
+        _die_with_zygote(zygote, limits)
+        _enter_scratch_folder(scratch)
+        frame = _receive_request()
+        if frame is not None:
+            channel.connect(_FRAMES, frame.pop("key"))
+            _load_and_run_tool(frame, limits, settings, rules, before)
+    os._exit(0)
+
+
+def _load_and_run_tool(
+    frame: dict[str, Any], limits: Limits, settings: Settings, rules: int | None, before: float
+) -> None:
+    with CapturedError() as captured:
+        for folder in frame["overlays"]:
+            content.add_overlay_folder(Path(folder))
+        module, tool = frame["module"], frame["tool"]
+        inside = (importlib.import_module(module) if module else content.load_module("tools", tool)).inside
+        _confine_process(limits, settings, rules)
+        # Write the stack to the trace pipe on a crash, at the CPU limit and when the host asks, which is the end too.
+        faulthandler.enable(file=_TRACE, all_threads=False)
+        faulthandler.register(signal.SIGXCPU, file=_TRACE, all_threads=False, chain=True)
+        channel.send({"kind": "ready", "cpu_seconds": before})
+        _run_tool(inside, frame.pop("request"))
+    if captured.error is not None:
+        channel.send({"kind": "broken", "error": f"{type(captured.error).__name__}: {captured.error}"})
+
+
+def _close_other_descriptors(frames: int, trace: int, output: int, rules: int | None) -> int | None:
+    """Keep the descriptors that this process needs, and close everything of the zygote's; the new one of ``rules``."""
+    kept = [os.open(os.devnull, os.O_RDONLY), output, output, frames, trace]
+    if rules is not None:
+        kept.append(rules)
+    high = [fcntl.fcntl(descriptor, fcntl.F_DUPFD, _DESCRIPTORS) for descriptor in kept]
+    for number, descriptor in enumerate(high):
+        os.dup2(descriptor, number)
+    os.closerange(len(high), max(high) + 1 + _DESCRIPTORS)
+    return None if rules is None else len(high) - 1
+
+
+def _die_with_zygote(zygote: int, limits: Limits) -> None:
+    """Have the kernel kill this process when the zygote ends."""
+    if sys.platform != "linux":  # no other kernel takes such an order: at least nothing stays for good
+        signal.alarm(math.ceil(limits.wall_seconds) + _GRACE_SECONDS)
+        return
+    kernel.prctl(_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != zygote:  # it ended before the kernel was asked
+        os._exit(0)
+
+
+def _enter_scratch_folder(scratch: Path) -> None:
+    """A session, signals, a working folder and an environment of its own."""
+    os.setsid()
+    signal.set_wakeup_fd(-1)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGCHLD):
+        signal.signal(number, signal.SIG_DFL)
+    with suppress(OSError):  # where memory runs out altogether, this process goes first
+        kernel.write_kernel_file("/proc/self/oom_score_adj", b"1000")
+    os.environ["HOME"] = os.environ["TMPDIR"] = str(scratch)
+    tempfile.tempdir = None
+    os.chdir(scratch)
+
+
+def _confine_process(limits: Limits, settings: Settings, rules: int | None) -> None:
+    """Give up every right that the tool does not need; an error if a layer that was promised does not hold."""
+    allowance = Allowance(limits.cpu_seconds, limits.memory_mib, limits.scratch_mib, _DESCRIPTORS, limits.threads)
+    if not settings.layers:
+        set_resource_limits(allowance, alone=False)
+        return
+    layers = harden_process(rules, allowance, visible=not settings.scratch_is_sized)
+    if rules is not None:
+        os.close(rules)
+    missing = [name for name in _PROMISED if not any(layer.startswith(name) for layer in layers)]
+    if missing:
+        raise HardeningError(f"this kernel has no {' and no '.join(missing)}", "see `grs doctor`")
+
+
+def _receive_request() -> dict[str, Any] | None:
+    reader = wire.FrameReader()
+    while data := os.read(_FRAMES, 1 << 16):
+        if frames := reader.feed(data):
+            return frames[0]
+    return None
+
+
+def _run_tool(inside: Callable[[dict[str, Any]], object], request: dict[str, Any]) -> None:
+    with CapturedError() as captured:
+        value = inside(request)
+        sys.stdout.flush()
+        sys.stderr.flush()
+        if not isinstance(value, dict):
+            raise TypeError(f"a tool returns a dict, not {type(value).__name__}")
+        channel.send({"kind": "result", "value": value})
+    if isinstance(captured.error, MemoryError):
+        traceback.clear_frames(captured.error.__traceback__)  # the memory hangs on their local variables
+        channel.send({"kind": "error", "outcome": "memory_limit", "error": ""})
+    elif captured.error is not None:
+        text = "".join(traceback.format_exception(captured.error))
+        channel.send({"kind": "error", "outcome": "error", "error": text[-8000:]})
+
+
+def main() -> None:
+    """Be a process for a single call, started by ``zygote.Spawned``: import, wait for the one order, serve it.
+
+    It begins under the system's sandbox, so that even its imports have no more rights than the code that it will run.
+    """
+    zygote, settings = startup.read_startup_arguments()
+    warm_up(settings)
+    with suppress(OSError):
+        with suppress(OSError):  # the order may have come already, from a zygote that does not listen any more
+            zygote.send(wire.READY)
+        if (received := wire.receive_order(zygote, 3)) is not None:
+            order, (frames, trace, output) = received
+            scratch = settings.scratch / str(order.slot)
+            serve_request(
+                frames, trace, output, scratch, order.limits, settings, create_worker_file_rules(settings, scratch)
+            )
+    os._exit(0)

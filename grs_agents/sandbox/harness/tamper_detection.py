@@ -1,0 +1,156 @@
+"""Whether the machinery that gives the verdicts is still the one that was there before the program was loaded.
+
+It finds what is replaced and stays replaced. What is put back before a test ends goes unseen, as does whatever is aimed
+at this module itself: see ``channel`` for why that decides nothing.
+"""
+
+import builtins
+import contextlib
+import importlib
+import sys
+import unittest
+from collections.abc import Callable, Iterator, Mapping
+from types import FunctionType, ModuleType
+from typing import Any, NamedTuple
+
+from grs_agents.sandbox.harness.captured_error import CapturedError
+from grs_agents.sandbox.protocol import SIMULATION_FILE, TESTS_FILE, RaisedIn
+
+_UNITTEST = ("unittest", "unittest.case", "unittest.result", "unittest.suite", "unittest.util")
+_STANDARD = ("json", "json.encoder", "contextlib", "traceback")
+_NUMPY = ("numpy.testing", "numpy.testing._private.utils")
+_OWN = (
+    "grs_agents.sandbox.harness.captured_error",
+    "grs_agents.sandbox.harness.channel",
+    "grs_agents.sandbox.harness.assertion_count",
+    "grs_agents.sandbox.harness.suite_runner",
+    "grs_agents.sandbox.protocol.tracebacks",
+    "grs_agents.sandbox.protocol.wire",
+)
+_OFTEN_PATCHED = frozenset({"print", "input", "open", "breakpoint", "exit", "quit"})
+"""Built-in functions that honest tests replace and put back, and that no verdict hangs on."""
+_USERS = frozenset({"setUp", "tearDown", "setUpClass", "tearDownClass", "id", "shortDescription"})
+_PARTS = (FunctionType, classmethod, staticmethod, property, type)
+MACHINERY = {
+    name for name, part in vars(unittest.TestCase).items() if isinstance(part, _PARTS) and not name.startswith("__")
+} - _USERS | {"__call__", "__getattribute__"}
+"""What a test class must leave as unittest has it."""
+
+
+class Integrity:
+    """The verdict machinery as it is when this is made; the assertions of ``numpy.testing`` too, if asked to import."""
+
+    def __init__(self, with_numpy: bool) -> None:
+        names = (*_UNITTEST, *_STANDARD, *_OWN, *(_NUMPY if with_numpy else ()))
+        self._modules = {name: importlib.import_module(name) for name in names}
+        parts = [part for name, module in self._modules.items() for part in _module_definitions(name, module)]
+        self._parts = [(part, _code_and_defaults(part.value)) for part in [*parts, *_builtin_definitions()]]
+
+    def find_violation(self) -> tuple[str, RaisedIn | None] | None:
+        """What is no longer as it was, and which program the replacement comes from; None if all is well."""
+        for part, content in self._parts:
+            value = part.place.get(part.name)
+            if value is not part.value or _code_and_defaults(value) != content:
+                return f"{part.where}.{part.name} was replaced", _find_defining_program(value)
+        for name, module in self._modules.items():
+            if sys.modules.get(name) is not module:
+                return f"the module {name} was replaced", None
+        ineffective = _find_ineffective_assertion()
+        return None if ineffective is None else (f"unittest's {ineffective} no longer fails", None)
+
+
+def find_overridden_method(kind: type[unittest.TestCase]) -> str | None:
+    """The first part of unittest's machinery that a test class has its own version of, as ``Class.name``."""
+    async_case = getattr(sys.modules.get("unittest.async_case"), "IsolatedAsyncioTestCase", None)  # a slow import
+    for parent in kind.__mro__:
+        if parent is unittest.TestCase or parent is async_case:
+            return None
+        own = sorted(MACHINERY & set(vars(parent)))
+        if own:
+            return f"{parent.__name__}.{own[0]}"
+    return None
+
+
+def find_shadowed_method(test: unittest.TestCase, result: unittest.TestResult) -> str | None:
+    """The first method of a test or its result that was replaced on this one object."""
+    own = sorted(MACHINERY & set(vars(test)))
+    own += sorted(name for name in vars(result) if callable(getattr(type(result), name, None)))
+    return own[0] if own else None
+
+
+class _Place(NamedTuple):
+    """Where a function or class is kept."""
+
+    where: str
+    place: Mapping[str, Any]
+    name: str
+    value: Any
+
+
+def _module_definitions(where: str, module: ModuleType) -> Iterator[_Place]:
+    """The functions and classes of a module, and what its own classes are made of."""
+    for name, value in vars(module).items():
+        if not isinstance(value, FunctionType | type):
+            continue
+        yield _Place(where, vars(module), name, value)
+        if isinstance(value, type) and value.__module__ == where:
+            inner = vars(value)
+            yield from (
+                _Place(f"{where}.{name}", inner, own, piece)
+                for own, piece in inner.items()
+                if isinstance(piece, _PARTS)
+            )
+
+
+def _builtin_definitions() -> Iterator[_Place]:
+    for name, value in vars(builtins).items():
+        if callable(value) and name not in _OFTEN_PATCHED and name != "_":
+            yield _Place("builtins", vars(builtins), name, value)
+
+
+def _code_and_defaults(part: Any) -> tuple[Any, Any]:
+    """What may be exchanged within a function or class that stays the same object: code, and defaults or bases."""
+    rest = part.__defaults__ if isinstance(part, FunctionType) else getattr(part, "__bases__", None)
+    return getattr(part, "__code__", None), rest
+
+
+def _find_defining_program(part: Any) -> RaisedIn | None:
+    code = getattr(getattr(part, "__func__", part), "__code__", None)
+    names: dict[str, RaisedIn] = {SIMULATION_FILE: "simulation", TESTS_FILE: "tests"}
+    return names.get(getattr(code, "co_filename", ""))
+
+
+_FALSE: dict[str, tuple[object, ...]] = {
+    "fail": (),
+    "assertTrue": (False,),
+    "assertFalse": (True,),
+    "assertEqual": ([0], [1]),
+    "assertNotEqual": (0, 0),
+    "assertAlmostEqual": (0.0, 1.0),
+    "assertGreater": (0, 1),
+    "assertGreaterEqual": (0, 1),
+    "assertLess": (1, 0),
+    "assertLessEqual": (1, 0),
+    "assertIn": (0, []),
+    "assertIs": (0, None),
+    "assertIsNone": (0,),
+    "assertIsNotNone": (None,),
+    "assertIsInstance": (0, str),
+    "assertRaises": (ValueError, int),
+}
+"""Arguments with which each assertion must fail."""
+
+
+def _find_ineffective_assertion() -> str | None:
+    """The first assertion that lets pass what is false."""
+    case = unittest.TestCase()
+    return next(
+        (name for name, arguments in _FALSE.items() if not _raises_assertion_error(getattr(case, name), arguments)),
+        None,
+    )
+
+
+def _raises_assertion_error(assertion: Callable[..., object], arguments: tuple[object, ...]) -> bool:
+    with CapturedError() as captured, contextlib.suppress(SystemExit):
+        assertion(*arguments)
+    return isinstance(captured.error, AssertionError)

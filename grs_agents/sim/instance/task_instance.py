@@ -1,0 +1,183 @@
+"""A task as data: what a simulation program sets up, as typed JSON that trusted code can run.
+
+Instances from files and processes that are not trusted are bounded, then parsed, then checked.
+"""
+
+import json
+import math
+from typing import Annotated, Final, Literal, Self
+
+import numpy as np
+from pydantic import Field, ValidationError, model_validator
+
+from grs_agents.base import Frozen, Pose, Vec3
+from grs_agents.errors import InputError
+from grs_agents.foreign import check_json_limits
+from grs_agents.geometry import transforms
+from grs_agents.sim.instance.goal import Goal, Placed, check_unit_quaternion
+
+POSITION_TOLERANCE = 0.01
+ROTATION_TOLERANCE = math.radians(15)
+LARGEST_POS_EPS, LARGEST_ROT_EPS = 0.05, math.radians(30)
+"""The widest tolerances of published tasks: CLIPort's bowls, and its easy kits."""
+LARGEST_VALUE = 2.0
+"""Of a template's placeholder: metres, or a share of a colour."""
+LARGEST_TIE_GAP = 0.05
+"""Metres between the two places that a tie holds together: it keeps things so, it does not haul them there."""
+MOST_PAIRS = 10_000
+"""Pairs of an object and a target in all goals together."""
+
+Channel = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1)]
+RGBA = tuple[Channel, Channel, Channel, Channel]
+Value = (
+    Annotated[float, Field(allow_inf_nan=False, ge=-LARGEST_VALUE, le=LARGEST_VALUE)]
+    | Annotated[str, Field(max_length=300)]
+)
+Fill = dict[Annotated[str, Field(max_length=20)], Annotated[tuple[Value, ...], Field(max_length=4)]]
+"""Values of a template's placeholders by stem, e.g. ``{"DIM": (0.2, 0.1, 0.05)}``: metres, colours 0..1, file names."""
+
+
+class InstanceObject(Frozen):
+    """One object of the scene."""
+
+    id: Annotated[int, Field(ge=0, le=100_000)]
+    asset: Annotated[str, Field(min_length=1, max_length=300)]  # library-relative URDF name, e.g. "HOPE/Milk.urdf"
+    # values of a template's placeholders; empty for an ordinary asset
+    fill: Annotated[Fill, Field(max_length=12)] = Field(default_factory=dict)
+    pose: Placed  # of its origin, metres, robot frame, before settling
+    # ``fixed`` cannot move; ``deformable`` moves as ``rigid`` does
+    category: Literal["fixed", "rigid", "deformable"] = "rigid"
+    color: RGBA | None = None  # 0..1, laid over the asset's own
+
+    @model_validator(mode="after")
+    def _check_pose_and_fill(self) -> Self:
+        check_unit_quaternion(self.pose, f"object {self.id}")
+        if self.fill:
+            words = {stem for stem, row in self.fill.items() if any(isinstance(value, str) for value in row)}
+            if words - {"FNAME"}:
+                listed = sorted(words - {"FNAME"})
+                raise ValueError(f"object {self.id}: fill of {listed} must be numbers, FNAME alone takes a word")
+        return self
+
+
+class InstanceTie(Frozen):
+    """What keeps two objects together: a point that both share (a joint of a rope), or all of their relative pose."""
+
+    kind: Literal["point", "fixed"]  # ``point`` leaves them free to turn
+    parent: int
+    child: int
+    parent_frame: Placed  # the shared place in the frame of the parent, metres
+    child_frame: Placed  # and of the child
+
+    @model_validator(mode="after")
+    def _check_distinct_objects(self) -> Self:
+        if self.parent == self.child:
+            raise ValueError(f"object {self.parent} is tied to itself, a tie needs two")
+        return self
+
+
+class TaskInstance(Frozen):
+    """A simulated task for one seed: everything a trusted process needs to build, run and score it."""
+
+    version: Literal[2] = 2
+    task: Annotated[str, Field(max_length=200)]  # class name of the program it came from
+    seed: Annotated[int, Field(ge=0, lt=2**32)]
+    max_steps: Annotated[int, Field(ge=1, le=200)]
+    timestep: Annotated[float, Field(ge=0.0005, le=0.01)]  # of the physics, seconds
+    hz: Annotated[int, Field(ge=1, le=100_000)] = 240  # that the program asked for; recorded, not used
+    primitive: Literal["pick_place", "push"] = "pick_place"
+    sixdof: bool = False
+    pos_eps: Annotated[float, Field(gt=0, le=LARGEST_POS_EPS)] = POSITION_TOLERANCE  # of ``pose`` goals, metres
+    rot_eps: Annotated[float, Field(gt=0, le=LARGEST_ROT_EPS)] = ROTATION_TOLERANCE  # radians
+    objects: Annotated[tuple[InstanceObject, ...], Field(max_length=200)]
+    ties: Annotated[tuple[InstanceTie, ...], Field(max_length=400)] = ()
+    goals: Annotated[tuple[Goal, ...], Field(max_length=200)]
+    # library name of what stands fixed around the robot, as photographed; trusted code names it
+    background: Annotated[str, Field(min_length=1, max_length=300)] | None = None
+    # what the runtime had to assume
+    warnings: Annotated[tuple[Annotated[str, Field(max_length=500)], ...], Field(max_length=500)] = ()
+
+    @model_validator(mode="after")
+    def _check_consistency(self) -> Self:
+        ids = {item.id for item in self.objects}
+        if len(ids) != len(self.objects):
+            raise ValueError("object ids must differ")
+        if unknown := {number for goal in self.goals for number in goal.mentioned_object_ids} - ids:
+            raise ValueError(f"goals name objects {sorted(unknown)} that the instance does not have")
+        if unknown := {number for tie in self.ties for number in (tie.parent, tie.child)} - ids:
+            raise ValueError(f"ties name objects {sorted(unknown)} that the instance does not have")
+        pairs = sum(len(goal.objects) * max(1, len(goal.targets)) for goal in self.goals)
+        if pairs > MOST_PAIRS:
+            raise ValueError(
+                f"the goals pair objects with targets {pairs} times, at most {MOST_PAIRS} times are allowed"
+            )
+        self._check_tie_gaps()
+        return self
+
+    def _check_tie_gaps(self) -> None:
+        poses = {item.id: item.pose for item in self.objects}
+        for tie in self.ties:
+            places = (
+                _point_in_robot_frame(poses[tie.parent], tie.parent_frame[0]),
+                _point_in_robot_frame(poses[tie.child], tie.child_frame[0]),
+            )
+            if (gap := math.dist(*places)) > LARGEST_TIE_GAP:
+                raise ValueError(
+                    f"the tie of objects {tie.parent} and {tie.child} joins places {gap:.2f} m apart, at most "
+                    f"{LARGEST_TIE_GAP} m: place the objects as they are tied"
+                )
+
+
+def _point_in_robot_frame(pose: Pose, point: Vec3) -> Vec3:
+    """A point of an object's own frame in the robot frame, metres."""
+    return transforms.to_vec3(transforms.transform_points(pose, np.reshape(point, (3, 1))).ravel())
+
+
+MAX_BYTES: Final = 4 << 20
+"""The longest text of an instance: 200 objects with goals for all of them take a tenth of it."""
+
+
+class InstanceError(InputError):
+    """A text that is no valid task instance."""
+
+
+def parse_instance_json(text: str | bytes, objects: int = 200) -> TaskInstance:
+    """The task instance that JSON holds; raises ``InstanceError``, which names what is wrong."""
+    data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
+    if len(data) > MAX_BYTES:
+        raise InstanceError(f"the instance has {len(data)} bytes, {MAX_BYTES} are the most", "make it smaller")
+    try:
+        check_json_limits(data, "the instance")
+    except InputError as error:
+        raise InstanceError(error.message, "write fewer values, less deep") from error
+    try:
+        json.loads(data, parse_constant=_refuse_nan_and_infinity, object_pairs_hook=_refuse_duplicate_keys)
+        instance = TaskInstance.model_validate_json(data, strict=True)
+    except ValidationError as error:
+        raise InstanceError(describe_first_error(error), "correct the value") from error
+    except (ValueError, RecursionError) as error:
+        raise InstanceError(f"the instance is not plain JSON: {str(error)[:200]}", "write JSON") from error
+    if len(instance.objects) > objects:
+        raise InstanceError(
+            f"objects: the instance has {len(instance.objects)}, {objects} are the most (limits.objects)",
+            "add fewer objects",
+        )
+    return instance
+
+
+def describe_first_error(error: ValidationError) -> str:
+    """Where the first fault is, and what it is."""
+    first = error.errors(include_url=False)[0]
+    where = ".".join(str(part) for part in first["loc"])
+    return f"{where or 'instance'}: {first['msg']}"[:1000]
+
+
+def _refuse_nan_and_infinity(name: str) -> float:
+    raise ValueError(f"{name} is not JSON")
+
+
+def _refuse_duplicate_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    entries = dict(pairs)
+    if len(entries) < len(pairs):
+        raise ValueError(f"an object names a key twice: {', '.join(key for key, _ in pairs)[:100]}")
+    return entries

@@ -1,0 +1,119 @@
+"""Events as Markdown for the viewer's text panels."""
+
+from collections import Counter
+from typing import Any, cast
+
+from grs_agents import trace
+from grs_agents.views.common.safe_text import to_markdown_cell, to_markdown_code_block, to_viewer_markdown
+
+_HINT = (
+    "Go back to the start on the time line below and press play: a second is one step, then the rollouts in real time. "
+    "The tabs above show each stage."
+)
+
+
+def format_run_start(event: trace.RunStarted) -> str:
+    """What the run is, before any decision."""
+    return to_viewer_markdown(f"### Run {event.run_id}\n\nGraph **{event.graph}**, seed {event.seed}.\n\n{_HINT}\n")
+
+
+def format_run_end(event: trace.RunEnded) -> str:
+    """The verdict on the run, and how to see its film: the viewer opens here."""
+    return to_viewer_markdown(f"### {event.status}\n\n{event.reason}\n\n{_HINT}\n")
+
+
+def format_decision(event: trace.Decision) -> str:
+    """The router's verdict and reason."""
+    policy = f" (policy {event.policy})" if event.policy else ""
+    return to_viewer_markdown(f"### route → **{event.verdict}**{policy}\n\n{event.explanation}")
+
+
+def format_prompt(event: trace.Prompt) -> str:
+    """A prompt under a heading that says who asked whom."""
+    pictures = f", {len(event.images)} picture{'s' * (len(event.images) > 1)}" if event.images else ""
+    return to_viewer_markdown(f"**{event.role}** → {event.model}{pictures}\n\n---\n\n{event.text}")
+
+
+def format_reply(event: trace.Reply) -> str:
+    """A reply under a heading with tokens, seconds and what went wrong."""
+    cost = f"{event.input_tokens} + {event.output_tokens} tokens, {event.seconds:.1f} s"
+    head = f"{event.model} → **{event.role}**, {cost}"
+    finish = f", {event.finish_reason}" if event.finish_reason else ""
+    error = f"\n\n**Not used:** {event.error}" if event.error else ""
+    return to_viewer_markdown(f"{head}{finish}{error}\n\n---\n\n{event.text}")
+
+
+def format_program(event: trace.ProgramVersion, source: str) -> str:
+    """A program with syntax colours."""
+    author = f" by {event.author_role}" if event.author_role else ""
+    head = f"**{event.path}**, version {event.number}{author}, sha256 {event.sha256[:10]}"
+    return to_viewer_markdown(f"{head}\n\n{to_markdown_code_block(source, 'python')}")
+
+
+def format_task(event: trace.TaskDefined) -> str:
+    """The fields of the task."""
+    lines = [f"- **{key}**: {_format_field_value(value)}" for key, value in event.task.items()]
+    return to_viewer_markdown("### Task\n\n" + "\n".join(lines))
+
+
+def _format_field_value(value: Any) -> str:
+    return ", ".join(map(str, cast("list[Any]", value))) if isinstance(value, list) else str(value)
+
+
+def format_test_report(event: trace.TestsRun) -> str:
+    """A test report as a table, then each traceback."""
+    report = event.report
+    cases = get_test_cases(event)
+    parts = [f"### Tests: {report.get('outcome', '?')}", format_outcome_counts(event), str(report.get("message") or "")]
+    if cases:
+        rows = [
+            f"| **{to_markdown_cell(case.get('outcome'))}** | {to_markdown_cell(_short_test_name(case))} "
+            f"| {case.get('seconds') or 0:.2f} | {to_markdown_cell(case.get('message') or '')} |"
+            for case in cases
+        ]
+        parts.append("\n".join(["| outcome | test | s | message |", "|---|---|---|---|", *rows]))
+    for case in cases:
+        parts.extend(_format_case_details(case))
+    return to_viewer_markdown("\n\n".join(part for part in parts if part))
+
+
+def _short_test_name(case: dict[str, Any]) -> str:
+    """The test's own name: that of its class is long and the same for all, and would push the rest out of sight."""
+    return str(case.get("id")).rpartition(".")[2]
+
+
+def _format_case_details(case: dict[str, Any]) -> list[str]:
+    traceback, episode = case.get("traceback"), case.get("episode")
+    parts: list[str] = []
+    if traceback:
+        parts.append(f"**{case.get('id')}**\n\n{to_markdown_code_block(str(traceback), 'python')}")
+    if episode and case.get("outcome") != "passed":
+        parts.append(f"oracle: {episode.get('outcome')}, reward {episode.get('reward')}: {episode.get('detail')}")
+    return parts
+
+
+def get_test_cases(event: trace.TestsRun) -> list[dict[str, Any]]:
+    """The test cases of a report; none where it broke off before any ran."""
+    cases: list[dict[str, Any]] | None = event.report.get("cases")
+    return cases or []
+
+
+def format_outcome_counts(event: trace.TestsRun) -> str:
+    """How many test cases of a report ended how, e.g. ``2 passed, 1 failed``; empty if none ran."""
+    outcomes = Counter(str(case.get("outcome")) for case in get_test_cases(event))
+    return ", ".join(f"{number} {outcome}" for outcome, number in outcomes.items())
+
+
+def format_audit(findings: list[trace.Finding]) -> str:
+    """What the audit has found so far, as a table."""
+    rows = [
+        f"| {to_markdown_cell(finding.check)} | **{format_finding_verdict(finding)}** "
+        f"| {to_markdown_cell(finding.detail)} |"
+        for finding in findings
+    ]
+    return to_viewer_markdown("\n".join(["### Audit", "", "| check | | detail |", "|---|---|---|", *rows]))
+
+
+def format_finding_verdict(finding: trace.Finding) -> str:
+    """How a check of the audit came out, in a word."""
+    return "passed" if finding.passed else "failed"

@@ -1,0 +1,140 @@
+"""What moved in a rollout: its recording as arrays, and when something was held."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.errors import InputError
+from grs_agents.foreign import read_bytes, read_npz
+from grs_agents.sim.instance import MAX_BYTES, InstanceError, TaskInstance, parse_instance_json
+
+Array = npt.NDArray[np.float32]
+_REMEDY = "restore the file or run again"
+_ARRAYS = {"times": "seconds", "names": "of the bodies", "positions": "metres", "quaternions": "xyzw", "tool": "metres"}
+_MOST_BYTES = 96 << 20
+"""Of a recording in memory: that of the sample scene takes 0.3 MiB, the longest episode of 60 bodies about 90."""
+_LONGEST = 36_000.0
+"""Simulated seconds; 200 actions, the most that a task has, take about 1,200."""
+_LEAST_SPEED = 0.02
+"""Metres a second below which a thing does not move."""
+_GRASP_RADIUS = 0.25
+"""Metres from the tool within which a thing that moves as the tool does is taken to be held."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The motion of N frames of B bodies in the robot frame."""
+
+    times: npt.NDArray[np.float64]  # (N,) simulated seconds from the start, rising
+    names: tuple[str, ...]  # of the bodies: `object_<id>`, or a link of the arm
+    positions: Array  # (N, B, 3) metres
+    quaternions: Array  # (N, B, 4) xyzw
+    tool: Array  # (N, 3) metres, the tip of the tool
+
+    @property
+    def duration_seconds(self) -> float:
+        """How long it takes."""
+        return float(self.times[-1]) if self.times.size else 0.0
+
+    def downsample(self, rate: float) -> "Motion":
+        """At most ``rate`` frames a second, the last one kept."""
+        if self.times.size < 2:
+            return self
+        wanted = np.arange(0, self.times[-1], 1 / rate)
+        kept = np.unique(np.append(np.searchsorted(self.times, wanted), self.times.size - 1))
+        return Motion(self.times[kept], self.names, self.positions[kept], self.quaternions[kept], self.tool[kept])
+
+    def frame_index_at(self, seconds: float) -> int:
+        """The number of the frame that shows the moment ``seconds``."""
+        return int(np.clip(np.searchsorted(self.times, seconds), 0, self.times.size - 1))
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """The tool holds a body from frame ``start`` until frame ``end``."""
+
+    body: str
+    start: int
+    end: int
+
+
+def read_task_instance(file: Path) -> TaskInstance:
+    """The task instance of a rollout."""
+    try:
+        return parse_instance_json(read_bytes(file, _REMEDY, MAX_BYTES))
+    except InstanceError as error:
+        raise InputError(f"{file}: {error.message}", _REMEDY) from error
+
+
+def read_motion(file: Path) -> Motion:
+    """Read the recording of a rollout."""
+    arrays = read_npz(file, _ARRAYS, {}, _MOST_BYTES, ("names",))
+    times, names = _seconds_since_start(arrays["times"], file), arrays["names"]
+    frames, bodies = len(times), len(np.atleast_1d(names))
+    shapes = [("names", (bodies,)), ("positions", (frames, bodies, 3)), ("quaternions", (frames, bodies, 4))]
+    for name, shape in (*shapes, ("tool", (frames, 3))):
+        if arrays[name].shape != shape:
+            wanted = f"{frames} frames of {bodies} bodies"
+            raise InputError(f"{name} in {file} has the shape {arrays[name].shape}, not that of {wanted}", _REMEDY)
+        if name != "names" and not np.isfinite(arrays[name]).all():
+            raise InputError(f"{name} in {file} are not all finite", _REMEDY)
+    return Motion(
+        times=times,
+        names=tuple(str(name) for name in names),
+        positions=arrays["positions"].astype(np.float32, copy=False),
+        quaternions=arrays["quaternions"].astype(np.float32, copy=False),
+        tool=arrays["tool"].astype(np.float32, copy=False),
+    )
+
+
+def read_motion_duration(file: Path) -> float:
+    """How long the recording of a rollout is, without the rest of it."""
+    return _seconds_since_start(read_npz(file, {"times": "seconds"}, {}, _MOST_BYTES)["times"], file)[-1]
+
+
+def _seconds_since_start(times: npt.NDArray[Any], file: Path) -> npt.NDArray[np.float64]:
+    """``times`` (N,) from 0."""
+    if times.ndim != 1 or not np.isfinite(times).all():
+        raise InputError(f"times in {file} are no list of numbers", _REMEDY)
+    seconds = times.astype(np.float64) - float(times[0])
+    if (np.diff(seconds) < 0).any() or seconds[-1] > _LONGEST:
+        raise InputError(f"times in {file} do not rise, or by more than {_LONGEST:g} s", _REMEDY)
+    return seconds
+
+
+def find_grasps(motion: Motion) -> list[Grasp]:
+    """When the tool held which body, in order: the body moved as the tool did, near it."""
+    grasps: list[Grasp] = []
+    if motion.times.size < 2:
+        return grasps
+    seconds = np.diff(motion.times)
+    tool_step = np.diff(motion.tool, axis=0)
+    for index, name in enumerate(motion.names):
+        if not name.startswith("object_"):
+            continue
+        step = np.diff(motion.positions[:, index], axis=0)
+        near = np.linalg.norm(motion.positions[1:, index] - motion.tool[1:], axis=1) < _GRASP_RADIUS
+        moves = np.linalg.norm(tool_step, axis=1) > _LEAST_SPEED * seconds
+        slip = np.linalg.norm(step - tool_step, axis=1)
+        along = slip < 0.5 * np.linalg.norm(tool_step, axis=1)
+        grasps.extend(_grasps_from_held_steps(name, near & moves & along, near & ~moves, motion.times))
+    return sorted(grasps, key=lambda grasp: grasp.start)
+
+
+def _grasps_from_held_steps(
+    name: str, held: npt.NDArray[np.bool_], waits: npt.NDArray[np.bool_], times: npt.NDArray[np.float64]
+) -> list[Grasp]:
+    """Stretches of ``held`` steps; a waiting tool does not end one, and what lasts a moment was a push."""
+    grasps: list[Grasp] = []
+    start = last = -1
+    for step in [*range(len(held)), None]:
+        if step is not None and held[step]:
+            start, last = (step if start < 0 else start), step
+        elif start >= 0 and (step is None or not waits[step]):
+            if times[last + 1] - times[start] > 0.2:
+                grasps.append(Grasp(name, start, last + 1))
+            start = -1
+    return grasps

@@ -1,0 +1,192 @@
+"""Pictures of a recorded rollout: single ones, a film in a file, or MuJoCo's own window."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Vec3
+from grs_agents.errors import GrsError, InputError
+from grs_agents.files import resolve_output_file, unwritable_error
+from grs_agents.foreign import find_member_file, resolve_member_file
+from grs_agents.library import Library
+from grs_agents.trace import Event, Rollout
+from grs_agents.views.common import Motion, read_motion
+from grs_agents.views.rerun import has_display
+
+Image = npt.NDArray[np.uint8]
+SUFFIXES = (".mp4", ".gif")
+_GIF_RATE = 12.0
+_RAYS = "rays"
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A rollout and how to look at it."""
+
+    folder: Path  # the run
+    event: Rollout
+    library: Library = field(default_factory=Library)  # 3D assets, the run's own laid over
+    robot: str = "ur5e"  # name of the arm, or its file
+    width: int = 640  # pixels
+    height: int = 480
+    target: Vec3 = (0.42, 0.0, 0.16)  # what the camera looks at, m
+    distance: float = 1.6  # of the camera from it, m
+    azimuth: float = 150.0  # of the direction in which the camera looks, degrees
+    elevation: float = -30.0
+
+    @property
+    def recorded_motion(self) -> Motion:
+        """What moved."""
+        return read_motion(resolve_member_file(self.folder, self.event.recording or ""))
+
+
+def find_recorded_rollout(events: Sequence[Event], folder: Path, seed: int | None = None) -> Rollout:
+    """The rollout of the run's last audit that used ``seed``, or its first one, of which the recording is there."""
+    by_seed = {event.seed: event for event in events if isinstance(event, Rollout)}
+    played = {
+        number: event
+        for number, event in sorted(by_seed.items())
+        if event.recording and event.instance and find_member_file(folder, event.recording)
+    }
+    if not played:
+        raise InputError(f"{folder} holds no recorded rollout: no task was played", "name a run that reached the audit")
+    if seed is None:
+        return next(iter(played.values()))
+    if seed not in played:
+        raise InputError(f"{folder} holds no rollout of seed {seed}", f"name one of {', '.join(map(str, played))}")
+    return played[seed]
+
+
+def render_frames(shot: Shot, seconds: Sequence[float]) -> Iterator[Image]:
+    """The pictures (H, W, 3) of ``shot`` at these moments, drawn with EGL, OSMesa, or rays where neither is there."""
+    for backend in _rendering_backends():
+        drawn = False
+        try:
+            for image in _render_with_backend(shot, seconds, backend):
+                drawn = True
+                yield image
+        except InputError:  # no way of drawing mends the files of a run
+            raise
+        except GrsError:  # whatever is amiss, the next way of drawing may not need it
+            if drawn or backend == _RAYS:
+                raise
+        else:
+            return
+
+
+def _rendering_backends() -> tuple[str, ...]:
+    """What to draw with, best first; MuJoCo's own choice outside Linux."""
+    return ("egl", "osmesa", _RAYS) if sys.platform.startswith("linux") else ("", _RAYS)
+
+
+def _render_with_backend(shot: Shot, seconds: Sequence[float], backend: str) -> Iterator[Image]:
+    size = shot.width * shot.height * 3
+    with tempfile.TemporaryFile() as errors, _start_render_worker(backend, errors.fileno()) as process:
+        assert process.stdin is not None and process.stdout is not None
+        process.stdin.write(_encode_render_job(shot, seconds, rays=backend == _RAYS))
+        process.stdin.close()
+        try:
+            while data := process.stdout.read(size):
+                if len(data) == size:
+                    yield np.frombuffer(data, np.uint8).reshape(shot.height, shot.width, 3)
+        finally:
+            process.stdout.close()
+            process.wait()  # a closed pipe ends it
+        if process.wait() != 0:
+            errors.seek(0)
+            reason = (errors.read().decode("utf-8", "replace").strip().splitlines() or ["it was killed"])[-1]
+            if process.returncode == InputError.exit_status:
+                raise InputError(f"the rollout cannot be drawn: {reason}")
+            raise GrsError(f"the rollout cannot be drawn: {reason}", "see `grs doctor`")
+
+
+def _start_render_worker(backend: str, errors: int) -> subprocess.Popen[bytes]:
+    environment = {key: value for key, value in os.environ.items() if key != "MUJOCO_GL"}
+    if backend:
+        environment["MUJOCO_GL"] = "disabled" if backend == _RAYS else backend
+    command = [sys.executable, "-m", "grs_agents.views.film.worker"]
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, env=environment)
+
+
+def _encode_render_job(shot: Shot, seconds: Sequence[float], rays: bool = False, window: bool = False) -> bytes:
+    files = {
+        "instance": str(resolve_member_file(shot.folder, shot.event.instance or "")),
+        "recording": str(resolve_member_file(shot.folder, shot.event.recording or "")),
+        "roots": [str(root) for root in shot.library.roots],
+        "robot": shot.robot,
+    }
+    look = {key: asdict(shot)[key] for key in ("width", "height", "target", "distance", "azimuth", "elevation")}
+    return json.dumps({**files, **look, "seconds": list(seconds), "rays": rays, "window": window}).encode()
+
+
+def write_film(shot: Shot, path: Path, rate: float = 15.0, show: Callable[[str], None] | None = None) -> int:
+    """Write the rollout in real time to an .mp4 or .gif file, and return the number of frames."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"cannot write a film to {path.name}", f"name a file that ends in {' or '.join(SUFFIXES)}")
+    if not path.parent.is_dir():
+        raise InputError(f"the folder of {path} does not exist", "name a file in a folder that does")
+    path = resolve_output_file(path)
+    animated = path.suffix.lower() == ".gif"
+    rate = min(rate, _GIF_RATE) if animated else rate
+    seconds = [frame / rate for frame in range(int(shot.recorded_motion.duration_seconds * rate) + 1)]
+    write = _write_gif if animated else _write_mp4
+    try:
+        return write(_report_frame_progress(render_frames(shot, seconds), len(seconds), show), path, rate, shot)
+    except OSError as error:
+        raise unwritable_error(path, error) from error
+
+
+def _report_frame_progress(images: Iterator[Image], total: int, show: Callable[[str], None] | None) -> Iterator[Image]:
+    for number, image in enumerate(images, start=1):
+        if show is not None:
+            show(f"drawing frame {number} of {total}")
+        yield image
+
+
+def _write_mp4(images: Iterator[Image], path: Path, rate: float, shot: Shot) -> int:
+    """VP9, which browsers play; where OpenCV cannot, MPEG-4."""
+    import cv2
+
+    for name in ("vp09", "mp4v"):
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*name), rate, (shot.width, shot.height))
+        if writer.isOpened():
+            break
+    else:
+        raise InputError(f"cannot write {path}: OpenCV has no encoder for it", "name a .gif, or a writable folder")
+    count = 0
+    for image in images:
+        writer.write(np.ascontiguousarray(image[:, :, ::-1]))
+        count += 1
+    writer.release()
+    return count
+
+
+def _write_gif(images: Iterator[Image], path: Path, rate: float, shot: Shot) -> int:
+    from PIL import Image as Pillow
+
+    frames = [Pillow.fromarray(image).quantize(128, dither=Pillow.Dither.NONE) for image in images]
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=round(1000 / rate), loop=0, optimize=False)
+    return len(frames)
+
+
+def play_in_mujoco_window(shot: Shot) -> int:
+    """Play the rollout in MuJoCo's window until it is closed."""
+    if not has_display():
+        raise InputError("no display to open MuJoCo's window on", "write a film instead: --out film.mp4")
+    with tempfile.TemporaryFile() as errors, _start_render_worker("", errors.fileno()) as process:
+        process.communicate(_encode_render_job(shot, (), window=True))
+        errors.seek(0)
+        lines = errors.read().decode("utf-8", "replace").strip().splitlines()
+    if process.returncode > 0:
+        mac = ", or run: mjpython -m grs_agents play" if sys.platform == "darwin" else ""
+        reason = lines[-1] if lines else f"exit status {process.returncode}"
+        raise GrsError(f"MuJoCo's window cannot be opened: {reason}", f"write a film instead: --out film.mp4{mac}")
+    return process.returncode

@@ -1,0 +1,52 @@
+"""What people watch while a run goes on: progress in the terminal, the recording, a viewer, OpenTelemetry spans."""
+
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+from grs_agents.library import Library
+from grs_agents.trace import Event, EventLog, NodeEnded, RunEnded
+from grs_agents.views.rerun import open_live_viewer
+from grs_agents.views.terminal import Progress
+
+
+@contextmanager
+def attach_live_views(folder: Path, log: EventLog, view: bool = False, otel: bool = False) -> Generator[None]:
+    """Let progress and recording follow the log, with a viewer's window and OpenTelemetry spans if asked for.
+
+    All are closed whatever happens.
+    """
+    from grs_agents.views.rerun import RerunView
+    from grs_agents.views.telemetry import SpanView, make_otlp_provider
+
+    live = open_live_viewer()[1] if view else None
+    spans = SpanView(make_otlp_provider()) if otel else None
+    recording = RerunView(folder, Library(), live)
+    with Progress() as progress:
+        log.subscribe(_suppress_error_events(progress))
+        log.subscribe(recording)
+        if spans:
+            log.subscribe(spans)
+        try:
+            yield
+        finally:
+            recording.finish()
+            if spans:
+                spans.finish()
+
+
+def _suppress_error_events(progress: Callable[[Event], None]) -> Callable[[Event], None]:
+    """An error is said once, at the end: a live table marks the node that failed, lines leave it out."""
+    live = sys.stderr.isatty()
+
+    def show(event: Event) -> None:
+        if isinstance(event, RunEnded) and event.status == "failed":
+            return
+        if isinstance(event, NodeEnded) and event.error:
+            if not live:
+                return
+            event = event.model_copy(update={"error": "see below"})
+        progress(event)
+
+    return show

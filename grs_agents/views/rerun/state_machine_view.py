@@ -1,0 +1,127 @@
+"""The state machine in the recording: where each node stands, what leads where, its colour, and the lane of nodes."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import rerun as rr
+
+from grs_agents.trace import Event, NodeStarted, RunEnded, RunStarted
+from grs_agents.views.rerun.recording import Paths, Recording
+
+Color = tuple[int, int, int]
+Edge = tuple[str, str]
+
+END = "end"
+COLUMN, ROW = 190.0, 110.0
+_ROWS = (
+    ("read", "find_table", "segment", "describe"),
+    ("generate_task", "settle", "register", "match"),
+    ("generate_sim", "generate_tests", "run_tests", "audit"),
+    ("", "fix_code", "route", "conclude"),
+    ("", "fix_tests", "", END),
+)
+"""Where the nodes stand: perception goes right in the first row and back in the second."""
+_GRID: dict[str, tuple[float, float]] = {
+    **{node: (column, row) for row, names in enumerate(_ROWS) for column, node in enumerate(names) if node},
+    "hide_image": (-0.9, 1),
+}
+_COLORS: dict[str, Color] = {
+    "read": (91, 120, 239),
+    "find_table": (91, 141, 239),
+    "segment": (93, 156, 237),
+    "describe": (95, 170, 235),
+    "match": (80, 190, 215),
+    "register": (75, 195, 195),
+    "settle": (70, 200, 175),
+    "generate_task": (155, 120, 235),
+    "generate_sim": (190, 110, 220),
+    "generate_tests": (215, 120, 190),
+    "run_tests": (241, 196, 15),
+    "route": (231, 96, 76),
+    "fix_code": (230, 140, 40),
+    "fix_tests": (200, 160, 80),
+    "audit": (26, 188, 156),
+    "conclude": (46, 180, 90),
+    END: (46, 204, 113),
+}
+_OTHER_COLORS: tuple[Color, ...] = ((140, 160, 190), (170, 190, 110), (210, 130, 130), (120, 200, 200))
+INACTIVE: Color = (150, 150, 160)
+
+
+def node_color(node: str) -> Color:
+    """The colour of ``node`` in the graph and in the lane of nodes."""
+    return _COLORS.get(node) or _OTHER_COLORS[sum(node.encode()) % len(_OTHER_COLORS)]
+
+
+def node_positions(nodes: Iterable[str]) -> dict[str, tuple[float, float]]:
+    """Positions in the plane, x right and y down; unknown nodes stand in columns to the right."""
+    positions: dict[str, tuple[float, float]] = {}
+    unknown = 0
+    for node in nodes:
+        if node in _GRID:
+            column, row = _GRID[node]
+        else:
+            column, row = 4 + unknown // 4, unknown % 4
+            unknown += 1
+        positions[node] = (column * COLUMN, row * ROW)
+    return positions
+
+
+_START, _END = "__start__", "__end__"  # as LangGraph calls them
+
+
+def _node_display_name(node: str) -> str:
+    """The name under which a node of the graph is drawn."""
+    return END if node == _END else node
+
+
+class MachineView:
+    """Knows the nodes of the run's graph, how often each was visited and which is active."""
+
+    def __init__(self) -> None:
+        self.nodes: tuple[str, ...] = (END,)
+        self._edges: tuple[Edge, ...] = ()
+        self._visits: dict[str, int] = {}
+        self._active = ""
+        self._placed: tuple[str, ...] = ()
+
+    def track_event(self, event: Event) -> None:
+        """Take in an event without showing it."""
+        if isinstance(event, RunStarted):
+            nodes = (_node_display_name(node) for node in event.nodes if node != _START)
+            self.nodes = tuple(dict.fromkeys((*nodes, END)))
+            self._edges = tuple(
+                (_node_display_name(tail), _node_display_name(head)) for tail, head in event.edges if tail != _START
+            )
+        elif isinstance(event, NodeStarted):
+            self.nodes = tuple(dict.fromkeys((*self.nodes, event.node)))
+            self._visits[event.node] = max(event.visit, self._visits.get(event.node, 0))
+            self._active = event.node
+        elif isinstance(event, RunEnded):
+            self._active = END
+
+    def log_static_graph(self, recording: Recording) -> None:
+        """What holds for the whole run: edges, and the colours of the lane."""
+        recording.log(Paths.MACHINE, rr.GraphEdges(self._edges, graph_type="directed"), static=True)
+        names = list(self.nodes)
+        colors = [node_color(name) for name in names]
+        recording.log(Paths.NODE, rr.StateConfiguration(values=names, labels=names, colors=colors), static=True)
+
+    def log_current_state(self, recording: Recording) -> None:
+        """The machine as it stands, and the active node in the lane."""
+        looks: dict[str, Any] = {
+            "labels": [self._node_label(node) for node in self.nodes],
+            "colors": [node_color(node) if node == self._active else INACTIVE for node in self.nodes],
+        }
+        if self.nodes != self._placed:
+            spots = list(node_positions(self.nodes).values())
+            recording.log(Paths.MACHINE, rr.GraphNodes(self.nodes, positions=spots, show_labels=True, **looks))
+            self._placed = self.nodes
+        else:
+            recording.log_row(Paths.MACHINE, rr.GraphNodes, **looks)
+        if self._active:
+            recording.log_row(Paths.NODE, rr.StateChange, state=[self._active])
+
+    def _node_label(self, node: str) -> str:
+        visits = self._visits.get(node, 0)
+        return f"{'● ' if node == self._active else ''}{node}{f' ×{visits}' if visits else ''}"
