@@ -24,8 +24,9 @@ from typing import Any, TextIO, cast
 from grs_agents.sandbox.harness.assertion_count import COUNTER, Counter, insert_counter_calls
 from grs_agents.sandbox.harness.captured_error import CapturedError
 from grs_agents.sandbox.harness.channel import report_progress
+from grs_agents.sandbox.harness.fixture_episodes import FixtureEpisodes
 from grs_agents.sandbox.harness.tamper_detection import Integrity, find_overridden_method, find_shadowed_method
-from grs_agents.sandbox.protocol import SIMULATION_FILE, TESTS_FILE, RaisedIn, describe_error
+from grs_agents.sandbox.protocol import SIMULATION_FILE, TESTS_FILE, RaisedIn, describe_error, shorten_paths
 
 _KEPT_OUTPUT = 4000
 
@@ -35,7 +36,7 @@ class Session:
     """What all results of one worker share."""
 
     begin: Callable[[], Any]  # called before each test: seeds, clears
-    episode: Callable[[], Any]  # what to keep with each test
+    fixtures: FixtureEpisodes  # and tests: what to keep with each test
     limit: Callable[[], Any]  # says in words which limit a test reached, if any
     counter: Counter  # of the assertions that are reached
     integrity: Integrity  # of the machinery
@@ -74,6 +75,7 @@ class Result(unittest.TestResult):
         self._streams.enter_context(contextlib.redirect_stdout(_Tee(sys.stdout, self._printed)))
         self._streams.enter_context(contextlib.redirect_stderr(_Tee(sys.stderr, self._printed)))
         report_progress({"item": name, "phase": "start"})
+        self._session.fixtures.begin_test(type(test))
         self._session.begin()
         self._session.counter.count = 0
         self._started = time.perf_counter()
@@ -86,10 +88,11 @@ class Result(unittest.TestResult):
         if "outcome" not in case:  # an exception that unittest lets through, or no verdict at all
             self._record_error("error", sys.exception() or RuntimeError("unittest gave no verdict"), test)
         seconds, session = time.perf_counter() - self._started, self._session
-        case.update(seconds=seconds, output=self._printed.getvalue(), assertions=session.counter.count)
+        printed = shorten_paths(self._printed.getvalue())
+        case.update(seconds=seconds, output=printed, assertions=session.counter.count)
         if session.spoilt is None:
-            case["episode"] = _call_for_json_object(session.episode)
             case.update(self._find_reached_limit(case))
+            case.update(session.fixtures.find_shown(type(test)))
             case.update(self._find_tampering(test))
         report_progress(case)
         session.ended.add(case["item"])
@@ -162,7 +165,8 @@ class Result(unittest.TestResult):
     def _set_outcome(self, test: Any, **facts: Any) -> None:
         if self._case is None:
             where = str(getattr(test, "description", "")) or "a fixture"
-            self._fixture = {**facts, "message": f"{where}: {facts.get('message', '')}"[:1000]}
+            message = f"{where}: {facts.get('message', '')}"[:1000]
+            self._fixture = {**facts, **self._session.fixtures.find_shown(None), "message": message}
         elif self._case.get("outcome", "passed") == "passed":  # the first of several errors is the one that matters
             self._case.update(facts)
 
@@ -223,15 +227,20 @@ def run_tests_inside(request: dict[str, Any]) -> dict[str, Any]:
         raise captured.error
     if captured.error is not None:
         return {"load_error": _describe_load_error(captured.error)}
-    clear = _load_hook_function(request["clear"])
+    clear, last_episode = _load_hook_function(request["clear"]), _load_hook_function(request["episode"])
+
+    def take_episode() -> dict[str, Any] | None:
+        episode = _call_for_json_object(last_episode)
+        clear()
+        return episode
 
     def begin() -> None:
         seed_everything(seed)
         clear()
 
-    session = Session(
-        begin, _load_hook_function(request["episode"]), _load_hook_function(request["limit"]), counter, integrity
-    )
+    fixtures = FixtureEpisodes(take_episode)
+    fixtures.watch_module(tests)
+    session = Session(begin, fixtures, _load_hook_function(request["limit"]), counter, integrity)
     _run_pending_tests(tests, list(request["items"]), session)
     if session.spoilt is not None:
         raise session.spoilt

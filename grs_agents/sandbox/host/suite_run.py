@@ -25,6 +25,7 @@ from grs_agents.sandbox.protocol import (
     TestReport,
     describe_error,
     describe_stack_dump,
+    shorten_paths,
 )
 
 _STOPPED: dict[str, CaseOutcome] = {
@@ -162,7 +163,7 @@ def _report_load_failure(batch: BatchResult, sources: dict[str, str]) -> TestRep
     return TestReport(
         outcome=_to_report_outcome(call),
         message=f"before any test: {_last_line(call.error)}",
-        traceback=at.text if at else call.error[-8000:],
+        traceback=at.text if at else shorten_paths(call.error)[-8000:],
         raised_in=at.raised_in if at else _guess_culprit_program(call, sources),
     )
 
@@ -177,7 +178,7 @@ def _build_test_case(item: str, expected: ExpectedTests, batch: BatchResult, sou
             seconds=call.seconds,
             message=_last_line(call.error),
             traceback=trace.text if trace else "",
-            output=call.output[-4000:],
+            output=shorten_paths(call.output)[-4000:],
             raised_in=trace.raised_in if trace else _guess_culprit_program(call, sources),
         )
     if item in batch.untimely:
@@ -265,4 +266,4 @@ def _guess_culprit_program(call: CallResult, sources: dict[str, str]) -> RaisedI
 
 
 def _last_line(text: str) -> str:
-    return (text.strip().splitlines() or [""])[-1][:1000]
+    return shorten_paths((text.strip().splitlines() or [""])[-1])[:1000]

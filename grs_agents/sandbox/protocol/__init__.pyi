@@ -20,6 +20,7 @@ from .tracebacks import TESTS_FILE as TESTS_FILE
 from .tracebacks import RaisedIn as RaisedIn
 from .tracebacks import describe_error as describe_error
 from .tracebacks import describe_stack_dump as describe_stack_dump
+from .tracebacks import shorten_paths as shorten_paths
 from .wire import MAX_BODY as MAX_BODY
 from .wire import ForgedFrameError as ForgedFrameError
 from .wire import FrameError as FrameError

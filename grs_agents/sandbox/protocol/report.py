@@ -50,7 +50,9 @@ class TestCase(Frozen):
     output: str = ""  # the first 4,000 characters it printed
     raised_in: RaisedIn | None = None  # which file the failure came from
     assertions: Annotated[int, Field(ge=0)] = 0  # how many it came to
-    episode: dict[str, Any] | None = None  # the last oracle episode it ran, opaque JSON here
+    # the last oracle episode it ran, or its class's or module's fixture if it ran none itself; opaque JSON here
+    episode: dict[str, Any] | None = None
+    episode_hook: Literal["test", "setUpClass", "setUpModule", ""] = ""  # which of them ran it
 
 
 class TestReport(Frozen):

@@ -1,6 +1,8 @@
 """Tracebacks of generated programs: only the frames that help, and in which file the error was raised."""
 
+import os
 import re
+import sysconfig
 import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,6 +17,8 @@ _PROGRAMS = (SIMULATION_FILE, TESTS_FILE)
 
 RaisedIn = Literal["simulation", "tests", "library"]
 _MACHINERY = (str(Path(__file__).parent.parent), str(Path(traceback.__file__).parent / "unittest"))
+_FOLDERS = sorted({str(Path(__file__).parents[3]), *sysconfig.get_paths().values()} - {os.sep}, key=len, reverse=True)
+"""Where this package, those beside it and the standard library lie."""
 _Frame = TypeVar("_Frame")
 _FRAME = re.compile(r'^ {2}File "(?P<file>[^"]*)", line (?P<line>[0-9]{1,9}) in (?P<function>.{0,200})$')
 """The program can write to the pipe of the dump too: what is not within these bounds is no frame."""
@@ -44,7 +48,8 @@ def describe_error(error: BaseException) -> Trace:
     if isinstance(error, SyntaxError) and error.filename in _PROGRAMS:
         files.append(error.filename)
     functions = tuple(frame.name for frame in whole.stack)
-    return Trace(message[:1000], "".join(whole.format())[-8000:].strip(), _innermost_program(files), functions)
+    text = shorten_paths("".join(whole.format()))
+    return Trace(shorten_paths(message)[:1000], text[-8000:].strip(), _innermost_program(files), functions)
 
 
 def describe_stack_dump(stack: str, sources: Mapping[str, str], message: str) -> Trace | None:
@@ -63,8 +68,16 @@ def describe_stack_dump(stack: str, sources: Mapping[str, str], message: str) ->
             lines.extend(f"    {line.strip()}" for line in code.get(frame["file"], [])[max(number - 1, 0) : number])
         files = [frame["file"] for frame in frames]
         functions = tuple(frame["function"] for frame in frames)
-        return Trace(message, "\n".join([*lines, message])[-8000:], _innermost_program(files), functions)
+        return Trace(message, shorten_paths("\n".join([*lines, message]))[-8000:], _innermost_program(files), functions)
     return None
+
+
+def shorten_paths(text: str) -> str:
+    """A text without the paths of this machine: files of libraries begin with the name of their package."""
+    here = str(Path.cwd())
+    for folder in (*_FOLDERS, *([here] if here != os.sep else [])):
+        text = text.replace(f"{folder}{os.sep}", "")
+    return text
 
 
 def _relevant_frames(frames: list[_Frame], files: list[str]) -> list[_Frame]:

@@ -1,5 +1,6 @@
 """A report is what the host saw: whatever test programs do, each test of the source has an outcome."""
 
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -448,6 +449,45 @@ def test_episode_of_each_test_is_kept(check: Check) -> None:
     )
     assert [case.episode for case in report.cases] == [{"reward": 1.0}, None, None]
     assert report.all_passed
+
+
+def test_a_test_that_ran_no_episode_shows_its_fixtures_and_one_that_did_shows_its_own(check: Check) -> None:
+    report = check(
+        "import unittest\nimport task_code\n"
+        "def setUpModule(): task_code.LAST['of'] = 'module'\n"
+        "class TestX(unittest.TestCase):\n"
+        "    @classmethod\n"
+        "    def setUpClass(cls): task_code.LAST['of'] = 'class'\n"
+        "    def test_a(self): self.assertTrue(1)\n"
+        "    def test_b(self): task_code.LAST['of'] = 'b'; self.assertTrue(1)\n"
+        "    def test_c(self): self.assertTrue(1)\n"
+        "class TestY(unittest.TestCase):\n"
+        "    def test_d(self): self.assertTrue(1)\n"
+        "class TestZ(unittest.TestCase):\n"
+        "    @classmethod\n"
+        "    def setUpClass(cls): task_code.LAST['of'] = 'broken'; cls().fail()\n"
+        "    def test_e(self): self.assertTrue(1)\n",
+        "LAST = {}\ndef clear(): LAST.clear()\ndef last(): return LAST or None",
+        clear="task_code:clear",
+        episode="task_code:last",
+    )
+    assert [((case.episode or {}).get("of"), case.episode_hook) for case in report.cases] == [
+        ("class", "setUpClass"),
+        ("b", "test"),
+        ("class", "setUpClass"),
+        ("module", "setUpModule"),
+        ("broken", "setUpClass"),
+    ]
+    assert outcomes(report)["TestZ.test_e"] == "error"
+
+
+def test_reports_name_no_folder_of_this_machine(check: Check) -> None:
+    body = "import json, numpy; print(numpy.__file__, os.path.abspath('x')); numpy.linalg.inv(numpy.zeros((2, 2)))"
+    report = check(HEAD + f"    def test_a(self): {body}\n    def test_b(self): os._exit(1)\n")
+    assert "numpy/linalg/" in report.cases[0].traceback
+    assert report.cases[0].output == "numpy/__init__.py x\n"
+    text = report.model_dump_json()
+    assert not [folder for folder in (sys.prefix, sys.base_prefix, str(Path(__file__).parents[3])) if folder in text]
 
 
 def test_long_texts_are_cut(check: Check) -> None:
