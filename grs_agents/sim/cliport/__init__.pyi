@@ -8,6 +8,7 @@ from .end_effectors import push as push
 from .environment import Environment as Environment
 from .goal_arguments import convert_to_goal as convert_to_goal
 from .goal_arguments import make_goal as make_goal
+from .task import PublishedTask as PublishedTask
 from .task import Task as Task
 from .task import defines_task_class as defines_task_class
 from .task import find_task_class as find_task_class

@@ -1,8 +1,12 @@
 """The environment: typed objects on a table, an arm with a suction cup, rewards from the task."""
 
+import math
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
+
+import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.errors import GrsError
@@ -12,18 +16,29 @@ from grs_agents.sim.cliport import end_effectors, pybullet
 from grs_agents.sim.cliport.cameras import Observation
 from grs_agents.sim.cliport.goal_arguments import convert_to_goal
 from grs_agents.sim.cliport.workcell import Workcell
-from grs_agents.sim.goals import ScoredTask, StrictScorer
+from grs_agents.sim.goals import SceneView, ScoredTask, StrictScorer, measure_motions
 from grs_agents.sim.instance import (
     ActionRecord,
+    EndState,
     Episode,
     Recorder,
     SimulationError,
     make_stop_from_error,
     set_last_recorder,
 )
-from grs_agents.sim.motion import PickPlace, PickPlaceResult, Push, PushResult
-from grs_agents.sim.world import DEFAULT_BUDGET, Budget, parse_pose, templates
+from grs_agents.sim.motion import PickPlace, PickPlaceResult, Push, PushResult, placement
+from grs_agents.sim.world import (
+    DEFAULT_BUDGET,
+    Budget,
+    Prism,
+    object_prism_at_pose,
+    parse_pose,
+    signed_outline_gaps,
+    templates,
+)
 
+_SETTLED: Final = 0.01
+"""What settling moves by more than this did not stay where the program put it, metres."""
 Action = Mapping[str, Any]
 Info = dict[Any, Any]
 
@@ -112,11 +127,11 @@ class Environment(Workcell):
         if self.task is None:
             raise SimulationError("env.reset() without a task", "call env.set_task(task) first")
         pybullet.set_current_environment(self)
+        self.recorder.freeze()
+        self.places = {}
         self.remove_all_objects()
         self.failed_placements = 0
-        self.warnings.clear()
-        self.recorder.look = None  # what it tells of is being cleared away
-        self.recorder = Recorder(max_steps=int(self.task.max_steps))
+        self.recorder = Recorder(int(self.task.max_steps))
         set_last_recorder(self.recorder)
         try:
             self.tool = "spatula" if end_effectors.uses_push_primitive(self.task.ee, self.task.primitive) else "suction"
@@ -127,9 +142,11 @@ class Environment(Workcell):
         self.task.goals = [convert_to_goal(goal) for goal in self.task.goals]
         self.task.grs.finish_reset(self)
         if settle:
+            placed = {number: self.get_object_pose(number) for number in self._objects}
             self.settle_scene()
             self.places = {number: self.get_object_pose(number) for number in self._objects}
-            self.recorder.look = self._update_recorder_scores
+            self.recorder.measure = partial(self._measure_scene, self.task)
+            self._warn_about_settling(placed)
         return self.observation
 
     @property
@@ -194,23 +211,62 @@ class Environment(Workcell):
                 object=number, asset=asset, pick=pose0[0], place=pose1[0], reward=reward, note=note, pushed=moved
             )
         )
+        set_last_recorder(self.recorder)
         return reward
 
     def push(self, pose0: Pose, pose1: Pose) -> PushResult:
         """Push along the table from one pose to another with the spatula; does not score."""
-        return Push(self.physics, self.collider_prisms(), self._asset_names_by_id()).push(pose0, pose1)
+        return Push(self.physics, self.collider_prisms(), self._labels_by_id()).push(pose0, pose1)
 
     def pick_place(self, pick: Pose, place: Pose) -> PickPlaceResult:
         """Pick at one pose of the tip and place at another; does not score."""
-        return PickPlace(self.physics, self.collider_prisms(), self._asset_names_by_id()).pick_and_place(pick, place)
+        return PickPlace(self.physics, self.collider_prisms(), self._labels_by_id()).pick_and_place(pick, place)
 
-    def _asset_names_by_id(self) -> dict[int, str]:
-        return {number: item.asset for number, item in self._objects.items()}
+    def _labels_by_id(self) -> dict[int, str]:
+        return {number: f"{item.asset} #{number}" for number, item in self._objects.items()}
 
-    def _update_recorder_scores(self, recorder: Recorder) -> None:
-        if self.task is None:
-            return
-        recorder.reward, recorder.complete = self.task.grs.total, self.task.done()
-        recorder.placed, recorder.wanted = self.task.grs.count_placed_objects()
-        score = StrictScorer(self.task, self, self.places).score_scene()
-        recorder.strict, recorder.weakest, recorder.shortfalls = score.value, score.weakest, score.shortfalls
+    def find(self, asset: str) -> list[int]:
+        """Ids of the objects made of an asset, in the order in which they were added.
+
+        ``asset`` is a library name; a template's finds all that were filled from it, what ``task.fill_template``
+        returned those filled alike. An unknown name is an ``UnknownNameError``.
+        """
+        name = templates.resolve_asset_name(asset, self.library)
+        filling = templates.find_filling_by_name(name)
+        if filling is None:
+            self.library.asset(name)
+            return [item.id for item in self._objects.values() if item.asset == name]
+        alike = (filling.template, dict(filling.values))
+        return [item.id for item in self._objects.values() if (item.asset, item.fill) == alike]
+
+    def _measure_scene(self, task: EpisodeTask) -> EndState:
+        score = StrictScorer(task, self, self.places).score_scene()
+        return EndState(
+            reward=task.grs.total,
+            complete=bool(task.grs.stated) and not task.goals,
+            strict=score.value,
+            weakest=score.weakest,
+            shortfalls=score.shortfalls,
+            goals=score.goals,
+            motions=measure_motions(SceneView(self, task.grs.stated, task.goals)),
+            placed=score.placed,
+            wanted=score.wanted,
+        )
+
+    def _warn_about_settling(self, placed: Mapping[int, Pose]) -> None:
+        """Note what did not stay where the program put it, and why not."""
+        moved = [n for n, start in placed.items() if math.dist(start[0], self.places[n][0]) > _SETTLED]
+        prisms = {n: object_prism_at_pose(self.object_model(n), placed[n]) for n in placed} if moved else {}
+        label = self._labels_by_id()
+        for number in moved:
+            start, end = placed[number][0], self.places[number][0]
+            within = [label[n] for n in placed if n != number and _overlap(prisms[number], prisms[n])]
+            why = f"was put into {' and '.join(within)}" if within else "was put in the air, or did not stand"
+            ways = f"from {placement.format_point(start)} to {placement.format_point(end)}"
+            self.record_warning(f"{label[number]} {why}: settling moved it {math.dist(start, end):.3f} m, {ways}")
+
+
+def _overlap(first: Prism, second: Prism) -> bool:
+    """Whether two objects reach more than 2 mm into each other, upwards and sideways."""
+    upwards = min(first.high, second.high) - max(first.low, second.low)
+    return upwards > 0.002 and signed_outline_gaps(first.outline, second.outline, np.zeros((1, 2)))[0] < -0.002

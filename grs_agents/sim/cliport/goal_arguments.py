@@ -1,6 +1,6 @@
 """Goals as programs state them: checked, in one shape, and in CLIPort's order of fields."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -27,7 +27,8 @@ def make_goal(
     """
     reward = _parse_reward(step_max_reward)
     if isinstance(objs, Goal):
-        return objs.model_copy(update={"max_reward": reward}), []
+        others = {"matches": matches, "targ_poses": targ_poses, "params": params, "symmetries": symmetries}
+        return objs.model_copy(update={"max_reward": reward}), _list_arguments_without_effect(others)
     pairs = _parse_ids_and_symmetries(objs)
     if metric not in ("pose", "zone"):
         raise SimulationError(f"add_goal: metric {metric!r} is unknown", "use 'pose' or 'zone'")
@@ -48,6 +49,12 @@ def make_goal(
         symmetries=_parse_symmetries(symmetries, [symmetry for _, symmetry in pairs]),
     )
     return goal, [f"add_goal: {note}" for note in _describe_assumptions(goal, matches, entries, symmetries)]
+
+
+def _list_arguments_without_effect(given: Mapping[str, Any]) -> list[str]:
+    """A sentence for each argument given beside a typed goal."""
+    unused = [name for name, value in given.items() if value is not None]
+    return [f"task.add_goal: {name} had no effect, a typed goal says all by itself" for name in unused]
 
 
 def _describe_assumptions(goal: Goal, matches: Any, zones: Sequence[Any], symmetries: Any) -> Iterator[str]:

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from grs_agents.sim.cliport import end_effectors, pybullet, utils
 from grs_agents.sim.cliport.environment import Environment
-from grs_agents.sim.cliport.task import Task
+from grs_agents.sim.cliport.task import PublishedTask
 
 PACKAGES: Final = ("cliport", "pybullet", "pybullet_utils", "pybullet_data")
 
@@ -38,8 +38,8 @@ def _build_replacement_modules() -> dict[str, ModuleType]:
     return {
         "IPython": _make_module("IPython", embed=_do_nothing),
         "cliport": _make_module("cliport"),
-        "cliport.tasks": _make_module("cliport.tasks", Task=Task),
-        "cliport.tasks.task": _make_module("cliport.tasks.task", Task=Task),
+        "cliport.tasks": _make_module("cliport.tasks", Task=PublishedTask),
+        "cliport.tasks.task": _make_module("cliport.tasks.task", Task=PublishedTask),
         "cliport.tasks.primitives": _make_module("cliport.tasks.primitives", **primitives),
         "cliport.tasks.grippers": _make_module("cliport.tasks.grippers", **grippers),
         "cliport.utils": _make_module("cliport.utils"),

@@ -14,8 +14,15 @@ from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.goal_arguments import make_goal
 from grs_agents.sim.cliport.task_helpers import TaskKit, add_kitting_objects
 from grs_agents.sim.expert import Oracle, PushOracle
-from grs_agents.sim.goals import TaskAccounting, task_accounting
-from grs_agents.sim.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE, Goal, NoFreeSpaceError, SimulationError
+from grs_agents.sim.goals import StrictScorer, TaskAccounting, task_accounting
+from grs_agents.sim.instance import (
+    POSITION_TOLERANCE,
+    ROTATION_TOLERANCE,
+    Goal,
+    GoalOutcome,
+    NoFreeSpaceError,
+    SimulationError,
+)
 from grs_agents.sim.motion import placement
 from grs_agents.sim.world import Prism, collider_prisms_at_pose, templates
 
@@ -33,7 +40,8 @@ class Task(TaskKit):
         lang_template: what a person would say, e.g. ``"pack the {} in the box"``.
         task_completed_desc: said at the end.
         sixdof: kept for CLIPort programs.
-        pos_eps, rot_eps: tolerance of ``pose`` goals, metres and radians.
+        pos_eps, rot_eps: tolerance of ``pose`` goals, metres (at most 0.05) and radians.
+        primitive: ``"push"`` to push with a spatula instead of picking and placing.
         bounds: (3, 2) lowest and highest x, y, z of the workspace, metres.
         goals: what ``add_goal`` gathered.
         grs: the runtime's own accounts; every other name is the program's to use.
@@ -76,13 +84,7 @@ class Task(TaskKit):
         self.progress = 0.0
 
     def additional_reset(self) -> None:
-        """Act on ``lang_template``: "bowl" widens ``pos_eps`` to 5 cm, "rope" to 2 cm, "piles" means pushing."""
-        if "bowl" in self.lang_template:
-            self.pos_eps = 0.05
-        if "rope" in self.lang_template:
-            self.pos_eps = 0.02
-        if "piles" in self.lang_template:
-            self.ee, self.primitive = end_effectors.Spatula, end_effectors.push
+        """Called last in a program's ``__init__``; there is nothing left to do, unless the program overrides it."""
 
     def reset(self, env: Environment) -> None:
         """Clear the goals. A program's own ``reset`` calls ``super().reset(env)``, then adds objects and goals."""
@@ -101,7 +103,7 @@ class Task(TaskKit):
         step_max_reward: float = 1.0,
         symmetries: Any = None,
         language_goal: str = "",
-        **_: Any,
+        **_unknown: Any,
     ) -> None:
         """State a goal. Goals are met one after the other; their ``step_max_reward`` should add up to 1.
 
@@ -138,6 +140,7 @@ class Task(TaskKit):
         if env is not None:
             for number in goal.mentioned_object_ids:
                 env.object_by_id(number)
+            env.warn_of_unknown_arguments("task.add_goal", _unknown, Task.add_goal)
             for note in notes:
                 env.record_warning(note)
         self.goals.append(goal)
@@ -219,6 +222,20 @@ class Task(TaskKit):
         """Whether every goal is met."""
         return not self.goals and bool(self.grs.stated)
 
+    def goals_met(self, env: Environment) -> list[GoalOutcome]:
+        """How each goal stands now, judged strictly, in the order of the goals.
+
+        Each has ``met`` (bool), ``goal`` (what it asks for), ``strict`` (0..1) and ``shortfalls`` (for each object that
+        misses, a clause with numbers). In a test::
+
+            (x, y, z), _ = env.get_object_pose(env.find("HOPE/Milk.urdf")[0])
+            for goal in task.goals_met(env):
+                self.assertTrue(goal.met, goal)
+        """
+        if not env.places:
+            raise SimulationError("task.goals_met before the scene has settled", "call env.reset() first")
+        return list(StrictScorer(self, env, env.places).score_scene().goals)
+
     def is_match(self, pose0: Pose, pose1: Pose, symmetry: float) -> bool:
         """Whether two poses agree within ``pos_eps`` and ``rot_eps``."""
         return task_accounting.is_pose_at_target(pose0, pose1, symmetry, self.pos_eps, self.rot_eps)
@@ -232,6 +249,19 @@ class Task(TaskKit):
         return (
             PushOracle(self, env) if end_effectors.uses_push_primitive(self.ee, self.primitive) else Oracle(self, env)
         )
+
+
+class PublishedTask(Task):
+    """What programs get that import ``Task`` from ``cliport``: words of ``lang_template`` choose, as published."""
+
+    def additional_reset(self) -> None:
+        """Act on ``lang_template``: "bowl" widens ``pos_eps`` to 5 cm, "rope" to 2 cm, "piles" means pushing."""
+        if "bowl" in self.lang_template:
+            self.pos_eps = 0.05
+        if "rope" in self.lang_template:
+            self.pos_eps = 0.02
+        if "piles" in self.lang_template:
+            self.ee, self.primitive = end_effectors.Spatula, end_effectors.push
 
 
 def _placement_obstacles(env: Environment) -> list[Prism]:

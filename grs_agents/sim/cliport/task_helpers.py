@@ -170,12 +170,13 @@ class TaskKit:
         library = env.library if env is not None else templates.default_library()
         return templates.resolve_asset_name(path, library) in library
 
-    def make_piles(self, env: Environment, block_color: Any = None, *_: Any, **__: Any) -> list[int]:
+    def make_piles(self, env: Environment, block_color: Any = None, *_: Any, **_unknown: Any) -> list[int]:
         """Strew ``num_blocks`` cubes of 1 cm over a patch of 20 cm in the middle of the table; returns their ids.
 
         Raises:
             SimulationError: so many do not lie there side by side.
         """
+        env.warn_of_unknown_arguments("task.make_piles", _unknown, TaskKit.make_piles)
         low, side = self.bounds[:2, 0] + (0.15, 0.4), int(0.2 / _CELL)
         if not 0 <= self.num_blocks <= side**2:
             raise SimulationError(
@@ -198,7 +199,7 @@ class TaskKit:
         n_parts: int = 20,
         color_name: str = "red",
         *_: Any,
-        **__: Any,
+        **_unknown: Any,
     ) -> tuple[list[tuple[int, tuple[float, None]]], list[Pose], FloatArray]:
         """Lay a rope of beads on a free place of the table, in a gentle curve.
 
@@ -215,6 +216,7 @@ class TaskKit:
         Raises:
             NoFreeSpaceError: there is no room for it.
         """
+        env.warn_of_unknown_arguments("task.make_ropes", _unknown, TaskKit.make_ropes)
         return add_rope(env, self.bounds, corners, radius, int(n_parts), color_name)
 
     make_rope = make_ropes

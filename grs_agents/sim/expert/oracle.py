@@ -11,8 +11,8 @@ import numpy as np
 from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.expert import placement_planner
-from grs_agents.sim.goals import SceneView, ScoredTask, has_toppled
-from grs_agents.sim.instance import Goal, Stop
+from grs_agents.sim.goals import SceneView, ScoredTask, has_toppled, make_stop
+from grs_agents.sim.instance import Goal, Stop, set_last_recorder
 from grs_agents.sim.motion import Blocked, ReachTest, Spot, describe_out_of_reach, find_grasp, format_point
 from grs_agents.sim.world import Tabletop
 
@@ -126,6 +126,7 @@ class Oracle:
         decision = self._choose_action_or_stop()
         if isinstance(decision, Stop):
             self.table.recorder.stop = decision
+            set_last_recorder(self.table.recorder)
             return None
         return decision
 
@@ -218,12 +219,12 @@ class Oracle:
 
     def _find_pick_point(self, number: int, view: SceneView) -> Vec3 | Blocked | Stop:
         """Where to pick an object up, or what lies on it, or why it cannot be picked."""
-        name, position = view.object_name(number), view.object_pose(number)[0]
+        name, position = view.object_label(number), view.object_pose(number)[0]
         if not view.is_object_movable(number):
-            return Stop("error", f"{name} is 'fixed' and cannot be moved; add it as 'rigid'", (name,))
+            return make_stop("error", f"{name} is 'fixed' and cannot be moved; add it as 'rigid'", view, number)
         if not self.table.arm.can_reach_point((position[0], position[1], view.object_prism(number).high)):
             note = describe_out_of_reach((position[0], position[1], view.object_prism(number).high), self.table.arm)
-            return Stop("unreachable", f"object {name} at {format_point(position)} {note}", (name,))
+            return make_stop("unreachable", f"object {name} at {format_point(position)} {note}", view, number)
         hold = find_grasp(
             view.physics, number, position, view.object_prism(number), view.prisms_of_other_objects(number)
         )
@@ -232,20 +233,20 @@ class Oracle:
         movable = [other for other in hold.covered_by if view.is_object_movable(other)]
         if movable:
             return Blocked(movable[0])
-        names = tuple(view.object_name(other) for other in hold.covered_by)
-        return Stop("unreachable", f"the top of {name} is covered by {', '.join(names) or 'nothing known'}", (name,))
+        covers = ", ".join(f"{view.object_label(other)}, which is fixed" for other in hold.covered_by)
+        why = f"is covered by {covers}" if covers else "has no place that is flat and wide enough for the cup to seal"
+        return make_stop("unreachable", f"the top of {name} {why}", view, number, *hold.covered_by)
 
     def _plan_blocker_removal(self, blocked: Blocked, number: int, view: SceneView, depth: int) -> Action | Stop:
         """Move what is in the way: to its own target if it has one, else aside."""
-        blocker, name = blocked.blocker, view.object_name(blocked.blocker)
-        stop = Stop(
-            "target_occupied",
-            f"{view.object_name(number)}: its way or target is occupied by {name}, which cannot be moved aside",
-            (view.object_name(number), name),
-        )
-        attempt = (-1, blocker)
+        blocker, attempt = blocked.blocker, (-1, blocked.blocker)
+
+        def give_up(why: str) -> Stop:
+            taken = f"{view.object_label(number)}: its way or target is occupied by {view.object_label(blocker)}"
+            return make_stop("target_occupied", f"{taken}, which cannot be moved aside: {why}", view, number, blocker)
+
         if depth >= _DEPTH or self._attempts.get(attempt, 0) >= _ATTEMPTS:
-            return stop
+            return give_up(f"it was in the way {max(depth, _ATTEMPTS)} times, one thing has to make room for the other")
         for goal in self.task.goals:
             scores = self.task.grs.score_goal_objects(goal)
             if blocker in goal.objects and scores[goal.objects.index(blocker)] < _PLACED:
@@ -256,25 +257,22 @@ class Oracle:
         if isinstance(hold, Blocked):
             return self._plan_blocker_removal(hold, blocker, view, depth + 1)
         if isinstance(hold, Stop):
-            return stop
+            return give_up(hold.detail)
         spot = placement_planner.find_spot_aside(
             blocker, blocked.keep_free, view, hold[2] - view.object_prism(blocker).low
         )
         if spot is None:
-            return stop
+            return give_up("no place on the table is free for it")
         self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
         return _make_pick_place_action(blocker, hold, spot, view)
 
     def _explain_giving_up(self, number: int, view: SceneView) -> Stop:
-        name, tilt = view.object_name(number), np.rad2deg(view.object_tilt(number))
+        name = view.object_label(number)
         notes = [action.note for action in self.table.recorder.actions if action.object in (number, None)]
         last = f"; last: {notes[-1]}" if notes else ""
-        if has_toppled(number, view, np.pi / 4):
-            fallen = f"{name} toppled (tilt {tilt:.0f} deg) and was not placed in {_ATTEMPTS} tries{last}"
-            return Stop("toppled", fallen, (name,))
         where = format_point(view.object_pose(number)[0])
         detail = f"{name} was not brought to its target in {_ATTEMPTS} tries, it is at {where}{last}"
-        return Stop("dropped", detail, (name,))
+        return make_stop("toppled" if has_toppled(number, view, np.pi / 4) else "dropped", detail, view, number)
 
 
 def _make_pick_place_action(number: int, hold: Vec3, spot: Spot, view: SceneView) -> Action:

@@ -8,8 +8,8 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
-from grs_agents.sim.goals import SceneView, ScoredTask, is_placement_stable
-from grs_agents.sim.instance import Goal, Stop
+from grs_agents.sim.goals import SceneView, ScoredTask, is_placement_stable, make_stop
+from grs_agents.sim.instance import Goal
 from grs_agents.sim.motion import (
     TALLEST_STACK,
     Blocked,
@@ -67,10 +67,11 @@ def choose_pose_target(goal: Goal, row: int, task: ScoredTask, view: SceneView, 
     return (
         reasons[0]
         if reasons
-        else Stop(
+        else make_stop(
             "error",
-            f"no target pose matches {view.object_name(number)}: its row of matches is all zeros",
-            (view.object_name(number),),
+            f"no target pose matches {view.object_label(number)}: its row of matches is all zeros",
+            view,
+            number,
         )
     )
 
@@ -92,7 +93,7 @@ def _plan_placement_at_target(
     goal: Goal, index: int, row: int, task: ScoredTask, view: SceneView, lift: float
 ) -> Target:
     target, number = goal.targets[index], goal.objects[row]
-    name, pose, body = view.object_name(number), view.object_pose(number), view.object_prism(number)
+    pose, body = view.object_pose(number), view.object_prism(number)
     others = view.prisms_of_other_objects(number)
     wanted = max(0.0, target[0][2] - (pose[0][2] - body.low))
     fit = _find_lowest_stable_fit(number, target, goal.symmetries[row], wanted, task, view)
@@ -100,11 +101,8 @@ def _plan_placement_at_target(
     spot = Spot((float(offset[0, 0]), float(offset[0, 1])), angle, height)
     tip = (*spot.center, height + lift)
     if not ReachTest(lift, view.arm)(offset, np.array([height]))[0]:
-        return Stop(
-            "unreachable",
-            f"target of {name} at {format_point(target[0])} {describe_out_of_reach(tip, view.arm)}",
-            (name,),
-        )
+        place = f"target of {view.object_label(number)} at {format_point(target[0])}"
+        return make_stop("unreachable", f"{place} {describe_out_of_reach(tip, view.arm)}", view, number)
     shape = rotated_outline_at_origin(body, np.asarray(pose[0][:2]), angle)
     keep_free = (Prism(shape.outline + offset, 0.0, 1.0, number),)
     blocker = _find_movable_blocker(shape, offset, others, height, wanted + (_LOOSE if wanted > _FLAT else _FLAT), view)

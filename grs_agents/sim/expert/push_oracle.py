@@ -3,7 +3,7 @@
 The expectation is a quick guess: pieces in the spatula's way end up ahead of it, one behind the other.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.arms import BLADE_THICKNESS, BLADE_WIDTH
 from grs_agents.sim.expert.oracle import Action, Oracle
-from grs_agents.sim.goals import SceneView, ScoredTask, zone_covered_by_object
+from grs_agents.sim.goals import SceneView, ScoredTask, make_stop, zone_covered_by_object
 from grs_agents.sim.instance import Goal, Stop
 from grs_agents.sim.motion import HEIGHT, action_points_for_stroke
 from grs_agents.sim.world import Tabletop, rectangle_outline, rotation_matrix_2d, signed_outline_gaps
@@ -155,7 +155,7 @@ class PushOracle(Oracle):
         self._vain = 0 if cost < self._least - _EFFORT else self._vain + 1
         self._least = min(self._least, cost)
         if cost == 0:
-            return Stop("nothing_to_do", "every object is at its target already, before the robot does anything")
+            return self._explain_nothing_to_move()
         strokes, gain = scene.propose_strokes_with_gain()
         best = next(self._rank_feasible_strokes(strokes, gain, scene), None) if self._vain < _PATIENCE else None
         if best is None:
@@ -285,15 +285,19 @@ class _Scene:
         for rows, wanted in self._groups:
             away = np.min([place.distance_outside(places[rows]) for place in wanted], axis=0)
             astray += [self.pieces.ids[int(row)] for row in rows[away > 0]]
-        names = tuple(dict.fromkeys(self.view.object_name(number) for number in astray))
         far = [
             number
             for number in astray
             if not self.view.arm.can_reach_point((*self.view.object_pose(number)[0][:2], HEIGHT))
         ]
         if far:
-            return Stop("unreachable", f"{len(far)} of {len(astray)} objects astray are out of the arm's reach", names)
-        return Stop("partial", f"no stroke brings the last {len(astray)} objects nearer to their targets", names)
+            detail = f"{len(far)} of {len(astray)} objects astray are out of the arm's reach: {self._list_labels(far)}"
+            return make_stop("unreachable", detail, self.view, *far)
+        detail = f"no stroke brings the last {len(astray)} objects nearer to their targets: {self._list_labels(astray)}"
+        return make_stop("partial", detail, self.view, *astray)
+
+    def _list_labels(self, numbers: Sequence[int]) -> str:
+        return ", ".join(map(self.view.object_label, numbers[:5])) + (", ..." if len(numbers) > 5 else "")
 
 
 def _goal_places_for_object(goal: Goal, row: int, spread: float, pos_eps: float, view: SceneView) -> list[Place]:

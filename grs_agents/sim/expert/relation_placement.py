@@ -19,8 +19,11 @@ from grs_agents.sim.expert.zone_packing import (
 from grs_agents.sim.goals import (
     SceneView,
     ScoredTask,
+    describe_tilt,
     explain_goal_shortfalls,
     explain_object_shortfall,
+    has_toppled,
+    make_stop,
     zone_covered_by_object,
 )
 from grs_agents.sim.instance import Goal, Stop
@@ -57,7 +60,7 @@ class RelationPlanner:
     def choose_target(self, goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
         """Where the object of one row of a typed goal should go, or why nowhere; arguments as `Planner` takes them."""
         number = goal.objects[row]
-        if goal.relation_kind == "upright":
+        if goal.relation_kind == "upright" or has_toppled(number, view, task.rot_eps):
             return _explain_toppled_object(number, view)
         if goal.relation_kind == "stacked":
             return _choose_stack_target(goal.objects[goal.objects.index(number) - 1], goal, number, task, view, lift)
@@ -84,16 +87,18 @@ class RelationPlanner:
     def _choose_line_target(self, goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
         plan = self._lines.get(goal) or _plan_line_positions(goal, view, lift)
         if plan is None:
-            name = view.object_name(number)
-            return Stop("no_free_space", f"no free line within reach for {len(goal.objects)} objects", (name,))
+            detail = f"no free line within reach for {len(goal.objects)} objects"
+            return make_stop("no_free_space", detail, view, *goal.objects)
         self._lines[goal] = plan
         spot = _rest_spot_at_point(plan[number], 0.0, number, view)
         blocker = _find_blocker_at_spot(spot, number, view)
         if blocker is not None:
             return Blocked(blocker, (_object_prism_at_spot(number, spot, view),))
         placed = {other: _object_pose_at_spot(Spot(plan[other], 0.0, 0.0), other, view) for other in goal.objects}
-        if any(explain_goal_shortfalls(goal, view.copy_with_object_poses(placed), task.rot_eps)):
-            return _explain_no_valid_spot(goal, number, view)
+        clauses = explain_goal_shortfalls(goal, view.copy_with_object_poses(placed), task.rot_eps)
+        for other, clause in zip(goal.objects, clauses, strict=True):
+            if clause:
+                return _explain_no_valid_spot(goal, number, view, f"{view.object_label(other)} {clause}")
         return spot if _is_spot_reachable(spot, view, lift) else _explain_unreachable_spot(number, spot, view, lift)
 
 
@@ -117,13 +122,18 @@ def _choose_first_valid_spot(
     spots: Iterator[Spot], goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float
 ) -> Spot | Stop:
     """The first spot within reach at which the goal's definition holds."""
-    far: Spot | None = None
+    far, why = None, ""
     for spot in spots:
         if not _is_spot_reachable(spot, view, lift):
             far = far or spot
-        elif not explain_object_shortfall(goal, number, view_after_placing(spot, number, view), task.rot_eps):
+            continue
+        clause = explain_object_shortfall(goal, number, view_after_placing(spot, number, view), task.rot_eps)
+        if not clause:
             return spot
-    return _explain_unreachable_spot(number, far, view, lift) if far else _explain_no_valid_spot(goal, number, view)
+        why = why or f"{view.object_label(number)} {clause}"
+    if far:
+        return _explain_unreachable_spot(number, far, view, lift)
+    return _explain_no_valid_spot(goal, number, view, why)
 
 
 def _is_spot_reachable(spot: Spot, view: SceneView, lift: float) -> bool:
@@ -132,17 +142,16 @@ def _is_spot_reachable(spot: Spot, view: SceneView, lift: float) -> bool:
 
 def _explain_unreachable_spot(number: int, spot: Spot, view: SceneView, lift: float) -> Stop:
     tip = (*spot.center, spot.height + lift)
-    return Stop(
-        "unreachable",
-        f"target of {view.object_name(number)} at {format_point(tip)} {describe_out_of_reach(tip, view.arm)}",
-        (view.object_name(number),),
-    )
+    place = f"target of {view.object_label(number)} at {format_point(tip)}"
+    return make_stop("unreachable", f"{place} {describe_out_of_reach(tip, view.arm)}", view, number)
 
 
-def _explain_no_valid_spot(goal: Goal, number: int, view: SceneView) -> Stop:
-    other = "".join(f" {view.object_name(other)}" for other in goal.mentioned_object_ids[len(goal.objects) :])
-    name, kind = view.object_name(number), str(goal.relation_kind).replace("_", " ")
-    return Stop("target_occupied", f"no spot at which {name} would be {kind}{other} is free", (name,))
+def _explain_no_valid_spot(goal: Goal, number: int, view: SceneView, why: str) -> Stop:
+    """No spot will do; ``why`` is what is wrong with the best, "" if none is free."""
+    other = "".join(f" {view.object_label(other)}" for other in goal.mentioned_object_ids[len(goal.objects) :])
+    wanted = f"{view.object_label(number)} would be {str(goal.relation_kind).replace('_', ' ')}{other}"
+    words = f"at no spot {wanted}; at the best one {why}" if why else f"no spot at which {wanted} is free"
+    return make_stop("target_occupied", words, view, number)
 
 
 def _object_prism_at_spot(number: int, spot: Spot, view: SceneView) -> Prism:
@@ -157,10 +166,11 @@ def _rest_spot_at_point(center: tuple[float, float], turn: float, number: int, v
 
 
 def _explain_toppled_object(number: int, view: SceneView) -> Stop:
-    name, tilt = view.object_name(number), np.rad2deg(view.object_tilt(number))
-    return Stop(
-        "toppled", f"{name} lies on its side (tilt {tilt:.0f} deg): a tool that points down cannot right it", (name,)
+    """An object that lies is not to be put anywhere as it stood."""
+    words = (
+        f"{view.object_label(number)} has tipped over or lies: {describe_tilt(number, view)}; a tool that points down"
     )
+    return Stop("toppled", f"{words} cannot right it", (view.object_name(number),))
 
 
 def _choose_stack_target(below: int, goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
@@ -199,7 +209,7 @@ def _choose_spot_on_reference(goal: Goal, number: int, task: ScoredTask, view: S
     )
     if isinstance(target, Spot):
         return target
-    reason = explain_or_unblock_zone(zone, number, members, view, lift)
+    reason = explain_or_unblock_zone(zone, number, members, view, lift, goal.reference_id)
     if isinstance(reason, Spot):
         return _choose_first_valid_spot(iter([reason]), goal, number, task, view, lift)
     return reason

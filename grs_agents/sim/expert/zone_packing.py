@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.geometry import transforms
-from grs_agents.sim.goals import SceneView, ScoredTask
-from grs_agents.sim.instance import Stop, Zone
+from grs_agents.sim.goals import SceneView, ScoredTask, make_stop
+from grs_agents.sim.instance import Zone
 from grs_agents.sim.motion import (
     TALLEST_STACK,
     Blocked,
@@ -109,38 +109,42 @@ def _pack_region_in_order(
     return plan
 
 
-def explain_or_unblock_zone(zone: Zone, number: int, members: Sequence[int], view: SceneView, lift: float) -> Target:
-    """Nothing is free: the zone is too small, out of reach, or taken; if taken, by what can be moved, or on what."""
-    region, name, body = region_of_zone(zone), view.object_name(number), view.object_prism(number)
+def explain_or_unblock_zone(
+    zone: Zone, number: int, members: Sequence[int], view: SceneView, lift: float, host: int = -1
+) -> Target:
+    """Nothing is free: the zone is too small, out of reach, or taken; if taken, by what can be moved, or on what.
+
+    ``host`` is the id of the container, support or mark that covers the zone, if one does.
+    """
+    region, name, body = region_of_zone(zone), view.object_label(number), view.object_prism(number)
     center, turns = view.object_pose(number)[0], yaw_turns_to_try(number, region, view)
     width, depth = view.object_extent_xy(number)
-    fixed = [prism for prism in view.prisms_of_other_objects(number) if not view.is_object_movable(prism.owner)]
+    others = view.prisms_of_other_objects(number)
+    fixed = [prism for prism in others if prism.owner == host or not view.is_object_movable(prism.owner)]
 
     def anywhere(offsets: FloatArray, heights: FloatArray) -> npt.NDArray[np.bool_]:
         del heights
         return np.ones(len(offsets), dtype=bool)
 
-    size = f"{region.size[0]:.2f} x {region.size[1]:.2f} m"
+    size = f"{region.size[0]:.3f} x {region.size[1]:.3f} m"
+    what = f"the target zone ({size})" if host < 0 else f"{view.object_label(host)} ({size} outside)"
     if find_free_spot(body, center, turns, region, fixed, 0.001, anywhere) is None:
-        return Stop(
-            "target_too_small", f"target zone {size} is too small for {name} ({width:.2f} x {depth:.2f} m)", (name,)
-        )
+        inner = ", its walls and what is fixed in it counted" if fixed else ""
+        detail = f"{what} is too small for {name} ({width:.3f} x {depth:.3f} m){inner}"
+        return make_stop("target_too_small", detail, view, number)
     if find_free_spot(body, center, turns, region, fixed, 0.001, ReachTest(lift, view.arm)) is None:
         tip = (region.center[0], region.center[1], lift)
-        return Stop(
-            "unreachable",
-            f"target zone of {name} at {format_point(zone.pose[0])} {describe_out_of_reach(tip, view.arm)}",
-            (name,),
-        )
-    return _unblock_full_region(region, number, members, view, lift, size)
+        detail = f"{what} for {name} at {format_point(zone.pose[0])} {describe_out_of_reach(tip, view.arm)}"
+        return make_stop("unreachable", detail, view, number)
+    return _unblock_full_region(region, number, members, view, lift, what, host)
 
 
 def _unblock_full_region(
-    region: Region, number: int, members: Sequence[int], view: SceneView, lift: float, size: str
+    region: Region, number: int, members: Sequence[int], view: SceneView, lift: float, what: str, host: int
 ) -> Target:
     """What is to be moved out of a full region; a spot on top of what lies there; or why neither is possible."""
-    name, body = view.object_name(number), view.object_prism(number)
-    inside = _movable_objects_in_region(region, number, view)
+    name, body = view.object_label(number), view.object_prism(number)
+    inside = [other for other in _movable_objects_in_region(region, number, view) if other != host]
     foreign = [other for other in inside if other in members or not _is_wholly_in_region(other, region, view)]
     for other in foreign or _objects_without_goal(inside, view):
         return Blocked(other, (Prism(region.corner_points, 0.0, 1.0, number),))
@@ -149,9 +153,8 @@ def _unblock_full_region(
     spot = find_free_spot(body, center, turns, region, others, 0.002, suits, spread=True, stack=True)
     if spot is not None and spot.height + body.high - body.low < TALLEST_STACK:
         return spot
-    names = tuple(dict.fromkeys(view.object_name(other) for other in inside))
-    detail = f"no room for {name} in the target zone {size}: occupied by {', '.join(names)}"
-    return Stop("target_occupied", detail, (name, *names))
+    taken = f"occupied by {', '.join(map(view.object_label, inside))}" if inside else "no place in it can be reached"
+    return make_stop("target_occupied", f"no room for {name} in {what}: {taken}", view, number, *inside)
 
 
 def _movable_objects_in_region(region: Region, number: int, view: SceneView) -> list[int]:

@@ -2,9 +2,12 @@ from . import task_accounting as task_accounting
 from .relation_rules import explain_goal_shortfalls as explain_goal_shortfalls
 from .relation_rules import explain_object_shortfall as explain_object_shortfall
 from .relation_rules import zone_covered_by_object as zone_covered_by_object
+from .scene_report import measure_motions as measure_motions
 from .scene_view import SceneView as SceneView
+from .scene_view import describe_tilt as describe_tilt
 from .scene_view import has_toppled as has_toppled
 from .scene_view import is_placement_stable as is_placement_stable
+from .scene_view import make_stop as make_stop
 from .strict_score import StrictScorer as StrictScorer
 from .strict_score import match_rows_to_targets as match_rows_to_targets
 from .task_accounting import ScoredTask as ScoredTask

@@ -1,5 +1,6 @@
 """What each typed goal means: one definition, which scores the scene as it is and checks what the oracle plans."""
 
+import math
 from collections.abc import Callable
 from typing import Final
 
@@ -7,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.geometry import transforms
-from grs_agents.sim.goals.scene_view import SceneView, has_toppled, is_at_rest, supporting_object_ids
+from grs_agents.sim.goals.scene_view import SceneView, describe_tilt, has_toppled, is_at_rest, supporting_object_ids
 from grs_agents.sim.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE, UPRIGHT_WITHIN, Goal, Kind, Zone
 from grs_agents.sim.world import distance_between_outlines, margins_inside_outline, volume_share_in_zones
 
@@ -28,7 +29,7 @@ def explain_object_shortfall(goal: Goal, number: int, view: SceneView, rot_eps: 
         return "does not lie still"
     assert goal.relation_kind is not None, "a goal without a relation"
     if goal.relation_kind != "upright" and has_toppled(number, view, rot_eps):
-        return "does not stand as upright as at the start"
+        return f"does not stand as upright as at the start: {describe_tilt(number, view)}"
     return _RULES[goal.relation_kind](goal, number, view)
 
 
@@ -52,9 +53,10 @@ def _explain_not_inside(goal: Goal, number: int, view: SceneView) -> str:
     container = goal.reference_id
     own, rim = view.object_prism(number), view.object_prism(container)
     if own.low > rim.high - _RIM:
-        return f"is not below the rim of {view.object_name(container)}, at {rim.high:.3f} m"
-    if margins_inside_outline(own.outline, rim.outline, _POINT)[0] < -_FLUSH:
-        return f"reaches over the outline of {view.object_name(container)}"
+        return f"is {own.low:.3f} m up, not below the rim of {view.object_label(container)} at {rim.high:.3f} m"
+    margin = margins_inside_outline(own.outline, rim.outline, _POINT)[0]
+    if margin < -_FLUSH:
+        return f"reaches {-margin:.3f} m over the outline of {view.object_label(container)}"
     below = supporting_object_ids(number, view)
     in_bottomless_frame = (
         not below and own.low < _FLUSH and view.is_point_over_object(container, view.object_pose(number)[0])
@@ -67,11 +69,11 @@ def _explain_not_inside(goal: Goal, number: int, view: SceneView) -> str:
         for other in below
     ):
         return ""
-    return f"is held neither by {view.object_name(container)} nor by what lies in it"
+    return f"is held neither by {view.object_label(container)} nor by what lies in it"
 
 
 def _explain_not_resting_on(number: int, support: int, view: SceneView) -> str:
-    name = view.object_name(support)
+    name = view.object_label(support)
     below = supporting_object_ids(number, view)
     mark = (
         not view.object_model(support).colliders
@@ -79,7 +81,12 @@ def _explain_not_resting_on(number: int, support: int, view: SceneView) -> str:
         and view.object_prism(number).low < view.object_prism(support).high + 0.01
     )
     if support not in below and not mark:
-        return f"does not rest on {name}"
+        own, other = view.object_pose(number)[0], view.object_pose(support)[0]
+        low, high = view.object_prism(number).low, view.object_prism(support).high
+        return (
+            f"does not rest on {name}: their centres are {math.dist(own[:2], other[:2]):.3f} m apart seen from above, "
+            f"its underside is {abs(low):.3f} m up, the top of {name} {high:.3f} m"
+        )
     return "" if view.is_point_over_object(support, view.object_pose(number)[0]) else f"has its centre beside {name}"
 
 
@@ -87,16 +94,18 @@ def _explain_not_stacked(goal: Goal, number: int, view: SceneView) -> str:
     level = goal.objects.index(number)
     if level == 0:
         above = goal.objects[1]
-        return _explain_not_resting_on(above, number, view) and f"does not carry {view.object_name(above)}"
+        return _explain_not_resting_on(above, number, view) and f"does not carry {view.object_label(above)}"
     return _explain_not_resting_on(number, goal.objects[level - 1], view)
 
 
 def _explain_not_near(goal: Goal, number: int, view: SceneView) -> str:
     other, bound = goal.reference_id, goal.relation_distance or 0.0
     if other in supporting_object_ids(number, view):
-        return f"lies on {view.object_name(other)}, not beside it"
+        return f"lies on {view.object_label(other)}, not beside it"
     gap = gap_between_objects(number, other, view)
-    return "" if gap <= bound else f"is {gap:.3f} m from {view.object_name(other)}, at most {bound:.3f} m are asked for"
+    return (
+        "" if gap <= bound else f"is {gap:.3f} m from {view.object_label(other)}, at most {bound:.3f} m are asked for"
+    )
 
 
 def gap_between_objects(first: int, second: int, view: SceneView) -> float:
@@ -149,14 +158,15 @@ def _explain_not_in_zone(goal: Goal, number: int, view: SceneView) -> str:
         view.object_volume(number), view.object_pose(number), [zone_covered_by_object(zone, view)], np.inf
     )
     if share <= WHOLE:
-        return f"is {share:.0%} over {view.object_name(zone)}"
+        x, y, _ = view.object_pose(number)[0]
+        return f"is {share:.0%} over {view.object_label(zone)}, its centre is at ({x:.3f}, {y:.3f})"
     below = supporting_object_ids(number, view) - {zone}
     top = max(0.0, view.object_prism(zone).high)
     if view.object_prism(number).low <= top + POSITION_TOLERANCE or (
         below and _are_all_wanted_in_zone(below, goal, view)
     ):
         return ""
-    return f"rests at {view.object_prism(number).low:.3f} m, above {view.object_name(zone)}"
+    return f"rests at {view.object_prism(number).low:.3f} m, above {view.object_label(zone)}"
 
 
 def _are_all_wanted_in_zone(numbers: set[int], goal: Goal, view: SceneView) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.library import ObjectModel
-from grs_agents.sim.instance import Goal
+from grs_agents.sim.instance import ROTATION_TOLERANCE, Goal, Outcome, Stop
 from grs_agents.sim.world import (
     Prism,
     Tabletop,
@@ -74,6 +74,10 @@ class SceneView:
     def object_name(self, number: int) -> str:
         """The asset name of an object."""
         return self._items[number].asset
+
+    def object_label(self, number: int) -> str:
+        """Its asset name and its id, which tells it from others of that asset."""
+        return f"{self.object_name(number)} #{number}"
 
     def object_pose(self, number: int) -> Pose:
         """Where it is."""
@@ -203,10 +207,29 @@ def is_placement_stable(parts: Sequence[Prism], height: float, center: FloatArra
 
 def has_toppled(number: int, view: SceneView, tolerance: float) -> bool:
     """Whether an object is more tilted than at the start, by more than ``tolerance`` radians; no ball or grain is."""
+    return not cannot_topple(number, view) and view.object_tilt(number) > view.object_tilt_at_start(number) + tolerance
+
+
+def cannot_topple(number: int, view: SceneView) -> bool:
+    """Whether any side of an object will do: it is a ball, or a grain."""
     model = view.object_model(number)
-    if all(shape.kind == "sphere" for shape in model.colliders) or max(model.size) <= _GRAIN:
-        return False
-    return view.object_tilt(number) > view.object_tilt_at_start(number) + tolerance
+    return all(shape.kind == "sphere" for shape in model.colliders) or max(model.size) <= _GRAIN
+
+
+def describe_tilt(number: int, view: SceneView) -> str:
+    """How an object is tilted, in words."""
+    now, start = math.degrees(view.object_tilt(number)), math.degrees(view.object_tilt_at_start(number))
+    return f"it is tilted by {now:.0f} degrees, at the start by {start:.0f}"
+
+
+def make_stop(outcome: Outcome, detail: str, view: SceneView, *numbers: int) -> Stop:
+    """Why the oracle stops, about objects; the detail says which of them have tipped over, as it may be the cause."""
+    tipped = [
+        f"; {view.object_label(number)} has tipped over: {describe_tilt(number, view)}"
+        for number in numbers
+        if has_toppled(number, view, ROTATION_TOLERANCE)
+    ]
+    return Stop(outcome, detail + "".join(tipped), tuple(dict.fromkeys(map(view.object_name, numbers))))
 
 
 def is_at_rest(number: int, view: SceneView) -> bool:

@@ -15,6 +15,7 @@ score counts it and, besides,
 An object that later goals speak of too is judged there. Other objects that were knocked over lower the whole score.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -22,17 +23,20 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.sim.goals.relation_rules import explain_goal_shortfalls
+from grs_agents.geometry import transforms
+from grs_agents.sim.goals.relation_rules import WHOLE, explain_goal_shortfalls
+from grs_agents.sim.goals.scene_report import describe_goal, format_point
 from grs_agents.sim.goals.scene_view import (
     SceneView,
+    describe_tilt,
     enclosing_object_ids,
     has_toppled,
     is_at_rest,
     mark_ids_under_object,
     supporting_object_ids,
 )
-from grs_agents.sim.goals.task_accounting import ScoredTask
-from grs_agents.sim.instance import Goal
+from grs_agents.sim.goals.task_accounting import ScoredTask, symmetric_yaw_difference
+from grs_agents.sim.instance import Goal, GoalOutcome
 from grs_agents.sim.world import Tabletop, margins_inside_outline, object_prism_at_pose, volume_share_in_zones
 
 _HEIGHT: Final = 0.015
@@ -46,6 +50,9 @@ class StrictScore:
     value: float
     weakest: float
     shortfalls: tuple[str, ...] = ()
+    goals: tuple[GoalOutcome, ...] = ()
+    placed: int = 0  # objects that are where the last goal that speaks of them wants them
+    wanted: int = 0  # objects that goals speak of
 
 
 class StrictScorer:
@@ -60,50 +67,65 @@ class StrictScorer:
     def score_scene(self) -> StrictScore:
         """The score of the scene as it stands now."""
         view = SceneView(self.table, self.task.grs.stated, self.task.goals)
+        published = self.task.grs.published_shares()
         notes: dict[int, str] = {}
-        value, shares = 0.0, list[float]()
+        outcomes: list[GoalOutcome] = []
         final: dict[int, float] = {}
-        for goal in reversed(self.task.grs.stated):
-            rows = self._score_goal_objects(
-                goal, view, {number for number in goal.objects if number not in final}, notes
-            )
-            for row, number in enumerate(goal.objects):
-                rows[row] = max(rows[row], final.get(number, 0.0))
-                final.setdefault(number, rows[row])
-            shares.append(float(np.mean(rows)))
-            value += goal.max_reward * shares[-1]
+        for goal, earned in zip(reversed(self.task.grs.stated), reversed(published), strict=True):
+            outcomes.insert(0, self._judge_goal(goal, earned, view, final, notes))
+        value = min(1.0, sum(outcome.worth * outcome.strict for outcome in outcomes))
         bystanders = [number for number in view.object_ids if view.is_object_movable(number) and number not in final]
         fallen = [number for number in bystanders if has_toppled(number, view, self.task.rot_eps)]
-        weakest = min(shares, default=0.0)
-        if fallen:
-            notes.update({number: f"{view.object_name(number)} was knocked over" for number in fallen})
-            return StrictScore(
-                round(min(1.0, value) * (1 - len(fallen) / len(bystanders)), 9), 0.0, tuple(notes.values())
-            )
-        return StrictScore(round(min(1.0, value), 9), round(weakest, 9), tuple(notes.values()))
+        notes.update({number: f"{view.object_label(number)} was knocked over" for number in fallen})
+        return StrictScore(
+            round(value * (1 - len(fallen) / max(1, len(bystanders))), 9),
+            0.0 if fallen else round(min((outcome.strict for outcome in outcomes), default=0.0), 9),
+            tuple(notes.values()),
+            tuple(outcomes),
+            sum(score > WHOLE for score in final.values()),
+            len(final),
+        )
 
-    def _score_goal_objects(self, goal: Goal, view: SceneView, last: set[int], notes: dict[int, str]) -> list[float]:
-        """The score of each object of one goal; ``notes`` gains a clause for each of ``last`` that falls short."""
+    def _judge_goal(
+        self, goal: Goal, earned: float, view: SceneView, final: dict[int, float], notes: dict[int, str]
+    ) -> GoalOutcome:
+        """How a goal stands; ``final`` has the scores of the objects of later goals and gains those that it lacks.
+
+        ``notes`` gains a clause for each of the latter that falls short.
+        """
+        rows: list[float] = []
+        clauses: list[str] = []
+        for number, (score, trouble) in zip(goal.objects, self._score_goal_objects(goal, view), strict=True):
+            rows.append(max(score, final.get(number, 0.0)))
+            if trouble:
+                moved_on = ", where a later goal wants it" if number in final and rows[-1] > score else ""
+                clauses.append(f"{view.object_label(number)} {trouble}{moved_on}")
+                if number not in final:
+                    notes.setdefault(number, clauses[-1])
+            final.setdefault(number, rows[-1])
+        strict = float(np.mean(rows))
+        if strict > earned == 0.0:
+            clauses.append("it earns nothing as long as a goal before it is open")
+        return GoalOutcome(
+            goal=describe_goal(goal, view, self.task.pos_eps),
+            worth=goal.max_reward,
+            published=earned,
+            strict=strict,
+            shortfalls=tuple(clauses),
+        )
+
+    def _score_goal_objects(self, goal: Goal, view: SceneView) -> list[tuple[float, str]]:
+        """For each object of a goal its score, and why that is not 1."""
         if goal.relation is not None:
             clauses = explain_goal_shortfalls(goal, view, self.task.rot_eps)
-            notes_of = dict(zip(goal.objects, clauses, strict=True))
-            for number in last:
-                if notes_of[number]:
-                    notes.setdefault(number, f"{view.object_name(number)} {notes_of[number]}")
-            return [float(not clause) for clause in clauses]
+            return [(float(not clause), clause) for clause in clauses]
         claimed = self._assign_targets_to_rows(goal, view)
-        scores: list[float] = []
-        for row, number in enumerate(goal.objects):
-            share, trouble = self._score_object(goal, row, claimed, view)
-            scores.append(share)
-            if trouble and number in last:
-                notes.setdefault(number, f"{view.object_name(number)} {trouble}")
-        return scores
+        return [self._score_object(goal, row, claimed, view) for row in range(len(goal.objects))]
 
     def _score_object(self, goal: Goal, row: int, claimed: dict[int, int], view: SceneView) -> tuple[float, str]:
         number = goal.objects[row]
         if has_toppled(number, view, self.task.rot_eps):
-            return 0.0, "does not stand upright"
+            return 0.0, f"does not stand upright: {describe_tilt(number, view)}"
         if not is_at_rest(number, view):
             return 0.0, "does not lie still"
         if goal.metric == "zone":
@@ -120,7 +142,7 @@ class StrictScorer:
             if self.task.is_match(pose, goal.targets[index], goal.symmetries[row])
         ]
         if not claimed:
-            return "is at none of its targets"
+            return self._explain_distance(goal, row, pose)
         if any(self._has_reached_target(goal, row, index, view) for index in claimed):
             return "is at a target that another object has"
         heights = [goal.targets[index][0][2] for index in claimed]
@@ -131,11 +153,26 @@ class StrictScorer:
             f"{', where nothing would hold it' if unsupported else ''}"
         )
 
+    def _explain_distance(self, goal: Goal, row: int, pose: Pose) -> str:
+        """How far an object is from the nearest of its targets."""
+        targets = [goal.targets[index] for index in goal.allowed_target_indices(row)]
+        if not targets:
+            return "has no target: its row of matches is all zeros"
+        away, nearest = min((math.dist(target[0][:2], pose[0][:2]), target) for target in targets)
+        where = f"its target at {format_point(nearest[0])}"
+        if away >= self.task.pos_eps:
+            return f"is {away:.3f} m from {where}, {self.task.pos_eps:.3g} m are allowed"
+        turn = symmetric_yaw_difference(
+            transforms.yaw_of_quaternion(pose[1]), transforms.yaw_of_quaternion(nearest[1]), goal.symmetries[row]
+        )
+        most = math.degrees(self.task.rot_eps)
+        return f"is turned by {math.degrees(turn):.0f} degrees against {where}, {most:.0f} are allowed"
+
     def _score_zone_object(self, goal: Goal, number: int, view: SceneView) -> tuple[float, str]:
         ceiling = float(self.task.zone_bounds[2, 1])
         share = volume_share_in_zones(view.object_volume(number), view.object_pose(number), goal.zones, ceiling)
         if share < 0.01:
-            return 0.0, "is not in its zone"
+            return 0.0, f"is not in its zone, it is at {format_point(view.object_pose(number)[0])}"
         top = max(zone.pose[0][2] + zone.size[2] / 2 for zone in goal.zones)
         high = view.object_prism(number).low > max(0.0, top) + _HEIGHT
         if high and not self._is_supported_only_by(number, self._objects_with_same_zones(goal), view):

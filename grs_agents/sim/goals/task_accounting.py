@@ -121,15 +121,13 @@ class TaskAccounting:
             is_pose_at_target(pose, goal.targets[index], symmetry, *eps) for index in goal.allowed_target_indices(row)
         )
 
-    def count_placed_objects(self) -> tuple[int, int]:
-        """How many objects of all goals are where they should be, and how many there are."""
-        waiting = {id(goal) for goal in self._task.goals}
-        placed = wanted = 0
-        for goal in self.stated:
-            wanted += len(goal.objects)
-            met = id(goal) not in waiting
-            placed += len(goal.objects) if met else sum(score > 0.98 for score in self.score_goal_objects(goal))
-        return placed, wanted
+    def published_shares(self) -> list[float]:
+        """For each stated goal what it has earned of its reward, 0..1: open goals after the first one earn nothing."""
+        waiting = [id(goal) for goal in self._task.goals]
+        return [
+            1.0 if id(goal) not in waiting else float(np.mean(self.score_goal_objects(goal))) * (id(goal) == waiting[0])
+            for goal in self.stated
+        ]
 
 
 def _bounded_tolerance(env: Tabletop, name: str, value: float, bound: float) -> float:

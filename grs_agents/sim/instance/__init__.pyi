@@ -1,8 +1,11 @@
 from . import goal as goal
 from .episode import ActionRecord as ActionRecord
+from .episode import EndState as EndState
 from .episode import Episode as Episode
+from .episode import GoalOutcome as GoalOutcome
 from .episode import NoFreeSpaceError as NoFreeSpaceError
 from .episode import ObjectLimitError as ObjectLimitError
+from .episode import ObjectMotion as ObjectMotion
 from .episode import Outcome as Outcome
 from .episode import Recorder as Recorder
 from .episode import SimulationBudgetError as SimulationBudgetError

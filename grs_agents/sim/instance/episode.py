@@ -26,6 +26,8 @@ Outcome = Literal[
 ]
 
 
+_WHOLE: Final = 0.985
+"""Strict score from which on all of a goal counts as met."""
 _WELL: Final = ("placed", "pushed")
 """What primitives report when all went well."""
 
@@ -76,6 +78,32 @@ class ActionRecord(Frozen):
     pushed: tuple[int, ...] = ()  # ids of everything that a push moved, farthest first
 
 
+class GoalOutcome(Frozen):
+    """How one goal stands."""
+
+    goal: str  # one line: its kind, the objects by asset name and id, its target in numbers
+    worth: float  # its share of the reward
+    published: float  # 0..1, what it earned of that share; the open goals after the first one earn nothing
+    strict: float  # 0..1, how far it holds as the scene stands; an object that a later goal has moved on counts
+    shortfalls: tuple[str, ...] = ()  # for each object that misses: its name, and how it does in numbers
+
+    @property
+    def met(self) -> bool:
+        """Whether it holds strictly, for all of its objects."""
+        return self.strict >= _WHOLE
+
+
+class ObjectMotion(Frozen):
+    """Where an object began, once the scene had settled, and where it is."""
+
+    object: int
+    asset: str
+    start: Vec3  # metres
+    end: Vec3
+    tilt: float  # degrees that it is more tilted than at the start, less than 0 if it is less so; 0 for balls
+    moved: bool  # it is more than 2 cm or 15 degrees away from its start
+
+
 class Episode(Frozen):
     """How an episode ended."""
 
@@ -89,6 +117,24 @@ class Episode(Frozen):
     objects: tuple[str, ...] = ()  # asset names concerned
     actions: tuple[ActionRecord, ...] = ()
     shortfalls: tuple[str, ...] = ()  # for each object that the strict score misses, one clause that says why
+    goals: tuple[GoalOutcome, ...] = ()  # in the order in which the program states them
+    motions: tuple[ObjectMotion, ...] = ()  # of every object
+    warnings: tuple[str, ...] = ()  # what of the program had no effect, or was corrected
+
+
+@dataclass(frozen=True)
+class EndState:
+    """How the scene of an episode stands, measured."""
+
+    reward: float = 0.0
+    complete: bool = False  # every goal was met at some time
+    strict: float = 0.0
+    weakest: float = 0.0
+    shortfalls: tuple[str, ...] = ()
+    goals: tuple[GoalOutcome, ...] = ()
+    motions: tuple[ObjectMotion, ...] = ()
+    placed: int = 0  # objects that are where the last goal that speaks of them wants them
+    wanted: int = 0  # objects that goals speak of
 
 
 @dataclass(frozen=True)
@@ -109,63 +155,83 @@ def make_stop_from_error(error: GrsError) -> Stop:
 class Recorder:
     """Gathers one environment's current episode."""
 
-    actions: list[ActionRecord] = field(default_factory=list[ActionRecord])
-    stop: Stop | None = None
-    reward: float = 0.0
-    strict: float = 0.0
-    weakest: float = 0.0
-    shortfalls: tuple[str, ...] = ()
     max_steps: int = 0
-    placed: int = 0
-    wanted: int = 0
-    complete: bool = False
-    look: "Callable[[Recorder], None] | None" = None  # measures how the scene stands, when somebody wants to know
+    actions: list[ActionRecord] = field(default_factory=list[ActionRecord])
+    warnings: list[str] = field(default_factory=list[str])
+    stop: Stop | None = None
+    measure: Callable[[], EndState] | None = None  # says how the scene stands, while it stands
+    end: EndState = EndState()  # as last measured
+
+    @property
+    def is_played(self) -> bool:
+        """Whether anything acted, or stopped, rather than only a scene being set up."""
+        return bool(self.actions) or self.stop is not None
+
+    def freeze(self) -> None:
+        """Measure for the last time: the scene is about to be cleared away."""
+        if self.is_played and self.measure is not None:
+            self.end = self.measure()
+        self.measure = None
 
     def build_episode(self) -> Episode:
         """The episode so far."""
-        if self.look is not None:
-            self.look(self)
-        stop = self._determine_stop_reason()
+        if self.measure is not None:
+            self.end = self.measure()
+        end, stop = self.end, self._determine_stop_reason()
         return Episode(
             outcome=stop.outcome,
-            reward=round(self.reward, 9),
-            strict=self.strict,
-            weakest=self.weakest,
+            reward=round(end.reward, 9),
+            strict=end.strict,
+            weakest=end.weakest,
             steps=len(self.actions),
             max_steps=self.max_steps,
             detail=stop.detail,
             objects=stop.objects,
             actions=tuple(self.actions),
-            shortfalls=self.shortfalls,
+            shortfalls=end.shortfalls,
+            goals=end.goals,
+            motions=end.motions,
+            warnings=tuple(self.warnings),
         )
 
     def _determine_stop_reason(self) -> Stop:
-        count = f"{self.placed} of {self.wanted} objects placed after {len(self.actions)} of max_steps={self.max_steps}"
-        if self.complete:
-            return Stop("success", f"every goal met: {count}, reward {self.reward:.2f}")
+        end = self.end
+        count = f"{end.placed} of {end.wanted} objects are at their goals after {len(self.actions)} of "
+        score = f"{count}max_steps={self.max_steps}, reward {end.reward:.2f}, strict score {end.strict:.2f}"
+        if end.complete:
+            return Stop("success", f"{_describe_success(end)}: {score}")
         if self.stop is not None and self.stop.outcome != "partial":
             return self.stop
         troubles = [action for action in self.actions if action.note not in _WELL]
         names = tuple(dict.fromkeys(action.asset for action in troubles if action.asset))
         last = f"; last trouble: {troubles[-1].note}" if troubles else ""
         if self.max_steps and len(self.actions) >= self.max_steps:
-            return Stop("step_limit", f"step limit: {count}, reward {self.reward:.2f}{last}", names)
+            return Stop("step_limit", f"step limit: {score}{last}", names)
         if self.stop is not None:
             return self.stop
-        return Stop("stopped", f"stopped by the caller: {count}, reward {self.reward:.2f}{last}", names)
+        return Stop("stopped", f"stopped by the caller: {score}{last}", names)
+
+
+def _describe_success(end: EndState) -> str:
+    """Whether goals that were all met hold at the end, and what falls short if they do not."""
+    if not end.shortfalls:
+        return "every goal met"
+    held = "every goal met, yet" if end.placed == end.wanted else "every goal was met once, not all hold at the end:"
+    return f"{held} {'; '.join(end.shortfalls[:3])}{'; ...' if len(end.shortfalls) > 3 else ''}"
 
 
 _latest: list[Recorder] = []
 
 
 def set_last_recorder(recorder: Recorder) -> None:
-    """Make ``recorder`` the one that ``last_episode`` reads."""
-    _latest[:] = [recorder]
+    """Make ``recorder`` the one that ``last_episode`` reads, once anything acts in it."""
+    _latest[:] = [*[other for other in _latest if other.is_played and other is not recorder][-1:], recorder]
 
 
 def last_episode() -> dict[str, Any] | None:
-    """The episode of the most recent environment in this process as JSON, or None."""
-    return _latest[0].build_episode().model_dump(mode="json") if _latest else None
+    """The last episode in this process in which something acted, or that an error ended, as JSON; None without one."""
+    played = [recorder for recorder in _latest if recorder.is_played]
+    return played[-1].build_episode().model_dump(mode="json") if played else None
 
 
 def clear_last_episode() -> None:

@@ -103,17 +103,29 @@ class PickPlace:
         if not self._travel_over_obstacles(near, CUP_RADIUS + 0.04, 0.0, self.obstacles, FREE_SPEED):
             return None, f"the arm cannot reach {format_point(point)} with the tool down{self._hindrance}"
         lowest = ToolPose((point[0], point[1], max(_LOWEST, point[2] - 0.03)), yaw)
-        if not self._descend_until(near, lowest, lambda: bool(physics.objects_touching_cup())):
+        aimed, met = physics.surface_height_below(*point[:2])[1], set[int]()
+
+        def touches() -> bool:
+            met.update(physics.objects_touching_robot())
+            return bool(physics.objects_touching_cup())
+
+        if not self._descend_until(near, lowest, touches):
             return None, f"the arm cannot reach {format_point(lowest.point)} with the tool down{self._hindrance}"
         touched = sorted(physics.objects_touching_cup() & physics.world.welds.keys())
         if not touched:
-            fixed = sorted(physics.objects_touching_cup())
-            what = f"{self.names[fixed[0]]}, which is fixed," if fixed else "nothing to grasp"
-            return None, f"{what} at {format_point(point)}"
+            fixed, why = sorted(physics.objects_touching_cup()), "nothing to grasp"
+            if fixed:
+                why = f"{self.names[fixed[0]]}, which is fixed,"
+            elif others := sorted(met - {aimed}):
+                goal = f", to {self.names[aimed]}" if aimed >= 0 else ""
+                why = f"{' and '.join(self.names[other] for other in others)} is in the arm's way on its way down{goal}"
+            return None, f"{why} at {format_point(point)}"
         best = max(touched, key=lambda number: grasp.cup_sealed_fraction(physics, number))
         share = grasp.cup_sealed_fraction(physics, best)
         if share < grasp.SEALED and best not in physics.world.beads:
             self._retreat_upwards()
+            if aimed not in (best, -1):
+                return None, f"{self.names[best]} is in the cup's way, to {self.names[aimed]} at {format_point(point)}"
             return None, (
                 f"the cup finds no seal on {self.names[best]} at {format_point(point)}: {share:.0%} of its lip lies on "
                 f"it, it needs {grasp.SEALED:.0%}"
@@ -129,8 +141,9 @@ class PickPlace:
         near = place.shifted_by(0.012 * up)
         if not self._carry_object(grasped, near, radius, drop, tilted):
             if physics.held_object_id is None:
+                note = self._describe_drop(grasped)
                 self._retreat_upwards()
-                return self._describe_drop(grasped)
+                return note
             self._put_down_held_object()
             how = f"over its neighbours to {format_point(place.point)}" + (" so tilted" if tilted else "")
             return f"the arm cannot carry {self.names[grasped]} {how}{self._hindrance}"
@@ -169,10 +182,11 @@ class PickPlace:
         name, slip = self.names[number], self.physics.cup.slip
         if slip is None or slip.number != number:
             return f"{name} was dropped on the way"
-        weight = self.physics.object_mass(number)
+        weight, touched = self.physics.object_mass(number), sorted(self.physics.objects_touching_object(number))
+        hit = f" as it hit {' and '.join(self.names[other] for other in touched)}" if touched else ""
         return (
             f"{name} ({weight:.2g} kg) slipped off the cup, which holds {HOLDING_FORCE:.0f} N: "
-            f"it pulled with {slip.load:.0f} N"
+            f"it pulled with {slip.load:.0f} N{hit}"
         )
 
     def _put_down_held_object(self) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.arms import DOWN, joint_paths
+from grs_agents.sim.arms import DOWN, ROBOT_CONTYPE, joint_paths
 from grs_agents.sim.instance import InstanceObject, SimulationError
 from grs_agents.sim.world.budget import Budget
 from grs_agents.sim.world.compilation import World, reset_world_to_poses
@@ -207,6 +207,17 @@ class Physics:
         rows = pairs[(pairs == self.world.cup_geom).any(axis=1)]
         return {self.world.owners[int(geom)] for geom in rows.ravel()} - {-1}
 
+    def objects_touching_object(self, number: int) -> set[int]:
+        """Ids of the other objects that an object touches."""
+        owners = np.asarray(self.world.owners)[self.data.contact.geom]
+        return set(owners[(owners == number).any(axis=1)].ravel().tolist()) - {-1, number}
+
+    def objects_touching_robot(self) -> set[int]:
+        """Ids of the objects that any part of the robot touches, but for what it holds."""
+        pairs = self.data.contact.geom
+        rows = pairs[(self.model.geom_contype[pairs] == ROBOT_CONTYPE).any(axis=1)]
+        return {self.world.owners[int(geom)] for geom in rows.ravel()} - {-1, self.held_object_id}
+
     def is_object_supported(self, number: int) -> bool:
         """Whether something other than the robot holds the object up."""
         if self.data.ncon == 0:
@@ -215,7 +226,7 @@ class Physics:
         pairs = self.data.contact.geom
         mine = (owners[pairs] == number).any(axis=1)
         upright = np.abs(self.data.contact.frame[:, 2]) > 0.7
-        robot = (self.model.geom_contype[pairs] == 2).any(axis=1)
+        robot = (self.model.geom_contype[pairs] == ROBOT_CONTYPE).any(axis=1)
         return bool((mine & upright & ~robot).any())
 
     @property

@@ -1,6 +1,8 @@
 """The table: typed objects, where they stand, and the running world that is compiled from them."""
 
-from collections.abc import Sequence
+import difflib
+import inspect
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -43,7 +45,6 @@ class Tabletop:
         self.timestep = compilation.TIMESTEP
         self.tool: compilation.Tool = "suction"
         self.background = templates.defaults.background
-        self.warnings: list[str] = []
         self._objects: dict[int, InstanceObject] = {}
         self._ties: list[InstanceTie] = []
         self._models: dict[int, ObjectModel] = {}
@@ -73,7 +74,7 @@ class Tabletop:
         pose: Any,
         category: Literal["fixed", "rigid", "deformable"] = "rigid",
         color: str | Sequence[float] | None = None,
-        **_: Any,
+        **_unknown: Any,
     ) -> int:
         """Put an object on the table.
 
@@ -92,6 +93,7 @@ class Tabletop:
             NoFreeSpaceError: ``pose`` is None, as ``get_random_pose`` returns when nothing is free.
         """
         name = templates.resolve_asset_name(urdf, self.library)
+        self.warn_of_unknown_arguments("env.add_object", _unknown, Tabletop.add_object)
         if pose is None or pose[0] is None:
             raise NoFreeSpaceError(
                 f"add_object({name!r}) was given the pose None: no free place was found for it",
@@ -149,6 +151,19 @@ class Tabletop:
         """Note, once, what had to be assumed; it goes into the task instance."""
         if text not in self.warnings:
             self.warnings.append(text)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What was noted since the last reset."""
+        return self.recorder.warnings
+
+    def warn_of_unknown_arguments(self, call: str, given: Iterable[str], function: Callable[..., Any]) -> None:
+        """Note arguments that a call was given and that its function does not have: they have no effect."""
+        known = [name for name in inspect.signature(function).parameters if name != "self" and name[0] != "_"]
+        for name in given:
+            alike = difflib.get_close_matches(name, known, 1)
+            hint = f"; {alike[0]} may be meant" if alike else f"; there are {', '.join(known)}"
+            self.record_warning(f"{call} has no argument {name}, what was given for it had no effect{hint}")
 
     def set_color(self, obj: int, color: str | Sequence[float]) -> None:
         """Recolour an object: a name of ``utils.COLORS`` or (r, g, b) 0..1."""

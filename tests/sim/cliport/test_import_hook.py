@@ -14,7 +14,7 @@ from cliport.utils import utils
 from cliport.utils.utils import COLORS
 import cliport.utils.utils as again
 from grs_agents import sim
-assert Task is Short is sim.Task and Environment is sim.Environment and p is sim.p
+assert Task is Short and issubclass(Task, sim.Task) and Environment is sim.Environment and p is sim.p
 assert utils is again is sim.utils and COLORS is sim.utils.COLORS
 assert callable(primitives.push) and callable(primitives.PickPlace) and Spatula
 """

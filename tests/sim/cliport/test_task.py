@@ -2,8 +2,10 @@ import numpy as np
 import pytest
 from sim_scenes import Scripted, at, pose_goal, zone_goal
 
+from grs_agents.errors import UnknownNameError
 from grs_agents.library import Library
-from grs_agents.sim import Environment, Task, instantiate, rollout, run_oracle
+from grs_agents.sim import Environment, Task, inside, instantiate, rollout, run_oracle
+from grs_agents.sim.cliport import PublishedTask, push
 
 BLOCK = "block/red_block.urdf"
 BOX = "box/box-template.urdf"
@@ -113,3 +115,58 @@ def test_two_fillings_that_differ_by_a_hair_are_two() -> None:
         goal(task, env)
 
     assert [thing.fill["DIM"] for thing in drawn(scene).objects[:2]] == sizes
+
+
+def test_arguments_that_have_no_effect_are_warned_of_and_reach_the_episode() -> None:
+    def scene(task, env) -> None:
+        block = env.add_object(BLOCK, at(0.5, -0.2, 0.02), scale=2)
+        box = env.add_object("container/open_box.urdf", at(0.5, 0.2, 0.045), "fixed")
+        task.add_goal(inside(block, box), step_max_reward=0.4, symmetry=[0], matches=np.ones((1, 1)))
+
+    env = Environment(task=Scripted(scene))
+    env.reset()
+    said = "\n".join(env.current_episode.warnings)
+    assert "env.add_object has no argument scale" in said
+    assert (
+        "task.add_goal has no argument symmetry, what was given for it had no effect; symmetries may be meant" in said
+    )
+    assert "matches had no effect, a typed goal says all by itself" in said
+    assert "add up to 0.40, scaled to 1" in said
+    env.reset()
+    assert len(env.current_episode.warnings) == 4
+
+
+def test_objects_put_into_each_other_are_named_with_how_far_settling_moved_them() -> None:
+    def scene(task, env) -> None:
+        goal(task, env)
+        env.add_object("block/blue_block.urdf", at(0.51, -0.2, 0.02))
+
+    env = Environment(task=Scripted(scene))
+    env.reset()
+    assert [warning.partition(":")[0] for warning in env.warnings] == [
+        "block/red_block.urdf #1 was put into block/blue_block.urdf #2",
+        "block/blue_block.urdf #2 was put into block/red_block.urdf #1",
+    ]
+
+
+def test_words_of_the_template_choose_only_for_programs_that_import_from_cliport() -> None:
+    for kind, tolerance, pushes in ((Task, 0.01, False), (PublishedTask, 0.05, True)):
+        task = kind()
+        task.lang_template = "push the piles into the bowl"
+        task.additional_reset()
+        assert (task.pos_eps, task.primitive is push) == (tolerance, pushes)
+
+
+def test_objects_are_found_by_what_they_are_made_of() -> None:
+    def scene(task, env) -> None:
+        goal(task, env)
+        for width in (0.04, 0.06):
+            filled = task.fill_template(BOX, {"DIM": (width, 0.05, 0.05), "COLOR": (1, 0, 0)})
+            env.add_object(filled, at(0.4, 0.6 - 10 * width, 0.025))
+
+    env = Environment(task=Scripted(scene))
+    env.reset()
+    assert (env.find(BLOCK), env.find(BOX), env.find("HOPE/Milk.urdf")) == ([1], [2, 3], [])
+    assert env.find(env.task.fill_template(BOX, {"DIM": (0.06, 0.05, 0.05), "COLOR": (1, 0, 0)})) == [3]
+    with pytest.raises(UnknownNameError, match=r"block/red_block\.urdf"):
+        env.find("block/red_blok.urdf")

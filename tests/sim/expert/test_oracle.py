@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from sim_scenes import at, pose_goal, run, zone_goal
+from sim_scenes import Scripted, at, pose_goal, run, zone_goal
 
-from grs_agents.sim import utils
+from grs_agents.sim import Environment, inside, utils
 
 
 def test_it_frees_an_object_that_another_lies_on() -> None:
@@ -115,9 +115,9 @@ def fixed(task, env) -> None:
 @pytest.mark.parametrize(
     ("scene", "outcome", "words"),
     [
-        (out_of_reach, "unreachable", ["HOPE/Milk.urdf", "1.02", "0.85 m"]),
+        (out_of_reach, "unreachable", ["HOPE/Milk.urdf #1", "1.02", "0.85 m"]),
         (target_out_of_reach, "unreachable", ["target of HOPE/Milk.urdf", "0.95 m", "0.85 m"]),
-        (target_too_small, "target_too_small", ["0.10 x 0.10 m", "HOPE/Cookies.urdf"]),
+        (target_too_small, "target_too_small", ["0.100 x 0.100 m", "HOPE/Cookies.urdf #1"]),
         (too_few_steps, "step_limit", ["2 of 3 objects", "max_steps=2"]),
         (no_goal, "nothing_to_do", ["add_goal"]),
         (met_before, "nothing_to_do", ["already"]),
@@ -140,6 +140,32 @@ def test_it_first_moves_what_stands_so_near_to_a_target_that_it_would_be_shoved(
     episode, _ = run(scene)
     assert (episode.outcome, episode.strict) == ("success", 1.0)
     assert [action.asset for action in episode.actions] == ["block/blue_block.urdf", "block/red_block.urdf"]
+
+
+def test_of_what_has_tipped_it_says_so_and_not_that_no_spot_is_free() -> None:
+    def scene(task, env) -> None:
+        box = env.add_object("container/open_box.urdf", at(0.5, 0.25, 0.045), "fixed")
+        task.add_goal(inside(env.add_object("HOPE/Milk.urdf", at(0.5, -0.2, 0.095)), box))
+
+    env = Environment(task=Scripted(scene))
+    env.reset()
+    env.set_object_pose(2, ((0.5, -0.2, 0.04), utils.eulerXYZ_to_quatXYZW((np.pi / 2, 0, 0))))
+    env.step_simulation(200)
+    assert env.task.oracle(env).act() is None
+    episode = env.current_episode
+    assert episode.outcome == "toppled"
+    assert "HOPE/Milk.urdf #2 has tipped over or lies: it is tilted by 90 degrees, at the start by 0" in episode.detail
+
+
+def test_a_container_that_is_too_small_is_named_with_its_size_and_that_of_the_object() -> None:
+    def scene(task, env) -> None:
+        name = task.fill_template("container/container-template.urdf", {"DIM": (0.08, 0.08, 0.04)})
+        box = env.add_object(name, at(0.5, 0.25, 0.045), "fixed")
+        task.add_goal(inside(env.add_object("HOPE/Tuna.urdf", at(0.5, -0.2, 0.017)), box))
+
+    episode, _ = run(scene)
+    assert episode.outcome == "target_too_small"
+    assert "container-template.urdf #1 (0.080 x 0.080 m outside) is too small for HOPE/Tuna.urdf #2" in episode.detail
 
 
 def test_a_ball_goes_on_top_of_what_stands_at_its_target_and_stays_there() -> None:

@@ -48,7 +48,7 @@ def test_a_bystander_that_is_knocked_over_lowers_the_score() -> None:
     env = after(scene, _1=at(0.5, 0.1, 0.0605), _3=((0.4, 0.3, 0.05), LYING))
     assert env.current_episode.reward == 1.0
     assert env.current_episode.strict == pytest.approx(0.5)
-    assert env.current_episode.shortfalls == ("HOPE/Milk.urdf was knocked over",)
+    assert env.current_episode.shortfalls == ("HOPE/Milk.urdf #3 was knocked over",)
 
 
 def test_an_object_that_lies_at_its_target_but_stood_at_first_does_not_count() -> None:

@@ -125,7 +125,7 @@ def box_on_its_side(task, env) -> None:
         (beside, {"_2": at(0.5, 0.3, 0.02)}, "at most 0.040 m"),
         (marked, {"_2": at(0.55, 0.3, 0.02)}, "75% over zone"),
         (row, {}, "beside the line"),
-        (tower, {"_2": at(0.38, -0.3, 0.0605)}, "green_block.urdf does not rest on block/blue"),
+        (tower, {"_2": at(0.38, -0.3, 0.0605)}, "green_block.urdf #3 does not rest on block/blue"),
     ],
 )
 def test_what_falls_short_is_said_in_one_clause(scene, moves, clause) -> None:

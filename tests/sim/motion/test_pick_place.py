@@ -77,6 +77,32 @@ def test_the_oracle_picks_up_again_what_was_dropped_on_the_way() -> None:
             break
     notes = [record.note for record in env.current_episode.actions]
     assert dropped
-    assert notes[0] == "block/block.urdf was dropped on the way"
+    assert notes[0] == "block/block.urdf #1 was dropped on the way"
     assert notes[-1] == "placed"
     assert env.current_episode.outcome == "success"
+
+
+def test_what_blocks_the_arm_is_named_rather_than_nothing_being_there() -> None:
+    def scene(task, env) -> None:
+        box = task.fill_template("box/box-template.urdf", {"DIM": (0.06, 0.06, 0.3)})
+        env.add_object("HOPE/Tuna.urdf", at(0.55, 0.0, 0.0165))
+        env.add_object(box, at(0.48, 0.0, 0.15))
+
+    env = Environment(task=Scripted(scene))
+    env.reset()
+    result = env.pick_place(at(0.55, 0.0, 0.033), at(0.5, 0.35, 0.033))
+    assert result.grasped is None
+    assert result.note == (
+        "box/box-template.urdf #2 is in the arm's way on its way down, to HOPE/Tuna.urdf #1 at (0.55, 0.00, 0.03)"
+    )
+
+
+def test_what_the_cup_meets_in_the_place_of_its_aim_is_named() -> None:
+    def scene(task, env) -> None:
+        env.add_object("block/red_block.urdf", at(0.55, 0.0, 0.02))
+        env.add_object("HOPE/Milk.urdf", at(0.61, 0.0, 0.095))
+
+    env = Environment(task=Scripted(scene))
+    env.reset()
+    result = env.pick_place(at(0.55, 0.0, 0.04), at(0.5, 0.35, 0.04))
+    assert result.note == "HOPE/Milk.urdf #2 is in the cup's way, to block/red_block.urdf #1 at (0.55, 0.00, 0.04)"

@@ -132,15 +132,8 @@ def test_the_oracle_of_pushes_says_why_it_stops() -> None:
     assert played(lambda task, env: None).current_episode.outcome == "nothing_to_do"
 
 
-def test_words_about_piles_choose_the_spatula_and_suction_tasks_keep_the_cup() -> None:
-    class Piles(Task):
-        def __init__(self) -> None:
-            super().__init__()
-            self.lang_template = "sweep the piles"
-            self.additional_reset()
-
+def test_suction_tasks_keep_the_cup() -> None:
     assert isinstance(ready(block).ee, Spatula)
-    assert Piles().primitive is push
     episode, env = run(
         lambda task, env: zone_goal(
             task, [env.add_object("block/red_block.urdf", at(0.5, 0.0, 0.02))], LEFT, (0.12, 0.12, 0)
