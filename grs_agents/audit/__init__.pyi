@@ -1,5 +1,9 @@
 from .checks import audit_task as audit_task
 from .pose_changes import find_pose_changes as find_pose_changes
+from .static_checks import check_programs as check_programs
 from .types import AuditReport as AuditReport
 from .types import Change as Change
 from .types import Finding as Finding
+from .types import ProgramKind as ProgramKind
+from .types import StaticFinding as StaticFinding
+from .types import StaticFindingKind as StaticFindingKind

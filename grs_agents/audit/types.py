@@ -1,5 +1,7 @@
 """The audit's findings."""
 
+from typing import Literal
+
 from grs_agents.base import Frozen, Vec3
 from grs_agents.sim import Rollout
 
@@ -45,3 +47,31 @@ class AuditReport(Frozen):
                 f"objects={list(episode.objects)} strict={episode.strict:.2f}"
             )
         return "\n".join(lines)
+
+
+ProgramKind = Literal["simulation", "tests"]
+StaticFindingKind = Literal[
+    "syntax",
+    "import",
+    "unknown_name",
+    "unknown_argument",
+    "wrong_arguments",
+    "endless_loop",
+    "unknown_asset",
+    "asset_not_in_task",
+    "asset_unused",
+    "object_without_goal",
+    "reward_sum",
+    "class_missing",
+    "no_tests",
+    "no_assertion",
+]
+
+
+class StaticFinding(Frozen):
+    """A fault that shows without a run."""
+
+    program: ProgramKind  # which of the two programs it blames
+    line: int  # of that program, from 1
+    kind: StaticFindingKind
+    message: str  # one sentence with the names concerned, and the nearest right ones

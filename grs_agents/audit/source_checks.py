@@ -1,0 +1,202 @@
+"""Checks of one program's source that need no task: its imports, its names, its calls of the documented API."""
+
+import ast
+import builtins
+import importlib.util
+import inspect
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from grs_agents import sim
+from grs_agents.audit.types import ProgramKind, StaticFinding, StaticFindingKind
+from grs_agents.sandbox import parse_program
+
+_REFUSED_PACKAGES = frozenset({"ctypes", "multiprocessing", "requests", "socket", "subprocess"})
+_ANSWERED_PACKAGES = frozenset({"IPython", "cliport", "pybullet", "pybullet_data", "pybullet_utils", "task_code"})
+"""What the sandbox answers itself."""
+_API: dict[str, Callable[..., Any]] = {
+    **{
+        name: getattr(sim.Task, name)
+        for name in ("add_goal", "get_random_pose", "get_random_size", "fill_template", "make_ropes", "oracle")
+    },
+    **{
+        name: getattr(sim.Environment, name)
+        for name in ("add_object", "get_object_pose", "get_object_size", "set_color", "set_task", "reset", "step")
+    },
+    **{name: getattr(sim, name) for name in ("inside", "on", "stacked", "near", "aligned", "upright", "in_zone")},
+}
+"""Documented calls by name: methods whose names say whose they are, and functions to import."""
+_ONLY_OF_ENVIRONMENT = frozenset({"reset", "step"})
+"""Methods that other objects have too: judged only where the receiver is called ``env``."""
+
+
+@dataclass(frozen=True)
+class ProgramSource:
+    """One of the two programs as a syntax tree."""
+
+    program: ProgramKind
+    tree: ast.Module
+
+    def finding(self, line: int, kind: StaticFindingKind, message: str) -> StaticFinding:
+        """A finding that blames this program."""
+        return StaticFinding(program=self.program, line=line, kind=kind, message=message)
+
+    @cached_property
+    def nodes(self) -> list[ast.AST]:
+        """Every node of the tree."""
+        return list(ast.walk(self.tree))
+
+    @cached_property
+    def imported_names(self) -> frozenset[str]:
+        """The names that come from the runtime as they are called there, and that nothing else is given."""
+        froms = [node for node in self.nodes if isinstance(node, ast.ImportFrom) and node.module == sim.__name__]
+        stored = {node.id for node in self.nodes if isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load)}
+        return frozenset(alias.name for node in froms for alias in node.names if not alias.asname) - stored
+
+    @cached_property
+    def given_names(self) -> frozenset[str]:
+        """Every name that is defined, imported or assigned anywhere, those of attributes and arguments included."""
+        names: set[str] = set()
+        for node in self.nodes:
+            if isinstance(node, ast.alias):
+                names |= {(node.asname or node.name).split(".")[0]}
+            elif isinstance(node, ast.Name | ast.Attribute) and not isinstance(node.ctx, ast.Load):
+                names |= {node.id if isinstance(node, ast.Name) else node.attr}
+            elif not isinstance(node, ast.Name | ast.Attribute | ast.keyword):
+                names |= {str(getattr(node, key)) for key in ("name", "arg", "rest") if getattr(node, key, None)}
+                names |= set(getattr(node, "names", ())) if isinstance(node, ast.Global) else set()
+        return frozenset(names)
+
+
+def read_source(program: ProgramKind, text: str) -> ProgramSource | StaticFinding:
+    """The program as a tree, or the finding that it is not Python. Nothing of it is executed."""
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            tree = parse_program(text, f"the {program} program")
+            compile(tree, "<program>", "exec", dont_inherit=True)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        line, message = getattr(error, "lineno", None) or 1, getattr(error, "msg", None) or str(error)
+        return StaticFinding(program=program, line=line, kind="syntax", message=message or type(error).__name__)
+    return ProgramSource(program, tree)
+
+
+def check_source(source: ProgramSource) -> Iterator[StaticFinding]:
+    """What is wrong with a program whatever its task is."""
+    yield from _find_unresolved_imports(source)
+    yield from _find_undefined_names(source)
+    for node in source.nodes:
+        if isinstance(node, ast.Call):
+            yield from _check_api_call(source, node)
+        elif isinstance(node, ast.While) and isinstance(node.test, ast.Constant) and node.test.value:
+            leaving = ast.Break | ast.Return | ast.Raise | ast.Yield | ast.Assert
+            if not any(isinstance(inner, leaving) or _get_called_name(inner) == "exit" for inner in ast.walk(node)):
+                yield source.finding(node.lineno, "endless_loop", "nothing leaves this while loop")
+
+
+def suggest_nearest_name(name: str, known: Iterable[str]) -> str:
+    """A clause with the nearest of the known names; empty where none is near."""
+    near = get_close_matches(name, sorted(set(known) - {name}), n=1, cutoff=0.6)
+    return f"; did you mean {near[0]}" if near else ""
+
+
+def _find_unresolved_imports(source: ProgramSource) -> Iterator[StaticFinding]:
+    guarded = {id(node) for part in source.nodes if isinstance(part, ast.Try) for node in ast.walk(part)}
+    for node in source.nodes:
+        if id(node) in guarded or not isinstance(node, ast.Import | ast.ImportFrom):
+            continue
+        from_module = node.module or "" if isinstance(node, ast.ImportFrom) else None
+        for alias in node.names:
+            problem = _describe_import_problem(alias.name if from_module is None else from_module)
+            if from_module == sim.__name__ and alias.name != "*" and not hasattr(sim, alias.name):
+                problem = f"{sim.__name__} has no {alias.name}{suggest_nearest_name(alias.name, dir(sim))}"
+            if problem:
+                yield source.finding(node.lineno, "import", problem)
+
+
+def _describe_import_problem(module: str) -> str:
+    package = module.split(".", maxsplit=1)[0]
+    if package in _REFUSED_PACKAGES:
+        return f"the sandbox does not let a program use {package}"
+    if not package:
+        return "a relative import, in a program that is no part of a package"
+    known = package in _ANSWERED_PACKAGES or importlib.util.find_spec(package) is not None
+    return "" if known else f"there is no module {package} in the sandbox"
+
+
+def _find_undefined_names(source: ProgramSource) -> Iterator[StaticFinding]:
+    """Names that nothing in the program gives; nothing is said where names may come in ways the source hides."""
+    read = {node.id: node.lineno for node in reversed(source.nodes) if isinstance(node, ast.Name)}
+    if {"*", "annotations"} & source.given_names or {"globals", "locals", "exec", "eval", "NameError"} & read.keys():
+        return
+    known = {*source.given_names, *dir(builtins), "__file__"}
+    for name in sorted(read.keys() - known):
+        yield source.finding(read[name], "unknown_name", f"{name} is not defined{suggest_nearest_name(name, known)}")
+    for node in source.nodes:
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            owner = node.value.id
+            module = sim.utils if owner == "utils" and owner in source.imported_names else np if owner == "np" else None
+            with warnings.catch_warnings(action="ignore"):
+                missing = module is not None and not hasattr(module, node.attr)
+            if missing:
+                text = f"{owner} has no {node.attr}{suggest_nearest_name(node.attr, dir(module))}"
+                yield source.finding(node.lineno, "unknown_name", text)
+
+
+def _check_api_call(source: ProgramSource, call: ast.Call) -> Iterator[StaticFinding]:
+    """Whether the environment has the method that is called, and whether arguments of the documented API fit."""
+    name, receiver = _get_called_name(call), _get_receiver_name(call)
+    if receiver == "env" and name not in source.given_names and not hasattr(sim.Environment, name):
+        text = f"env has no method {name}{suggest_nearest_name(name, dir(sim.Environment))}"
+        yield source.finding(call.lineno, "unknown_name", text)
+    function = _find_documented_function(source, call)
+    spread = any(isinstance(part, ast.Starred) for part in call.args) or any(not part.arg for part in call.keywords)
+    if function is None or spread:
+        return
+    signature = inspect.signature(function)
+    shown = [word for word in signature.parameters if not word.startswith("_") and word != "self"]
+    words = [str(keyword.arg) for keyword in call.keywords]
+    for word in words:
+        if word not in shown:
+            yield source.finding(
+                call.lineno, "unknown_argument", f"{name} has no argument {word}{suggest_nearest_name(word, shown)}"
+            )
+    try:
+        positional = [None] * (len(call.args) + ("self" in signature.parameters))
+        signature.bind(*positional, **{word: None for word in words if word in shown})
+    except TypeError as error:
+        yield source.finding(call.lineno, "wrong_arguments", f"{name}: {error}")
+
+
+def _find_documented_function(source: ProgramSource, call: ast.Call) -> Callable[..., Any] | None:
+    """The function of the API that a call reaches, where the source leaves no doubt."""
+    name, receiver = _get_called_name(call), _get_receiver_name(call)
+    function = _API.get(name)
+    if isinstance(call.func, ast.Name):
+        return function if name in source.imported_names and not _is_method(function) else None
+    if receiver == "utils" and inspect.isfunction(getattr(sim.utils, name, None)):
+        return getattr(sim.utils, name)
+    if name in source.given_names or receiver[:1].isupper() or (name in _ONLY_OF_ENVIRONMENT and receiver != "env"):
+        return None
+    return function if _is_method(function) else None
+
+
+def _is_method(function: Callable[..., Any] | None) -> bool:
+    return function is not None and "self" in inspect.signature(function).parameters
+
+
+def _get_called_name(node: ast.AST) -> str:
+    """The last part of the name that is called; empty where a node is no call."""
+    function = getattr(node, "func", None)
+    return str(getattr(function, "attr", getattr(function, "id", "")))
+
+
+def _get_receiver_name(call: ast.Call) -> str:
+    """The last part of the name whose method is called, e.g. ``env`` in ``self.env.step``."""
+    receiver = getattr(call.func, "value", None)
+    return str(getattr(receiver, "attr", getattr(receiver, "id", "")))

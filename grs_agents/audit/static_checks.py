@@ -1,0 +1,123 @@
+"""Faults of the two generated programs that show without a run: their source is read, nothing of it is executed."""
+
+import ast
+import re
+from collections.abc import Iterator
+from difflib import get_close_matches
+from pathlib import PurePosixPath
+
+from grs_agents.agents import TaskDefinition
+from grs_agents.audit.source_checks import ProgramSource, check_source, read_source
+from grs_agents.audit.types import StaticFinding
+from grs_agents.library import Library
+from grs_agents.sandbox import discover_tests
+from grs_agents.sim import defines_task_class
+
+_ASSET_NAME = re.compile(r"[\w.\-]+(?:/[\w.\-]+)+\.(?:urdf|xml)")
+
+
+def check_programs(simulation: str, tests: str, task: TaskDefinition, library: Library) -> tuple[StaticFinding, ...]:
+    """What is wrong with the two programs as far as their source shows it, the simulation program's faults first.
+
+    Args:
+        simulation: source of the simulation program.
+        tests: source of its tests; nothing is said of tests that are not written yet.
+        task: the definition that the program must keep to.
+        library: the assets there are, with the run's own laid over.
+    """
+    program = read_source("simulation", simulation)
+    suite = read_source("tests", tests) if tests.strip() else None
+    findings = [source for source in (program, suite) if isinstance(source, StaticFinding)]
+    if isinstance(program, ProgramSource):
+        findings += [*check_source(program), *_check_task_class(program), *_check_assets(program, task, library)]
+        findings += [*_find_objects_without_goal(program), *_check_reward_sum(program)]
+    if isinstance(suite, ProgramSource):
+        findings += [*check_source(suite), *_check_tests(suite)]
+        if isinstance(program, ProgramSource):
+            findings += _find_names_missing_in_program(program, suite, task)
+    return tuple(sorted(dict.fromkeys(findings), key=lambda finding: (finding.program, finding.line)))
+
+
+def _check_task_class(source: ProgramSource) -> Iterator[StaticFinding]:
+    if not defines_task_class(source.tree):
+        yield source.finding(1, "class_missing", "no class derives from Task")
+
+
+def _check_assets(source: ProgramSource, task: TaskDefinition, library: Library) -> Iterator[StaticFinding]:
+    """Literals that look like assets: each is in the library and in the task, and the task's are all there."""
+    texts = [
+        node for node in source.nodes if isinstance(node, ast.Constant) and re.search(r"\.(urdf|xml)", str(node.value))
+    ]
+    parts = {part for node in source.nodes if isinstance(node, ast.JoinedStr) for part in node.values}
+    used: set[str] = set()
+    for node in texts:
+        if node in parts or not _ASSET_NAME.fullmatch(str(node.value)):
+            continue
+        name = _find_in_library(str(node.value), library)
+        if name is None:
+            near = get_close_matches(str(node.value), library.asset_names(), n=3, cutoff=0.4)
+            text = f"the library has no asset {node.value}; the nearest are {', '.join(near)}"
+            yield source.finding(node.lineno, "unknown_asset", text)
+        elif name not in task.assets:
+            yield source.finding(node.lineno, "asset_not_in_task", f"{name} is not among the assets of the task")
+        used.add(name or "")
+    if not any(node in parts or not _ASSET_NAME.fullmatch(str(node.value)) for node in texts):
+        for name in sorted(set(task.assets) - used):
+            yield source.finding(1, "asset_unused", f"the task names {name}, which the program does not add")
+
+
+def _find_in_library(name: str, library: Library) -> str | None:
+    """The library's name of an asset that may be written with folders in front; None where it has none."""
+    parts = PurePosixPath(name).parts
+    return next((tail for start in range(len(parts)) if (tail := "/".join(parts[start:])) in library), None)
+
+
+def _find_objects_without_goal(source: ProgramSource) -> Iterator[StaticFinding]:
+    """Movable objects that get a variable which nothing reads."""
+    read = {node.id for node in source.nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
+    for node in source.nodes:
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id not in read:
+            text = ast.unparse(node.value)
+            if re.match(r"[\w.]+\.add_object\(", text) and "fixed" not in text:
+                text = f"{node.targets[0].id} is added but no goal speaks of it"
+                yield source.finding(node.lineno, "object_without_goal", text)
+
+
+def _check_reward_sum(source: ProgramSource) -> Iterator[StaticFinding]:
+    """Goals that ``reset`` states one after the other, with rewards in plain numbers: they add up to 1."""
+    resets = [node for node in source.nodes if isinstance(node, ast.FunctionDef) and node.name == "reset"]
+    stated = [node.value for reset in resets for node in reset.body if isinstance(node, ast.Expr)]
+    goals = [node for node in stated if isinstance(node, ast.Call) and ast.unparse(node.func) == "self.add_goal"]
+    if not goals or len(goals) != len([node for node in source.nodes if getattr(node, "attr", "") == "add_goal"]):
+        return
+    rewards = [
+        next((ast.unparse(word.value) for word in goal.keywords if word.arg == "step_max_reward"), "1")
+        for goal in goals
+    ]
+    numbers = [re.fullmatch(r"(\d*\.?\d+)(?: / (\d*\.?\d*[1-9]))?", reward) for reward in rewards]
+    total = sum(float(number[1]) / float(number[2] or 1) for number in numbers if number)
+    if all(numbers) and max(len(goal.args) for goal in goals) < 8 and abs(total - 1) > 0.01:
+        text = f"the goals' step_max_reward add up to {total:.2f}, not 1"
+        yield source.finding(goals[-1].lineno, "reward_sum", text)
+
+
+def _check_tests(source: ProgramSource) -> Iterator[StaticFinding]:
+    suite = discover_tests(source.tree)
+    if not suite.ids:
+        yield source.finding(1, "no_tests", "there is no method test... of a class that derives from TestCase")
+    for name in sorted(suite.without_assertion):
+        yield source.finding(suite.lines.get(name, 1), "no_assertion", f"{name} asserts nothing")
+
+
+def _find_names_missing_in_program(
+    program: ProgramSource, suite: ProgramSource, task: TaskDefinition
+) -> Iterator[StaticFinding]:
+    """Names that the tests import from the program and that it lacks; it is to blame where they are the task's."""
+    proper = task.name.replace("-", "")
+    classes = [node.name for node in program.tree.body if isinstance(node, ast.ClassDef)]
+    for node in suite.nodes:
+        if isinstance(node, ast.ImportFrom) and node.module == "task_code" and "*" not in program.given_names:
+            for name in sorted({alias.name for alias in node.names} - program.given_names - {"*"}):
+                text = f"the tests import {name} from the program, which defines {', '.join(classes) or 'no class'}"
+                at_fault, line = (program, 1) if name.lower() == proper else (suite, node.lineno)
+                yield at_fault.finding(line, "class_missing", text)
