@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from grs_agents import sim
 from grs_agents.audit.types import ProgramKind, StaticFinding, StaticFindingKind
 from grs_agents.sandbox import parse_program
 
+Node = TypeVar("Node", bound=ast.AST)
 _REFUSED_PACKAGES = frozenset({"ctypes", "multiprocessing", "requests", "socket", "subprocess"})
 _ANSWERED_PACKAGES = frozenset({"IPython", "cliport", "pybullet", "pybullet_data", "pybullet_utils", "task_code"})
 """What the sandbox answers itself."""
@@ -52,11 +53,15 @@ class ProgramSource:
         """Every node of the tree."""
         return list(ast.walk(self.tree))
 
+    def nodes_of(self, kind: type[Node]) -> list[Node]:
+        """The nodes of one kind."""
+        return [node for node in self.nodes if isinstance(node, kind)]
+
     @cached_property
     def imported_names(self) -> frozenset[str]:
         """The names that come from the runtime as they are called there, and that nothing else is given."""
-        froms = [node for node in self.nodes if isinstance(node, ast.ImportFrom) and node.module == sim.__name__]
-        stored = {node.id for node in self.nodes if isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load)}
+        froms = [node for node in self.nodes_of(ast.ImportFrom) if node.module == sim.__name__]
+        stored = {node.id for node in self.nodes_of(ast.Name) if not isinstance(node.ctx, ast.Load)}
         return frozenset(alias.name for node in froms for alias in node.names if not alias.asname) - stored
 
     @cached_property
@@ -90,13 +95,16 @@ def check_source(source: ProgramSource) -> Iterator[StaticFinding]:
     """What is wrong with a program whatever its task is."""
     yield from _find_unresolved_imports(source)
     yield from _find_undefined_names(source)
-    for node in source.nodes:
-        if isinstance(node, ast.Call):
-            yield from _check_api_call(source, node)
-        elif isinstance(node, ast.While) and isinstance(node.test, ast.Constant) and node.test.value:
-            leaving = ast.Break | ast.Return | ast.Raise | ast.Yield | ast.Assert
-            if not any(isinstance(inner, leaving) or _get_called_name(inner) == "exit" for inner in ast.walk(node)):
-                yield source.finding(node.lineno, "endless_loop", "nothing leaves this while loop")
+    for call in source.nodes_of(ast.Call):
+        yield from _check_environment_method(source, call)
+        yield from _check_arguments(source, call)
+    for attribute in source.nodes_of(ast.Attribute):
+        yield from _check_module_member(source, attribute)
+    for loop in source.nodes_of(ast.While):
+        leaving = ast.Break | ast.Return | ast.Raise | ast.Yield | ast.Assert
+        left = any(isinstance(inner, leaving) or _get_called_name(inner) == "exit" for inner in ast.walk(loop))
+        if isinstance(loop.test, ast.Constant) and loop.test.value and not left:
+            yield source.finding(loop.lineno, "endless_loop", "nothing leaves this while loop")
 
 
 def suggest_nearest_name(name: str, known: Iterable[str]) -> str:
@@ -106,69 +114,71 @@ def suggest_nearest_name(name: str, known: Iterable[str]) -> str:
 
 
 def _find_unresolved_imports(source: ProgramSource) -> Iterator[StaticFinding]:
-    guarded = {id(node) for part in source.nodes if isinstance(part, ast.Try) for node in ast.walk(part)}
-    for node in source.nodes:
-        if id(node) in guarded or not isinstance(node, ast.Import | ast.ImportFrom):
-            continue
-        from_module = node.module or "" if isinstance(node, ast.ImportFrom) else None
-        for alias in node.names:
-            problem = _describe_import_problem(alias.name if from_module is None else from_module)
-            if from_module == sim.__name__ and alias.name != "*" and not hasattr(sim, alias.name):
-                problem = f"{sim.__name__} has no {alias.name}{suggest_nearest_name(alias.name, dir(sim))}"
-            if problem:
-                yield source.finding(node.lineno, "import", problem)
+    guarded = {node for part in source.nodes_of(ast.Try) for node in ast.walk(part)}
+    imported = [(node, alias.name, alias.name) for node in source.nodes_of(ast.Import) for alias in node.names]
+    imported += [
+        (node, node.module or "", alias.name) for node in source.nodes_of(ast.ImportFrom) for alias in node.names
+    ]
+    for node, module, name in imported:
+        if node not in guarded and (problem := _describe_import_problem(module, name)):
+            yield source.finding(node.lineno, "import", problem)
 
 
-def _describe_import_problem(module: str) -> str:
+def _describe_import_problem(module: str, name: str) -> str:
     package = module.split(".", maxsplit=1)[0]
     if package in _REFUSED_PACKAGES:
         return f"the sandbox does not let a program use {package}"
     if not package:
         return "a relative import, in a program that is no part of a package"
+    if module == sim.__name__ and name not in ("*", module) and not hasattr(sim, name):
+        return f"{module} has no {name}{suggest_nearest_name(name, dir(sim))}"
     known = package in _ANSWERED_PACKAGES or importlib.util.find_spec(package) is not None
     return "" if known else f"there is no module {package} in the sandbox"
 
 
 def _find_undefined_names(source: ProgramSource) -> Iterator[StaticFinding]:
     """Names that nothing in the program gives; nothing is said where names may come in ways the source hides."""
-    read = {node.id: node.lineno for node in reversed(source.nodes) if isinstance(node, ast.Name)}
+    read = {node.id: node.lineno for node in reversed(source.nodes_of(ast.Name))}
     if {"*", "annotations"} & source.given_names or {"globals", "locals", "exec", "eval", "NameError"} & read.keys():
         return
     known = {*source.given_names, *dir(builtins), "__file__"}
     for name in sorted(read.keys() - known):
         yield source.finding(read[name], "unknown_name", f"{name} is not defined{suggest_nearest_name(name, known)}")
-    for node in source.nodes:
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-            owner = node.value.id
-            module = sim.utils if owner == "utils" and owner in source.imported_names else np if owner == "np" else None
-            with warnings.catch_warnings(action="ignore"):
-                missing = module is not None and not hasattr(module, node.attr)
-            if missing:
-                text = f"{owner} has no {node.attr}{suggest_nearest_name(node.attr, dir(module))}"
-                yield source.finding(node.lineno, "unknown_name", text)
 
 
-def _check_api_call(source: ProgramSource, call: ast.Call) -> Iterator[StaticFinding]:
-    """Whether the environment has the method that is called, and whether arguments of the documented API fit."""
-    name, receiver = _get_called_name(call), _get_receiver_name(call)
-    if receiver == "env" and name not in source.given_names and not hasattr(sim.Environment, name):
+def _check_module_member(source: ProgramSource, node: ast.Attribute) -> Iterator[StaticFinding]:
+    """Whether ``np`` or ``utils`` has what is read from it."""
+    owner = node.value.id if isinstance(node.value, ast.Name) else ""
+    module = sim.utils if owner == "utils" and owner in source.imported_names else np if owner == "np" else None
+    with warnings.catch_warnings(action="ignore"):
+        missing = module is not None and not hasattr(module, node.attr)
+    if missing:
+        text = f"{owner} has no {node.attr}{suggest_nearest_name(node.attr, dir(module))}"
+        yield source.finding(node.lineno, "unknown_name", text)
+
+
+def _check_environment_method(source: ProgramSource, call: ast.Call) -> Iterator[StaticFinding]:
+    name = _get_called_name(call)
+    known = name in source.given_names or hasattr(sim.Environment, name)
+    if _get_receiver_name(call) == "env" and not known:
         text = f"env has no method {name}{suggest_nearest_name(name, dir(sim.Environment))}"
         yield source.finding(call.lineno, "unknown_name", text)
-    function = _find_documented_function(source, call)
-    spread = any(isinstance(part, ast.Starred) for part in call.args) or any(not part.arg for part in call.keywords)
-    if function is None or spread:
+
+
+def _check_arguments(source: ProgramSource, call: ast.Call) -> Iterator[StaticFinding]:
+    """Whether the arguments of a call of the documented API fit; those that are unpacked are not known."""
+    name, function = _get_called_name(call), _find_documented_function(source, call)
+    given = [word.arg or "**" for word in call.keywords]
+    if function is None or "**" in given or any(isinstance(part, ast.Starred) for part in call.args):
         return
     signature = inspect.signature(function)
-    shown = [word for word in signature.parameters if not word.startswith("_") and word != "self"]
-    words = [str(keyword.arg) for keyword in call.keywords]
-    for word in words:
-        if word not in shown:
-            yield source.finding(
-                call.lineno, "unknown_argument", f"{name} has no argument {word}{suggest_nearest_name(word, shown)}"
-            )
+    shown = {word for word in signature.parameters if not word.startswith("_")} - {"self"}
+    for word in sorted(set(given) - shown):
+        text = f"{name} has no argument {word}{suggest_nearest_name(word, shown)}"
+        yield source.finding(call.lineno, "unknown_argument", text)
     try:
         positional = [None] * (len(call.args) + ("self" in signature.parameters))
-        signature.bind(*positional, **{word: None for word in words if word in shown})
+        signature.bind(*positional, **dict.fromkeys(shown & set(given)))
     except TypeError as error:
         yield source.finding(call.lineno, "wrong_arguments", f"{name}: {error}")
 

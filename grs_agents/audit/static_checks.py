@@ -45,25 +45,26 @@ def _check_task_class(source: ProgramSource) -> Iterator[StaticFinding]:
 
 def _check_assets(source: ProgramSource, task: TaskDefinition, library: Library) -> Iterator[StaticFinding]:
     """Literals that look like assets: each is in the library and in the task, and the task's are all there."""
-    texts = [
-        node for node in source.nodes if isinstance(node, ast.Constant) and re.search(r"\.(urdf|xml)", str(node.value))
-    ]
-    parts = {part for node in source.nodes if isinstance(node, ast.JoinedStr) for part in node.values}
-    used: set[str] = set()
-    for node in texts:
-        if node in parts or not _ASSET_NAME.fullmatch(str(node.value)):
-            continue
-        name = _find_in_library(str(node.value), library)
+    literals, complete = _find_asset_literals(source)
+    used = {literal: _find_in_library(literal, library) for literal in literals}
+    for literal, name in used.items():
         if name is None:
-            near = get_close_matches(str(node.value), library.asset_names(), n=3, cutoff=0.4)
-            text = f"the library has no asset {node.value}; the nearest are {', '.join(near)}"
-            yield source.finding(node.lineno, "unknown_asset", text)
+            near = get_close_matches(literal, library.asset_names(), n=3, cutoff=0.4)
+            text = f"the library has no asset {literal}; the nearest are {', '.join(near)}"
+            yield source.finding(literals[literal], "unknown_asset", text)
         elif name not in task.assets:
-            yield source.finding(node.lineno, "asset_not_in_task", f"{name} is not among the assets of the task")
-        used.add(name or "")
-    if not any(node in parts or not _ASSET_NAME.fullmatch(str(node.value)) for node in texts):
-        for name in sorted(set(task.assets) - used):
-            yield source.finding(1, "asset_unused", f"the task names {name}, which the program does not add")
+            text = f"{name} is not among the assets of the task"
+            yield source.finding(literals[literal], "asset_not_in_task", text)
+    for name in sorted(set(task.assets) - set(used.values())) if complete else ():
+        yield source.finding(1, "asset_unused", f"the task names {name}, which the program does not add")
+
+
+def _find_asset_literals(source: ProgramSource) -> tuple[dict[str, int], bool]:
+    """Assets by name with their lines; and whether these are all, i.e. no name is put together from parts."""
+    parts = {part for node in source.nodes_of(ast.JoinedStr) for part in node.values}
+    texts = [node for node in source.nodes_of(ast.Constant) if re.search(r"\.(urdf|xml)", str(node.value))]
+    whole = [node for node in texts if node not in parts and _ASSET_NAME.fullmatch(str(node.value))]
+    return {str(node.value): node.lineno for node in whole}, len(whole) == len(texts)
 
 
 def _find_in_library(name: str, library: Library) -> str | None:
@@ -85,20 +86,21 @@ def _find_objects_without_goal(source: ProgramSource) -> Iterator[StaticFinding]
 
 def _check_reward_sum(source: ProgramSource) -> Iterator[StaticFinding]:
     """Goals that ``reset`` states one after the other, with rewards in plain numbers: they add up to 1."""
-    resets = [node for node in source.nodes if isinstance(node, ast.FunctionDef) and node.name == "reset"]
-    stated = [node.value for reset in resets for node in reset.body if isinstance(node, ast.Expr)]
-    goals = [node for node in stated if isinstance(node, ast.Call) and ast.unparse(node.func) == "self.add_goal"]
-    if not goals or len(goals) != len([node for node in source.nodes if getattr(node, "attr", "") == "add_goal"]):
-        return
-    rewards = [
-        next((ast.unparse(word.value) for word in goal.keywords if word.arg == "step_max_reward"), "1")
-        for goal in goals
-    ]
-    numbers = [re.fullmatch(r"(\d*\.?\d+)(?: / (\d*\.?\d*[1-9]))?", reward) for reward in rewards]
-    total = sum(float(number[1]) / float(number[2] or 1) for number in numbers if number)
-    if all(numbers) and max(len(goal.args) for goal in goals) < 8 and abs(total - 1) > 0.01:
+    resets = [node for node in source.nodes_of(ast.FunctionDef) if node.name == "reset"]
+    plain = {getattr(statement, "value", None) for reset in resets for statement in reset.body}
+    goals = [call for call in source.nodes_of(ast.Call) if getattr(call.func, "attr", "") == "add_goal"]
+    rewards = [_read_stated_reward(goal) for goal in goals]
+    total = sum(reward or 0.0 for reward in rewards)
+    if goals and plain.issuperset(goals) and None not in rewards and abs(total - 1) > 0.01:
         text = f"the goals' step_max_reward add up to {total:.2f}, not 1"
         yield source.finding(goals[-1].lineno, "reward_sum", text)
+
+
+def _read_stated_reward(goal: ast.Call) -> float | None:
+    """The reward of a goal where it is a number, or a quotient of two; None where it has to be computed."""
+    stated = [ast.unparse(word.value) for word in goal.keywords if word.arg == "step_max_reward"]
+    number = re.fullmatch(r"(\d*\.?\d+)(?: / (\d*\.?\d*[1-9]))?", stated[0] if stated else "1")
+    return float(number[1]) / float(number[2] or 1) if number and len(goal.args) < 8 else None
 
 
 def _check_tests(source: ProgramSource) -> Iterator[StaticFinding]:
