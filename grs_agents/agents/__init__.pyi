@@ -9,13 +9,14 @@ from .asset_describer import replace_asset_description as replace_asset_descript
 from .examples import Example as Example
 from .examples import read_examples as read_examples
 from .examples import select_nearest_examples as select_nearest_examples
+from .prompt_template import PromptTemplate as PromptTemplate
+from .prompt_template import read_prompt_template as read_prompt_template
+from .prompt_template import render_prompt_template as render_prompt_template
 from .reply import ReplyError as ReplyError
 from .reply import extract_fenced_block as extract_fenced_block
 from .reply import extract_python_program as extract_python_program
-from .reply import find_template_variables as find_template_variables
 from .reply import parse_json as parse_json
 from .reply import parse_verdict as parse_verdict
-from .reply import render_prompt_template as render_prompt_template
 from .types import Description as Description
 from .types import Match as Match
 from .types import NoReply as NoReply

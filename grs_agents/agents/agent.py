@@ -17,7 +17,8 @@ from langchain_core.language_models.chat_models import BaseChatModel
 from langchain_core.messages import AIMessage, BaseMessage, HumanMessage
 
 from grs_agents import content
-from grs_agents.agents.reply import ReplyError, render_prompt_template
+from grs_agents.agents.prompt_template import render_prompt_template
+from grs_agents.agents.reply import ReplyError
 from grs_agents.agents.types import NoReply
 from grs_agents.config import Config, ModelConfig
 from grs_agents.foreign import read_picture, resolve_member_file
@@ -93,7 +94,7 @@ class Agents:
             images: picture files relative to the run folder, sent before the text in this order.
         """
         file = content.content_path("prompts", getattr(self.config.prompts, role))
-        text = render_prompt_template(file, values)
+        text = render_prompt_template(file, role, values)
         blocks: list[str | dict[Any, Any]] = [
             image_block_from_file(resolve_member_file(self.folder, image)) for image in images
         ]

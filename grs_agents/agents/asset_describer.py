@@ -15,7 +15,8 @@ from pydantic import ConfigDict, Field, ValidationError
 
 from grs_agents import content
 from grs_agents.agents.agent import image_block_from_array
-from grs_agents.agents.reply import ReplyError, parse_json, render_prompt_template
+from grs_agents.agents.prompt_template import render_prompt_template
+from grs_agents.agents.reply import ReplyError, parse_json
 from grs_agents.base import Frozen
 from grs_agents.files import write_json
 from grs_agents.library import (
@@ -139,7 +140,7 @@ def _describe_asset(
         "colors": visible_color_names(views),
         "hollow": asset.hollow,
     }
-    text = render_prompt_template(content.content_path("prompts", PROMPT), {"facts": json.dumps(facts)})
+    text = render_prompt_template(content.content_path("prompts", PROMPT), PROMPT, {"facts": json.dumps(facts)})
     blocks: list[str | dict[Any, Any]] = [
         image_block_from_array(composite_over_white(view)[:, :, ::-1]) for view in views
     ]

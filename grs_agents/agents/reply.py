@@ -1,16 +1,13 @@
-"""Both ends of a model call: prompt templates with strict ``{{variables}}``, and strict parsers of the replies."""
+"""Strict parsers of what models reply."""
 
 import ast
 import json
 import re
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from pydantic import BaseModel, ValidationError
 
 from grs_agents.agents.types import RouterReply, Verdict
-from grs_agents.errors import ConfigError
 
 Model = TypeVar("Model", bound=BaseModel)
 _FENCE = re.compile(r"^```[ \t]*([\w+-]*)[ \t]*\r?\n(.*?)^```[ \t]*$", re.MULTILINE | re.DOTALL)
@@ -78,24 +75,3 @@ def _is_python_source(text: str) -> bool:
     except (SyntaxError, ValueError, RecursionError, MemoryError):  # the last is the parser's word for too deep
         return False
     return True
-
-
-_VARIABLE = re.compile(r"\{\{\s*([a-z_]+)\s*\}\}")
-
-
-def find_template_variables(template: str) -> frozenset[str]:
-    """The names of the variables in ``template``."""
-    return frozenset(_VARIABLE.findall(template))
-
-
-def render_prompt_template(file: Path, values: Mapping[str, str]) -> str:
-    """Fill the template in ``file``; inserted text is not scanned. Raises ConfigError: other variables than given."""
-    template = file.read_text(encoding="utf-8")
-    wanted = find_template_variables(template)
-    if wanted != frozenset(values):
-        unknown, unused = sorted(wanted - set(values)), sorted(set(values) - wanted)
-        raise ConfigError(
-            f"prompt {file.name} has unknown variables {unknown} and leaves out {unused}",
-            f"use exactly: {', '.join(sorted(values))}",
-        )
-    return _VARIABLE.sub(lambda match: values[match.group(1)], template)

@@ -1,29 +1,51 @@
-"""Prompt templates are strict about their variables."""
+"""Prompt files are strict: about their front matter, their variables and the role that they are for."""
 
 from pathlib import Path
 
 import pytest
 
-from grs_agents.agents import find_template_variables, render_prompt_template
+from grs_agents.agents import read_prompt_template, render_prompt_template
 from grs_agents.errors import ConfigError
 
+HEAD = "---\nrole: tests\ninputs: code, task\nreply: python\n---\n"
 
-def template(folder: Path, text: str) -> Path:
+
+def prompt_file(folder: Path, text: str) -> Path:
     file = folder / "prompt.md"
     file.write_text(text, encoding="utf-8")
     return file
 
 
-def test_values_are_never_scanned_again(tmp_path: Path) -> None:
-    file = template(tmp_path, "code: {{code}} task: {{ task }}")
-    assert render_prompt_template(file, {"code": "x = '{{task}}'", "task": "T"}) == "code: x = '{{task}}' task: T"
+def test_values_are_never_scanned_again_and_the_front_matter_is_not_shown(tmp_path: Path) -> None:
+    file = prompt_file(tmp_path, f"{HEAD}code: {{{{code}}}} task: {{{{ task }}}} {{code}}")
+    shown = render_prompt_template(file, "tests", {"code": "x = '{{task}}'", "task": "T"})
+    assert shown == "code: x = '{{task}}' task: T {code}"
+    template = read_prompt_template(file)
+    assert (template.role, template.inputs, template.reply) == ("tests", ("code", "task"), "python")
 
 
 @pytest.mark.parametrize("values", [{}, {"code": "c"}, {"code": "c", "task": "t", "more": "m"}])
-def test_missing_and_unused_variables_are_errors(tmp_path: Path, values: dict[str, str]) -> None:
+def test_a_prompt_gets_what_it_declares_and_nothing_else(tmp_path: Path, values: dict[str, str]) -> None:
     with pytest.raises(ConfigError, match=r"prompt\.md"):
-        render_prompt_template(template(tmp_path, "{{code}} {{task}}"), values)
+        render_prompt_template(prompt_file(tmp_path, f"{HEAD}{{{{code}}}} {{{{task}}}}"), "tests", values)
 
 
-def test_single_braces_are_text() -> None:
-    assert find_template_variables("{code} {{code}} {'a': {1: 2}}") == {"code"}
+def test_a_prompt_of_another_role_is_refused(tmp_path: Path) -> None:
+    file = prompt_file(tmp_path, f"{HEAD}{{{{code}}}} {{{{task}}}}")
+    with pytest.raises(ConfigError, match="role: route"):
+        render_prompt_template(file, "route", {"code": "c", "task": "t"})
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("# Role: tests\n{{code}}", "no front matter"),
+        (f"{HEAD}{{{{code}}}}", "task"),
+        (f"{HEAD}{{{{code}}}} {{{{task}}}} {{{{more}}}}", "more"),
+        (HEAD.replace("python", "poem"), "reply"),
+        (HEAD.replace("role", "roll"), "role"),
+    ],
+)
+def test_a_prompt_that_does_not_declare_itself_is_refused(tmp_path: Path, text: str, named: str) -> None:
+    with pytest.raises(ConfigError, match=named):
+        read_prompt_template(prompt_file(tmp_path, text))
