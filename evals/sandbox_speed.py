@@ -136,7 +136,7 @@ def run_tests(sandbox: Sandbox) -> None:
     context = ToolContext(sandbox=sandbox, library=Library(), limits=Limits())
     report = tool.run(tool.Request(simulation=SIMULATION, tests=TESTS), context).report
     if not report.all_passed:
-        raise RuntimeError(report.format_as_text())
+        raise RuntimeError(str(report))
 
 
 def worker_mib() -> float:

@@ -7,6 +7,7 @@ import pytest
 
 from grs_agents.agents import Agents, TaskDefinition
 from grs_agents.errors import ConfigError, UnknownNameError
+from grs_agents.nodes import render_evidence
 from grs_agents.policies import (
     POLICIES,
     Routed,
@@ -49,7 +50,7 @@ def context(
         }
     )
     return RoutingContext(
-        TASK, report, report.format_as_text(), audit_failed, (), cast(Agents, None)
+        TASK, report, render_evidence(report), audit_failed, (), cast(Agents, None)
     )  # rules ask no model
 
 

@@ -34,20 +34,6 @@ class AuditReport(Frozen):
     rewards: tuple[float, ...]  # the reward of each rollout
     about: str = ""  # what the verdict is about, one sentence or two
 
-    def format_as_text(self) -> str:
-        """What the router and the code fixer read."""
-        lines = ["audit: " + ("accepted" if self.accepted else "failed")]
-        for finding in self.findings:
-            lines.append(f"- {finding.check}: {'passed' if finding.passed else 'FAILED'}: {finding.detail}")
-        for rollout in self.rollouts:
-            episode = rollout.episode
-            lines.append(
-                f"seed {rollout.seed}: oracle: outcome={episode.outcome} reward={episode.reward:.2f} "
-                f"steps={episode.steps}/{episode.max_steps} detail={episode.detail} "
-                f"objects={list(episode.objects)} strict={episode.strict:.2f}"
-            )
-        return "\n".join(lines)
-
 
 ProgramKind = Literal["simulation", "tests"]
 StaticFindingKind = Literal[

@@ -16,6 +16,7 @@ from .isolation.backends import BACKEND_REMEDIES as BACKEND_REMEDIES
 from .isolation.backends import Backend as Backend
 from .isolation.backends import BackendChoice as BackendChoice
 from .isolation.backends import backend_candidates as backend_candidates
+from .protocol.report import OUTCOME_MEANINGS as OUTCOME_MEANINGS
 from .protocol.report import CallOutcome as CallOutcome
 from .protocol.report import CallResult as CallResult
 from .protocol.report import Limits as Limits

@@ -124,7 +124,7 @@ def failed(report: AuditReport) -> set[str]:
 
 def test_a_fair_program_is_accepted() -> None:
     report = judge(fair)
-    assert report.accepted, report.format_as_text()
+    assert report.accepted, str(report)
 
 
 def one_of_several(task: Trial, env: Environment) -> None:
@@ -142,7 +142,7 @@ def a_stack_of_two(task: Trial, env: Environment) -> None:
 @pytest.mark.parametrize("setup", [one_of_several, a_stack_of_two])
 def test_a_task_of_one_object_among_others_is_accepted(setup: Setup) -> None:
     report = judge(setup)
-    assert report.accepted, report.format_as_text()
+    assert report.accepted, str(report)
     assert {len(one.moved) for one in report.rollouts} == {1}
 
 
@@ -187,7 +187,7 @@ def test_filled_templates_keep_their_shapes() -> None:
         fair(task, env)
 
     report = judge(with_container)
-    assert report.accepted, report.format_as_text()
+    assert report.accepted, str(report)
 
 
 def test_another_time_step_is_found() -> None:

@@ -129,7 +129,6 @@ def test_a_good_task_is_accepted() -> None:
     report = judge()
     assert report.accepted
     assert report.rewards == (1.0, 1.0, 1.0)
-    assert "accepted" in report.format_as_text()
 
 
 @pytest.mark.parametrize(
@@ -168,7 +167,6 @@ def test_each_fault_fails_its_own_check(changed: dict[str, Any], checks: set[str
     report = judge(**changed)
     assert not report.accepted
     assert failed(report) == checks
-    assert "FAILED" in report.format_as_text()
 
 
 def test_one_object_is_enough_where_one_is_in_reach() -> None:

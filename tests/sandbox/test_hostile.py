@@ -10,6 +10,7 @@ from langgraph.checkpoint.serde.jsonplus import JsonPlusSerializer
 
 from grs_agents.config import Limits
 from grs_agents.library import Library
+from grs_agents.nodes import render_evidence
 from grs_agents.sandbox import Sandbox
 from grs_agents.toolkit import ToolContext, load_tool
 from grs_agents.trace import EventLog, TestsRun
@@ -54,7 +55,7 @@ def test_hostile_messages_become_reports(
             log.append(TestsRun(report=plain))
             checkpoint = JsonPlusSerializer()
             assert checkpoint.loads_typed(checkpoint.dumps_typed(plain)) == plain
-            assert len(report.format_as_text()) < 1 << 20
+            assert len(render_evidence(report)) < 1 << 20
             result = instances.run(instances.Request(simulation=program.source, seeds=(0, 1)), context)
             assert len(result.instances) + len(result.failures) == 2
             json.dumps(result.model_dump(mode="json")).encode()

@@ -2,6 +2,7 @@
 
 import pytest
 
+from grs_agents.nodes import render_evidence
 from grs_agents.toolkit import ToolContext, load_tool
 
 TESTS = """
@@ -37,11 +38,11 @@ class TestStackBlocks(unittest.TestCase):
 def test_a_good_program_passes_and_its_episode_is_kept(context: ToolContext, simulation: str) -> None:
     tool = load_tool("run_tests")
     report = tool.run(tool.Request(simulation=simulation, tests=TESTS), context).report
-    assert report.all_passed, report.format_as_text()
+    assert report.all_passed, str(report)
     assert [case.id for case in report.cases] == ["TestStackBlocks.test_reset", "TestStackBlocks.test_oracle"]
     episode = report.cases[1].episode
     assert (episode["outcome"], episode["reward"]) == ("success", 1.0)
-    assert "oracle: outcome=success reward=1.00 steps=1/3" in report.format_as_text()
+    assert "published: 1.00  strict: 1.00  steps: 1/3" in render_evidence(report)
 
 
 def test_a_program_short_of_its_goal_fails_with_the_oracles_reason(context: ToolContext, simulation: str) -> None:
@@ -49,7 +50,7 @@ def test_a_program_short_of_its_goal_fails_with_the_oracles_reason(context: Tool
     broken = simulation.replace("(0.5, 0.1, 0.06)", "(1.5, 0.1, 0.06)")
     report = tool.run(tool.Request(simulation=broken, tests=TESTS), context).report
     assert report.outcome == "failed"
-    assert "outcome=unreachable" in report.format_as_text()
+    assert "outcome: unreachable" in render_evidence(report)
 
 
 def test_an_unknown_asset_is_raised_in_the_simulation(context: ToolContext, simulation: str) -> None:
@@ -57,7 +58,7 @@ def test_an_unknown_asset_is_raised_in_the_simulation(context: ToolContext, simu
     broken = simulation.replace("red_block", "rad_block")
     report = tool.run(tool.Request(simulation=broken, tests=TESTS), context).report
     assert report.raised_in == "simulation"
-    assert "block/red_block.urdf" in report.format_as_text()
+    assert "block/red_block.urdf" in render_evidence(report)
 
 
 def test_the_same_seed_gives_the_same_rewards(context: ToolContext, simulation: str) -> None:
@@ -74,7 +75,7 @@ def test_programs_with_the_original_import_lines_run_unchanged(context: ToolCont
     tests = TESTS.replace("from grs_agents.sim import", "from cliport.environments.environment import")
     assert program != simulation
     report = tool.run(tool.Request(simulation=program, tests=tests), context).report
-    assert report.all_passed, report.format_as_text()
+    assert report.all_passed, str(report)
     drawn = load_tool("instantiate")
     assert len(drawn.run(drawn.Request(simulation=program, seeds=(0,)), context).instances) == 1
 
@@ -101,7 +102,7 @@ def test_who_catches_the_error_of_a_limit_has_failed_all_the_same(
     tests = TESTS.replace("self.env.reset()\n", "self.env.reset(settle=False)\n").partition("    def test_oracle")[0]
     report = tool.run(tool.Request(simulation=simulation + greed, tests=tests), context).report
     case = report.cases[0]
-    assert (report.all_passed, case.outcome, case.raised_in) == (False, "limit", "simulation"), report.format_as_text()
+    assert (report.all_passed, case.outcome, case.raised_in) == (False, "limit", "simulation"), str(report)
     assert case.message.startswith(message)
 
 
@@ -117,7 +118,7 @@ def test_a_tests_own_steps_stay_used_up(context: ToolContext, simulation: str) -
         "    def test_z(self): self.assertTrue(1)\n"
     )
     report = tool.run(tool.Request(simulation=simulation, tests=tests), context).report
-    assert [case.outcome for case in report.cases] == ["limit", "limit", "passed"], report.format_as_text()
+    assert [case.outcome for case in report.cases] == ["limit", "limit", "passed"], str(report)
     assert "SimulationBudgetError" in report.cases[1].traceback
 
 
@@ -145,5 +146,5 @@ def test_programs_run_within_the_background(
     within = tool.Request(simulation=simulation, tests=BEFORE_A_WALL, library_roots=roots, background=background)
     without = tool.Request(simulation=simulation, tests=BEFORE_A_WALL, library_roots=roots)
     report = tool.run(within, context).report
-    assert report.all_passed, report.format_as_text()
+    assert report.all_passed, str(report)
     assert not tool.run(without, context).report.all_passed

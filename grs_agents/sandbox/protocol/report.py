@@ -1,6 +1,5 @@
 """The results of a call, and the report of a test run, one case for each test, which routers and fixers read."""
 
-import json
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -16,7 +15,7 @@ CaseOutcome = Literal[_Judged, _Stopped, _Dishonest]
 ReportOutcome = Literal[
     "passed", "failed", "error", "no_tests", "load_tests", "timeout", "crashed", "exited", "tampered", "forged"
 ]
-MEANING: dict[str, str] = {
+OUTCOME_MEANINGS: dict[str, str] = {
     "skipped": "a skipped test shows nothing; it has to run",
     "expected_failure": "a test marked expectedFailure shows nothing; it has to pass without the mark",
     "no_assertion": "a test counts only if it comes to at least one assertion",
@@ -43,7 +42,7 @@ class TestCase(Frozen):
     __test__ = False  # pytest: not a test of ours
 
     id: str  # `Class.method`
-    outcome: CaseOutcome  # only `passed` counts; what others mean is in `MEANING`
+    outcome: CaseOutcome  # only `passed` counts; what others mean is in `OUTCOME_MEANINGS`
     seconds: float = 0.0  # how long it ran
     message: str = ""  # one line
     traceback: str = ""  # without the frames of unittest
@@ -77,45 +76,6 @@ class TestReport(Frozen):
     def all_passed(self) -> bool:
         """Whether there were tests and every one passed."""
         return self.outcome == "passed"
-
-    def format_as_text(self) -> str:
-        """The report for a reader that decides what to mend: failures with their last lines, then one line a pass."""
-        passed = sum(case.outcome == "passed" for case in self.cases)
-        head = f"{self.outcome}: {passed} of {len(self.cases)} tests passed"
-        lines = [head + (f"; {self.message}" if self.message else "")]
-        if self.raised_in:
-            lines.append(f"raised in: {self.raised_in}")
-        lines.extend(_format_traceback_tail(self.traceback))
-        for case in sorted(self.cases, key=lambda case: case.outcome == "passed"):
-            lines.extend(_format_case_lines(case))
-        shown = dict.fromkeys([self.outcome, *(case.outcome for case in self.cases)])
-        lines.extend(f"({outcome}: {MEANING[outcome]})" for outcome in shown if outcome in MEANING)
-        return "\n".join(lines)
-
-
-def _format_case_lines(case: TestCase) -> list[str]:
-    where = f" (raised in {case.raised_in})" if case.raised_in else ""
-    lines = [f"{case.id}: {case.outcome}{where}" + (f": {case.message}" if case.message else "")]
-    if case.outcome != "passed":
-        lines.extend(_format_traceback_tail(case.traceback))
-        if case.output.strip():
-            lines.append("  printed: " + " | ".join(case.output.strip().splitlines()[-5:])[-500:])
-    if case.episode is not None:
-        lines.append("  oracle: " + _format_episode_line(case.episode))
-    return lines
-
-
-def _format_traceback_tail(traceback: str) -> list[str]:
-    return [f"  {line[:300]}" for line in traceback.splitlines()[-15:]]
-
-
-def _format_episode_line(episode: dict[str, Any]) -> str:
-    reward = episode.get("reward")
-    steps = f"{episode.get('steps')}/{episode.get('max_steps')}"
-    return (
-        f"outcome={episode.get('outcome')} reward={f'{reward:.2f}' if isinstance(reward, float) else reward} "
-        f"steps={steps} detail={episode.get('detail')} objects={json.dumps(episode.get('objects'))}"
-    )[:1500]
 
 
 _Limit = Literal["timeout", "cpu_limit", "memory_limit", "output_limit", "scratch_limit", "thread_limit"]

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from grs_agents.config import Limits
+from grs_agents.nodes import render_evidence
 from grs_agents.sandbox import CallOutcome, CallResult, Sandbox, TestReport, TestRun, run_tests
 
 Check = Callable[..., TestReport]
@@ -28,7 +29,7 @@ def test_passing_tests_under_both_names(check: Check) -> None:
         "def answer(): return 42",
         simulation_name="pack_boxes",
     )
-    assert report.all_passed, report.format_as_text()
+    assert report.all_passed, str(report)
     assert [case.output for case in report.cases] == ["seen\n", ""]
     assert report.seconds > 0
 
@@ -90,7 +91,7 @@ def test_crashes_are_charged_to_the_running_test_and_the_rest_runs(check: Check)
         "test_z": "passed",
     }
     assert report.outcome == "crashed"
-    assert "ctypes.string_at(0)" in report.format_as_text()
+    assert "ctypes.string_at(0)" in render_evidence(report)
 
 
 def test_hang_in_a_test_costs_that_test(check: Check) -> None:
@@ -100,7 +101,7 @@ def test_hang_in_a_test_costs_that_test(check: Check) -> None:
     )
     assert outcomes(report) == {"test_hang": "timeout", "test_z": "passed"}
     assert (report.outcome, report.raised_in) == ("timeout", "tests")
-    assert "while True: pass" in report.format_as_text()
+    assert "while True: pass" in render_evidence(report)
 
 
 REST = "    def test_b(self): self.fail()\n    def test_c(self): self.fail()\n"
@@ -120,7 +121,7 @@ def test_hang_in_set_up_costs_one_limit(tests: str, check: Check) -> None:
     assert outcomes(report) == {"test_a": "timeout", "test_b": "not_run", "test_c": "not_run"}
     assert report.cases[0].raised_in == "simulation"
     assert report.seconds < 2 * SHORT.wall_seconds
-    assert "(not_run: " in report.format_as_text()
+    assert "(not_run: " in render_evidence(report)
 
 
 def test_second_hang_is_the_last(check: Check) -> None:
@@ -348,16 +349,16 @@ def test_each_dishonesty_has_an_outcome_of_its_own(name: str, check: Check) -> N
     tests, outcome, whole = DISHONEST[name]
     report = check(HEAD + tests)
     assert not report.all_passed
-    assert (outcomes(report)["test_a"], report.outcome) == (outcome, whole), report.format_as_text()
+    assert (outcomes(report)["test_a"], report.outcome) == (outcome, whole), str(report)
     bad = [case for case in report.cases if case.outcome != "passed"]
     assert all(case.message for case in bad)
-    assert all(case.raised_in == "tests" for case in bad), report.format_as_text()
+    assert all(case.raised_in == "tests" for case in bad), str(report)
 
 
 def test_what_turns_up_later_is_named(check: Check) -> None:
     report = check(HEAD + DISHONEST["added later"][0])
     assert outcomes(report) == {"test_a": "passed", "test_more": "extra"}
-    assert "(extra: " in report.format_as_text()
+    assert "(extra: " in render_evidence(report)
 
 
 def test_what_runs_after_tampering_runs_in_a_fresh_process(check: Check) -> None:
@@ -367,7 +368,7 @@ def test_what_runs_after_tampering_runs_in_a_fresh_process(check: Check) -> None
         + METHOD.replace("_a", "_z")
     )
     assert outcomes(report) == {"test_a": "tampered", "test_z": "failed"}
-    assert "unittest.case.TestCase.assertTrue was replaced" in report.format_as_text()
+    assert "unittest.case.TestCase.assertTrue was replaced" in render_evidence(report)
 
 
 @pytest.mark.parametrize("outcome", ["forged", "scratch_limit", "thread_limit"])
@@ -380,7 +381,7 @@ def test_how_a_call_ends_is_the_outcome_of_the_test_that_ran(outcome: CallOutcom
     report = run_tests(sandbox, "plain_tests", TestRun(simulation="", tests=HEAD + METHOD + HONEST), SHORT)
     assert outcomes(report) == {"test_a": outcome, "test_b": "missing"}
     assert report.outcome == ("forged" if outcome == "forged" else "crashed")
-    assert f"({outcome}: " in report.format_as_text()
+    assert f"({outcome}: " in render_evidence(report)
 
 
 class Scripted(Sandbox):
@@ -412,7 +413,7 @@ REACHED = {
 @pytest.mark.parametrize("name", REACHED)
 def test_an_assertion_that_is_reached_counts(name: str, check: Check) -> None:
     report = check(HEAD + "    def test_a(self):\n" + REACHED[name])
-    assert report.all_passed, report.format_as_text()
+    assert report.all_passed, str(report)
     assert report.cases[0].assertions >= 1
 
 
