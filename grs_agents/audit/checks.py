@@ -29,6 +29,7 @@ def audit_task(
     library: Library,
     task: TaskDefinition | None = None,
     scene: SceneDescription | None = None,
+    original: TaskDefinition | None = None,
 ) -> AuditReport:
     """Judge a task from what trusted code measured.
 
@@ -40,6 +41,7 @@ def audit_task(
         library: tells fixtures from things that must be in the photo.
         task: the definition the program must keep to; ``None`` for a program without one.
         scene: the photo the program must keep to; ``None`` for a program without one.
+        original: the definition before the task was revised; ``None`` for one that was not.
     """
     findings = [
         _check_all_seeds_instantiate(instances, failures, config),
@@ -51,6 +53,8 @@ def audit_task(
     ]
     if task is not None:
         findings.append(_check_task_assets(instances, task))
+    if task is not None and original is not None:
+        findings.append(_check_revision(task, original, scene))
     if scene is not None:
         findings.append(_check_scene_assets(instances, scene, library))
     return AuditReport(
@@ -181,3 +185,15 @@ def _check_scene_assets(instances: Sequence[TaskInstance], scene: SceneDescripti
     if absent:
         detail += f"; not there: {', '.join(sorted(absent))}"
     return Finding(check="assets_of_scene", passed=not absent, detail=detail)
+
+
+def _check_revision(task: TaskDefinition, original: TaskDefinition, scene: SceneDescription | None) -> Finding:
+    """A revision keeps at least half of the objects that the photo shows, and two where there were two."""
+    shown = {item.asset for item in scene.objects} if scene is not None else set(original.assets)
+    before = set(original.assets) & shown
+    gone = sorted(before - set(task.assets))
+    kept, least = len(before) - len(gone), max(min(2, len(before)), -(-len(before) // 2))
+    detail = f"the revised task keeps {kept} of {len(before)} objects, at least {least} must stay"
+    if gone:
+        detail += f"; gone: {', '.join(gone)}"
+    return Finding(check="revision", passed=kept >= least, detail=detail)
