@@ -2,14 +2,25 @@
 
 import base64
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from grs_agents.base import Frozen, Vec3
+from pydantic import Field
+
+from grs_agents.base import Frozen, Pose, Vec3
 from grs_agents.config import Limits
 from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes
 from grs_agents.sandbox import CallResult
 from grs_agents.toolkit import ToolContext, open_library, readable_folders
+
+if TYPE_CHECKING:
+    from grs_agents.sim.world import rendering
+
+Box = tuple[int, int, int, int]
+MARK = (255, 0, 255)
+"""The colour of outlines."""
+_LINE = 2
+"""Their width in pixels."""
 
 
 class Request(Frozen):
@@ -21,6 +32,8 @@ class Request(Frozen):
         library_roots: asset folders, later ones win; none means the library shipped with GRS.
         robot: ``ur5e``, ``panda`` or the path of an MJCF file.
         moment: after settling, or when the oracle has finished.
+        poses: of objects by id, where they are to be drawn instead, without the arm; nothing is simulated then.
+        marked: ids of objects to outline.
         position, target: of the camera and what it looks at, metres, robot frame.
         width, height: pixels.
     """
@@ -30,6 +43,8 @@ class Request(Frozen):
     library_roots: tuple[str, ...] = ()
     robot: str = "ur5e"
     moment: Literal["start", "end"] = "start"
+    poses: dict[int, Pose] | None = None
+    marked: tuple[int, ...] = ()
     position: Vec3 = (1.35, 0.0, 0.75)
     target: Vec3 = (0.45, 0.0, 0.05)
     width: int = 640
@@ -37,9 +52,15 @@ class Request(Frozen):
 
 
 class Result(Frozen):
-    """The picture's file, or why there is none."""
+    """The picture's file, or why there is none; and where the marked objects that can be seen are in it.
+
+    Attributes:
+        image: the file.
+        boxes: left, top, right and bottom pixel by object id.
+    """
 
     image: str | None
+    boxes: dict[int, Box] = Field(default_factory=dict[int, Box])
     error: str = ""
 
 
@@ -53,30 +74,56 @@ def run(request: Request, context: ToolContext) -> Result:
         return Result(image=None, error=call.error or call.outcome)
     if call.value["png"] is None:
         return Result(image=None, error=call.value["error"])
-    return Result(image=str(write_bytes(Path(request.output), base64.b64decode(call.value["png"]))))
+    image = write_bytes(Path(request.output), base64.b64decode(call.value["png"]))
+    return Result(image=str(image), boxes=call.value["boxes"])
 
 
 def inside(request: dict[str, Any]) -> dict[str, Any]:
     """The worker's part: the picture as base64, since a worker reaches no file of the host."""
     asked, limits = Request.model_validate(request["request"]), Limits.model_validate(request["limits"])
     try:
-        return {"png": base64.b64encode(_draw(asked, limits)).decode(), "error": ""}
+        png, boxes = _draw(asked, limits)
+        return {"png": base64.b64encode(png).decode(), "error": "", "boxes": boxes}
     except (GrsError, ValueError) as error:
         return {"png": None, "error": str(error)}
 
 
-def _draw(asked: Request, limits: Limits) -> bytes:
+def _draw(asked: Request, limits: Limits) -> tuple[bytes, dict[int, Box]]:
     from grs_agents import sim
     from grs_agents.sim.world import rendering
 
     instance = sim.TaskInstance.model_validate(asked.instance)
     library = open_library(asked.library_roots)
     sim.set_environment_defaults(library, instance.seed, asked.robot, limits)
-    task = sim.InstanceTask(instance)
-    env = sim.Environment(task=task, library=library, seed=instance.seed)
-    env.reset()
-    if asked.moment == "end":
-        sim.run_oracle(env, task)
+    if asked.poses is not None:
+        poses = [asked.poses.get(item.id, item.pose) for item in instance.objects]
+        visible = rendering.VisibleScene(instance.objects, library, poses=poses, background=instance.background)
+    else:
+        task = sim.InstanceTask(instance)
+        env = sim.Environment(task=task, library=library, seed=instance.seed)
+        env.reset()
+        if asked.moment == "end":
+            sim.run_oracle(env, task)
+        visible = env.visible_scene
     view = rendering.View(asked.position, asked.target, height=asked.height, width=asked.width)
-    picture = rendering.render_views(env.visible_scene, [view])[0]
-    return rendering.encode_png(picture.color)
+    picture = rendering.render_views(visible, [view])[0]
+    boxes = {number: box for number in asked.marked if (box := _outline_object(picture, number)) is not None}
+    return rendering.encode_png(picture.color), boxes
+
+
+def _outline_object(picture: "rendering.Picture", number: int) -> Box | None:
+    """Paint the pixels around an object; gives its box in pixels, None where it is not seen."""
+    import numpy as np
+
+    mask = picture.owner == number
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not rows.size:
+        return None
+    padded = np.pad(mask, _LINE)
+    around = [
+        padded[down : down + mask.shape[0], right : right + mask.shape[1]]
+        for down in range(2 * _LINE + 1)
+        for right in range(2 * _LINE + 1)
+    ]
+    picture.color[np.any(around, axis=0) & ~mask] = MARK
+    return int(columns[0]), int(rows[0]), int(columns[-1]), int(rows[-1])
