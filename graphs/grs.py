@@ -8,5 +8,5 @@ def build() -> RunGraph:
     graph = empty_graph()
     add_perception(graph, then="generate_task")
     add_authors(graph, "generate_task", "generate_sim", "generate_tests", then="run_tests")
-    add_judging(graph, fix=add_fix_loop(graph, then="audit"))
+    add_judging(graph, fix=add_fix_loop(graph, then="audit", revise=True))
     return graph

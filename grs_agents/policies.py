@@ -10,7 +10,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Protocol, cast
 
-from grs_agents.agents import Agents, NoReply, TaskDefinition, Verdict, roles
+from grs_agents.agents import Agents, JudgedPrograms, NoReply, TaskDefinition, Verdict, roles
 from grs_agents.base import Frozen
 from grs_agents.errors import ConfigError, UnknownNameError
 from grs_agents.sandbox import TestCase, TestReport
@@ -33,6 +33,12 @@ class RoutingContext:
     audit_failed: bool  # the tests passed but the audit did not
     history: tuple[str, ...]  # one line for each earlier decision and fix
     agents: Agents  # the models, for policies that ask one
+    simulation: str = ""
+    tests: str = ""
+    scene: str = ""  # the objects of the task as JSON
+    static: tuple[Any, ...] = ()  # what the checks found that need no run
+    images: tuple[str, ...] = ()  # the end of the robot's episode, relative to the run folder
+    verdicts: tuple[Verdict, ...] = ("fix_code", "fix_test")  # what is left to try; others are not followed
     earlier: tuple[Routed, ...] = ()  # the earlier decisions, oldest first
 
 
@@ -70,7 +76,16 @@ class Llm:
 
     def decide(self, context: RoutingContext) -> RoutingDecision:
         """Ask; the model's explanation is passed on to the fixer."""
-        reply = roles.decide_what_to_fix(context.agents, context.task, context.results, context.history)
+        judged = JudgedPrograms(
+            task=context.task,
+            scene=context.scene,
+            code=context.simulation,
+            tests=context.tests,
+            results=context.results,
+            history=context.history,
+            images=context.images,
+        )
+        reply = roles.decide_what_to_fix(context.agents, judged, context.verdicts)
         if isinstance(reply, NoReply):
             fallback = Rules().decide(context)
             explanation = f"{reply}; decided by rules instead: {fallback.explanation}"

@@ -29,11 +29,15 @@ class RunState(TypedDict):
     tests: str
     simulation_version: int  # how many versions of the program there were
     tests_version: int
+    revisable: bool  # whether the task was defined in this run, and not revised yet
+    revised: dict[str, Any]  # the task before its revision and what was given up; empty without one
+    static: list[dict[str, Any]]  # what is wrong with the programs before they run, `StaticFinding` as JSON
     report: dict[str, Any]  # the latest `TestReport` as JSON
     decision: dict[str, Any]  # the latest `RoutingDecision` as JSON
     audit: dict[str, Any]  # the latest `AuditReport` as JSON
     fixes: Annotated[int, operator.add]
-    history: Annotated[list[str], operator.add]  # one line for each decision
+    history: list[dict[str, Any]]  # each fix with the score before and after it, `FixRecord` as JSON
+    best: dict[str, Any]  # the best version of the two programs so far, `BestVersion` as JSON
     # each decision with the report it was made on, `Routed` as JSON
     routed: Annotated[list[dict[str, Any]], operator.add]
     problem: str  # why the run cannot go on, if it cannot

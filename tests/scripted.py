@@ -45,6 +45,31 @@ class ScriptedModel(BaseChatModel):
         return ChatResult(generations=[ChatGeneration(message=reply)])
 
 
+class StubbornModel(BaseChatModel):
+    """Gives each role the same reply whenever it is asked.
+
+    Attributes:
+        replies: by role.
+    """
+
+    replies: dict[str, str]
+
+    @property
+    def _llm_type(self) -> str:
+        return "stubborn"
+
+    def _generate(
+        self,
+        messages: list[BaseMessage],
+        stop: list[str] | None = None,
+        run_manager: CallbackManagerForLLMRun | None = None,
+        **kwargs: Any,
+    ) -> ChatResult:
+        text = str(messages[0].text)
+        role = text[text.index("# Role: ") + 8 :].partition("\n")[0]
+        return ChatResult(generations=[ChatGeneration(message=say(self.replies[role]))])
+
+
 @dataclass
 class ScriptedAgents(Agents):
     """Agents of which every role is served by `script`."""
@@ -54,6 +79,17 @@ class ScriptedAgents(Agents):
     def chat_model_for_role(self, role: str) -> BaseChatModel:
         """The scripted model."""
         return self.script
+
+
+@dataclass
+class StubbornAgents(Agents):
+    """Agents of which every role is served by `stubborn`."""
+
+    stubborn: StubbornModel = field(default_factory=lambda: StubbornModel(replies={}))
+
+    def chat_model_for_role(self, role: str) -> BaseChatModel:
+        """The stubborn model."""
+        return self.stubborn
 
 
 def say(text: str, finish: str = "stop") -> AIMessage:

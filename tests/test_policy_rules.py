@@ -8,6 +8,7 @@ import pytest
 from grs_agents.agents import Agents, TaskDefinition
 from grs_agents.config import Limits
 from grs_agents.library import Library
+from grs_agents.nodes import render_evidence
 from grs_agents.policies import RoutingContext, load_policy
 from grs_agents.sandbox import Sandbox
 from grs_agents.toolkit import ToolContext, load_tool
@@ -52,7 +53,7 @@ def verdict(context: ToolContext, simulation: str, tests: str) -> tuple[str, Any
     tool = load_tool("run_tests")
     report = tool.run(tool.Request(simulation=simulation, tests=tests), context).report
     assert not report.all_passed
-    given = RoutingContext(TASK, report, report.format_as_text(), False, (), cast(Agents, None))  # rules ask no model
+    given = RoutingContext(TASK, report, render_evidence(report), False, (), cast(Agents, None))  # rules ask no model
     return load_policy("rules").decide(given).verdict, report
 
 

@@ -11,7 +11,12 @@ from grs_agents.agents.types import RouterReply, Verdict
 
 Model = TypeVar("Model", bound=BaseModel)
 _FENCE = re.compile(r"^```[ \t]*([\w+-]*)[ \t]*\r?\n(.*?)^```[ \t]*$", re.MULTILINE | re.DOTALL)
-_VERDICTS: dict[str, Verdict] = {"fix_code": "fix_code", "fix_test": "fix_test", "fix_tests": "fix_test"}
+_VERDICTS: dict[str, Verdict] = {
+    "fix_code": "fix_code",
+    "fix_test": "fix_test",
+    "fix_tests": "fix_test",
+    "fix_task": "fix_task",
+}
 
 
 class ReplyError(ValueError):
@@ -58,11 +63,11 @@ def extract_python_program(text: str) -> str:
 
 
 def parse_verdict(text: str) -> RouterReply:
-    """The verdict in the last block that holds one of the two (paper, Listing 3). Raises ReplyError: none does."""
+    """The verdict in the last block that holds one (paper, Listing 3). Raises ReplyError: none does."""
     blocks = [cast(str, body).strip().strip("\"'`") for _, body in _FENCE.findall(text)]
     verdicts = [block for block in blocks if block in _VERDICTS]
     if not verdicts:
-        raise ReplyError("end with a fenced block that holds exactly fix_code or fix_test")
+        raise ReplyError("end with a fenced block that holds exactly one of the verdicts, e.g. fix_code or fix_test")
     explanation = _FENCE.sub("", text).strip()
     return RouterReply(verdict=_VERDICTS[verdicts[-1]], explanation=explanation)
 

@@ -1,23 +1,25 @@
-"""The eight agents of the paper: what each is told, shown and asked for.
+"""The eight agents of the paper and the one who revises a task: what each is told, shown and asked for.
 
 Following the paper, the scene image goes to the describer, matcher, task author, simulation author and code fixer
-(vision-language models), not to the test author and test fixer (language models).
+(vision-language models), not to the test author and test fixer (language models). The router and the fixers of program
+and task also see how the robot's episode ended.
 """
 
 import json
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Any, cast
 
 from grs_agents.agents.agent import Agents
 from grs_agents.agents.reply import ReplyError, extract_python_program, parse_json, parse_verdict
-from grs_agents.agents.types import Description, Match, NoReply, RouterReply, TaskDefinition
+from grs_agents.agents.types import Description, Match, NoReply, RouterReply, TaskDefinition, TaskRevision, Verdict
 
 Json = dict[str, Any]
 
 
 def describe_crop(agents: Agents, measurements: Json, images: Sequence[str]) -> Description | NoReply:
     """Describe one crop. ``images``: the crop, then the scene."""
-    values = {"measurements": _to_json_text(measurements)}
+    values = {"measurements": to_json_text(measurements)}
     return agents.ask_role("describe", values, lambda text: parse_json(text, Description), images)
 
 
@@ -32,7 +34,7 @@ def match_asset(agents: Agents, candidate: Json, assets: Sequence[Json], images:
         return answer
 
     lines = "\n".join(json.dumps(asset, ensure_ascii=False) for asset in assets)
-    return agents.ask_role("match", {"candidate": _to_json_text(candidate), "assets": lines}, parse, images)
+    return agents.ask_role("match", {"candidate": to_json_text(candidate), "assets": lines}, parse, images)
 
 
 def author_task(
@@ -43,76 +45,106 @@ def author_task(
 
     def parse(text: str) -> TaskDefinition:
         task = parse_json(text, TaskDefinition)
-        unknown = sorted(set(task.assets) - known)
-        if unknown:
-            raise ReplyError(f"assets-used names {unknown}, which are neither in the scene nor fixtures")
+        _refuse_unknown_assets(task, known)
         return task
 
     lines = "\n".join(json.dumps(fixture, ensure_ascii=False) for fixture in fixtures)
-    return agents.ask_role("task", {"scene": _to_json_text(scene), "fixtures": lines}, parse, images)
+    return agents.ask_role("task", {"scene": to_json_text(scene), "fixtures": lines}, parse, images)
 
 
 def author_simulation(
     agents: Agents, task: TaskDefinition, scene: Json, api: str, examples: str, images: Sequence[str]
 ) -> str | NoReply:
     """Write the simulation program."""
-    values = {"task": _to_json_text(task.as_json()), "scene": _to_json_text(scene), "api": api, "examples": examples}
+    values = {"task": to_json_text(task.as_json()), "scene": to_json_text(scene), "api": api, "examples": examples}
     return agents.ask_role("simulation", values, extract_python_program, images)
 
 
 def author_tests(agents: Agents, task: TaskDefinition, code: str, api: str) -> str | NoReply:
     """Write the tests, from the task and the program alone."""
-    values = {"task": _to_json_text(task.as_json()), "code": code, "api": api}
+    values = {"task": to_json_text(task.as_json()), "code": code, "api": api}
     return agents.ask_role("tests", values, extract_python_program)
 
 
-def decide_what_to_fix(
-    agents: Agents, task: TaskDefinition, results: str, history: Sequence[str]
-) -> RouterReply | NoReply:
-    """Decide between fixing the program and fixing the tests."""
-    values = {
-        "task": _to_json_text(task.as_json()),
-        "test_results": results,
-        "history": "\n".join(history) or "(no fixes yet)",
-    }
-    return agents.ask_role("route", values, parse_verdict)
+@dataclass(frozen=True)
+class JudgedPrograms:
+    """What the router and every fixer are shown."""
+
+    task: TaskDefinition
+    scene: str  # the objects of the task as JSON
+    code: str  # the simulation program
+    tests: str
+    results: str  # the evidence
+    history: Sequence[str]  # one line for each fix
+    images: Sequence[str] = ()  # the photo and the end of the robot's episode, as far as there are any
+    explanation: str = ""  # the router's, for a fixer
+
+    def as_values(self, *names: str, **more: str) -> dict[str, str]:
+        """The variables of a prompt: those of ``names`` that all have, and ``more``."""
+        values = {
+            "task": to_json_text(self.task.as_json()),
+            "scene": self.scene,
+            "code": self.code,
+            "tests": self.tests,
+            "test_results": self.results,
+            "history": "\n".join(self.history) or "(no fixes yet)",
+            "explanation": self.explanation,
+        }
+        return {name: values[name] for name in names} | more
 
 
-def fix_code(
-    agents: Agents,
-    task: TaskDefinition,
-    scene: Json,
-    code: str,
-    results: str,
-    explanation: str,
-    api: str,
-    images: Sequence[str],
-) -> str | NoReply:
+_MEANINGS: dict[Verdict, str] = {
+    "fix_code": "change the simulation program",
+    "fix_test": "change the tests",
+    "fix_task": "change the task: no program can do it as it is defined, as the evidence shows (something does not fit "
+    "into a container of fixed size, is out of reach or does not stand)",
+}
+
+
+def decide_what_to_fix(agents: Agents, judged: JudgedPrograms, verdicts: Sequence[Verdict]) -> RouterReply | NoReply:
+    """Decide between fixing the program, the tests and the task, as far as ``verdicts`` has them."""
+    lines = "\n".join(f"{verdict}: {_MEANINGS[verdict]}" for verdict in verdicts)
+    names = ("task", "scene", "code", "tests", "test_results", "history")
+    values = judged.as_values(*names, verdicts=lines)
+    return agents.ask_role("route", values, parse_verdict, judged.images[-1:])
+
+
+def fix_code(agents: Agents, judged: JudgedPrograms, api: str) -> str | NoReply:
     """Write the next version of the simulation program."""
-    values = {
-        "task": _to_json_text(task.as_json()),
-        "scene": _to_json_text(scene),
-        "code": code,
-        "test_results": results,
-        "explanation": explanation,
-        "api": api,
-    }
-    return agents.ask_role("fix_code", values, extract_python_program, images)
+    names = ("task", "scene", "code", "tests", "test_results", "history", "explanation")
+    return agents.ask_role("fix_code", judged.as_values(*names, api=api), extract_python_program, judged.images)
 
 
-def fix_tests(
-    agents: Agents, task: TaskDefinition, code: str, tests: str, results: str, explanation: str
-) -> str | NoReply:
+def fix_tests(agents: Agents, judged: JudgedPrograms, api: str) -> str | NoReply:
     """Write the next version of the tests."""
-    values = {
-        "task": _to_json_text(task.as_json()),
-        "code": code,
-        "tests": tests,
-        "test_results": results,
-        "explanation": explanation,
-    }
-    return agents.ask_role("fix_tests", values, extract_python_program)
+    names = ("task", "scene", "code", "tests", "test_results", "history", "explanation")
+    return agents.ask_role("fix_tests", judged.as_values(*names, api=api), extract_python_program)
 
 
-def _to_json_text(value: Json) -> str:
-    return json.dumps(value, indent=1, ensure_ascii=False)
+def fix_task(agents: Agents, judged: JudgedPrograms, known: Sequence[str], fixtures: str) -> TaskRevision | NoReply:
+    """Revise a task that cannot be done as it is defined; ``known`` are the assets of scene and fixtures."""
+
+    def parse(text: str) -> TaskRevision:
+        revision = parse_json(text, TaskRevision)
+        _refuse_unknown_assets(revision, known)
+        return revision
+
+    names = ("task", "scene", "code", "test_results", "history", "explanation")
+    return agents.ask_role("fix_task", judged.as_values(*names, fixtures=fixtures), parse, judged.images)
+
+
+def _refuse_unknown_assets(task: TaskDefinition, known: Collection[str]) -> None:
+    unknown = sorted(set(task.assets) - set(known))
+    if unknown:
+        raise ReplyError(f"assets-used names {unknown}, which are neither in the scene nor fixtures")
+
+
+def to_json_text(value: Json) -> str:
+    """``value`` as JSON without indentation, each item of its lists of objects on a line of its own."""
+    return "{" + ",\n".join(f"{json.dumps(key)}: {_items_on_lines(item)}" for key, item in value.items()) + "}"
+
+
+def _items_on_lines(value: Any) -> str:
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return "[\n" + ",\n".join(json.dumps(item, ensure_ascii=False) for item in cast(list[Any], value)) + "\n]"
+    return json.dumps(value, ensure_ascii=False)

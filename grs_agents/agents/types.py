@@ -7,8 +7,8 @@ from pydantic import ConfigDict, Field, field_validator
 
 from grs_agents.base import Frozen
 
-Verdict = Literal["fix_code", "fix_test"]
-"""The router's two answers, spelt as in the paper."""
+Verdict = Literal["fix_code", "fix_test", "fix_task"]
+"""The router's two answers, spelt as in the paper, and a third: the task cannot be done as it is defined."""
 
 
 class Description(Frozen):
@@ -58,6 +58,16 @@ class TaskDefinition(Frozen):
     def as_json(self) -> dict[str, Any]:
         """The definition as the paper prints it."""
         return self.model_dump(mode="json", by_alias=True)
+
+
+class TaskRevision(TaskDefinition):
+    """A task defined anew because it could not be done, and what was given up with it."""
+
+    given_up: str = Field(alias="given-up", min_length=1, max_length=500)
+
+    def as_definition(self) -> TaskDefinition:
+        """The task alone."""
+        return TaskDefinition.model_validate(self.as_json())
 
 
 class RouterReply(Frozen):

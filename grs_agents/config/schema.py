@@ -34,7 +34,7 @@ class Limits(Frozen):
     mesh_vertices: int = Field(default=200_000, ge=1, le=100_000_000)
 
 
-ROLES = ("default", "describe", "match", "task", "simulation", "tests", "route", "fix_code", "fix_tests")
+ROLES = ("default", "describe", "match", "task", "simulation", "tests", "route", "fix_code", "fix_tests", "fix_task")
 """The agent roles a model may be named for; ``default`` serves every role that has none of its own."""
 ROLE_ALIASES = {"router": "route", "describer": "describe", "matcher": "match", "task_author": "task"}
 
@@ -128,6 +128,7 @@ class PromptsConfig(Frozen):
     route: str = "route"
     fix_code: str = "fix_code"
     fix_tests: str = "fix_tests"
+    fix_task: str = "fix_task"
 
 
 class AuditConfig(Frozen):

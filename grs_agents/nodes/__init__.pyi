@@ -1,7 +1,5 @@
 from .asset_matching import candidate_measurements as candidate_measurements
 from .asset_matching import make_model_matcher as make_model_matcher
-from .authoring import fix_code as fix_code
-from .authoring import fix_tests as fix_tests
 from .authoring import fixture_assets_for_prompt as fixture_assets_for_prompt
 from .authoring import generate_sim as generate_sim
 from .authoring import generate_task as generate_task
@@ -16,6 +14,13 @@ from .comprehension import read_photo as read_photo
 from .comprehension import register_assets_in_photo as register_assets_in_photo
 from .comprehension import segment_photo as segment_photo
 from .comprehension import settle_objects as settle_objects
+from .evidence import render_evidence as render_evidence
+from .fix_history import BestVersion as BestVersion
+from .fix_history import FixRecord as FixRecord
+from .fix_history import describe_fix_history as describe_fix_history
+from .fixing import fix_code as fix_code
+from .fixing import fix_task as fix_task
+from .fixing import fix_tests as fix_tests
 from .graph_segments import RunGraph as RunGraph
 from .graph_segments import add_authors as add_authors
 from .graph_segments import add_fix_loop as add_fix_loop
@@ -27,6 +32,7 @@ from .judging import conclude_run as conclude_run
 from .judging import decide_what_to_fix as decide_what_to_fix
 from .judging import next_step_after_audit as next_step_after_audit
 from .judging import next_step_after_author as next_step_after_author
+from .judging import next_step_after_fix_task as next_step_after_fix_task
 from .judging import next_step_after_route as next_step_after_route
 from .judging import next_step_after_tests as next_step_after_tests
 from .judging import run_tests as run_tests

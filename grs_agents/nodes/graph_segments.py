@@ -1,11 +1,12 @@
 """Segments that the graphs share. Each adds its nodes and edges to a graph, and leads on to the node ``then``."""
 
+from collections.abc import Hashable
 from itertools import pairwise
 from typing import Final, TypeAlias
 
 from langgraph.graph import END, START, StateGraph
 
-from grs_agents.nodes.authoring import fix_code, fix_tests, generate_sim, generate_task, generate_tests
+from grs_agents.nodes.authoring import generate_sim, generate_task, generate_tests
 from grs_agents.nodes.comprehension import (
     describe_candidates,
     find_table,
@@ -16,12 +17,14 @@ from grs_agents.nodes.comprehension import (
     segment_photo,
     settle_objects,
 )
+from grs_agents.nodes.fixing import fix_code, fix_task, fix_tests
 from grs_agents.nodes.judging import (
     audit_task,
     conclude_run,
     decide_what_to_fix,
     next_step_after_audit,
     next_step_after_author,
+    next_step_after_fix_task,
     next_step_after_route,
     next_step_after_tests,
     run_tests,
@@ -72,8 +75,10 @@ def add_authors(graph: RunGraph, *names: str, then: str) -> None:
         graph.add_conditional_edges(name, next_step_after_author, {"ok": following, "stop": "conclude"})
 
 
-def add_fix_loop(graph: RunGraph, then: str, router: bool = True) -> str:
+def add_fix_loop(graph: RunGraph, then: str, router: bool = True, revise: bool = False) -> str:
     """Run the tests, and fix until they pass or the fixes are used up (paper, Algorithm 1).
+
+    With ``revise``, a task that was defined in the run and cannot be done may be revised, once.
 
     Returns:
         the node that a failure goes to: ``route``, or ``fix_code`` without a router.
@@ -86,8 +91,18 @@ def add_fix_loop(graph: RunGraph, then: str, router: bool = True) -> str:
     if router:
         graph.add_node("route", decide_what_to_fix)
         graph.add_node("fix_tests", fix_tests)
-        graph.add_conditional_edges("route", next_step_after_route, ["fix_code", "fix_tests"])
+        fixers: dict[Hashable, str] = {
+            "fix_code": "fix_code",
+            "fix_test": "fix_tests",
+            "fix_task": "fix_task" if revise else "fix_code",
+        }
+        graph.add_conditional_edges("route", next_step_after_route, fixers)
         graph.add_edge("fix_tests", "run_tests")
+    if revise:
+        graph.add_node("fix_task", fix_task)
+        graph.add_conditional_edges(
+            "fix_task", next_step_after_fix_task, {"write": "generate_sim", "judge": "run_tests"}
+        )
     return first
 
 

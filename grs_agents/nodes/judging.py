@@ -1,24 +1,33 @@
 """The judging nodes: run the tests, route, audit; and the edges that read their verdicts."""
 
-from typing import Literal
+from typing import Literal, cast
 
-from grs_agents.agents import TaskDefinition
-from grs_agents.audit import AuditReport
+from grs_agents.agents import TaskDefinition, Verdict
+from grs_agents.audit import AuditReport, StaticFinding, check_programs
 from grs_agents.audit import audit_task as judge
-from grs_agents.files import write_json
-from grs_agents.nodes.authoring import format_test_and_audit
+from grs_agents.files import write_json, write_text
+from grs_agents.nodes.authoring import PROGRAM_FILES, task_from_state, write_task_file
+from grs_agents.nodes.fix_history import (
+    LONGEST_STREAK,
+    BestVersion,
+    open_moves,
+    read_fix_history,
+    record_outcome,
+)
+from grs_agents.nodes.fixing import judged_programs
 from grs_agents.nodes.services import Services, Update, logged_node
 from grs_agents.nodes.task_instances import solve_task_instances
 from grs_agents.perception import SceneDescription
-from grs_agents.policies import Routed, RoutingContext, failures_without_run_details
+from grs_agents.policies import Routed, RoutingContext, RoutingDecision, failures_without_run_details
 from grs_agents.sandbox import TestReport
 from grs_agents.state import RunState
-from grs_agents.trace import Decision, Finding, TestsRun
+from grs_agents.trace import Decision, Finding, Note, TestsRun
 
 
 @logged_node("run_tests")
 def run_tests(state: RunState, services: Services) -> Update:
-    """Run the tests against the program, in the sandbox."""
+    """Check what needs no run, then run the tests against the program in the sandbox."""
+    found = check_programs(state["simulation"], state["tests"], task_from_state(state), services.library)
     result = services.run_tool(
         "run_tests",
         simulation=state["simulation"],
@@ -30,30 +39,38 @@ def run_tests(state: RunState, services: Services) -> Update:
     )
     report: TestReport = result.report
     services.log.append(TestsRun(report=report.model_dump(mode="json")))
-    return {"report": report.model_dump(mode="json"), "audit": {}}
+    static = [finding.model_dump(mode="json") for finding in found]
+    return record_outcome(state, {"report": report.model_dump(mode="json"), "static": static, "audit": {}})
 
 
 @logged_node("route")
 def decide_what_to_fix(state: RunState, services: Services) -> Update:
-    """Decide whether to fix the program or the tests."""
+    """Decide what to fix, among what is left to try."""
     report = TestReport.model_validate(state["report"])
+    judged = judged_programs(state, services, "route")
+    verdicts = tuple(open_moves(state))
     context = RoutingContext(
-        task=TaskDefinition.model_validate(state["task"]),
+        task=judged.task,
         report=report,
-        results=format_test_and_audit(state),
+        results=judged.results,
         audit_failed=bool(state.get("audit")),
-        history=tuple(state.get("history", [])),
+        history=tuple(judged.history),
         agents=services.agents,
+        simulation=judged.code,
+        tests=judged.tests,
+        scene=judged.scene,
+        static=tuple(StaticFinding.model_validate(finding) for finding in state.get("static", [])),
+        images=tuple(judged.images),
+        verdicts=verdicts,
         earlier=tuple(Routed.model_validate(decision_json) for decision_json in state.get("routed", [])),
     )
     decision = services.policy.decide(context)
+    if decision.verdict not in verdicts:
+        why = f"{decision.verdict} is not left to try, so {verdicts[0]} is next; {decision.explanation}"
+        decision = decision.model_copy(update={"verdict": verdicts[0], "explanation": why})
     services.log.append(Decision(verdict=decision.verdict, explanation=decision.explanation, policy=decision.policy))
     routed = Routed(failures=failures_without_run_details(report), verdict=decision.verdict)
-    return {
-        "decision": decision.model_dump(mode="json"),
-        "history": [f"route: {decision.verdict}"],
-        "routed": [routed.model_dump(mode="json")],
-    }
+    return {"decision": decision.model_dump(mode="json"), "routed": [routed.model_dump(mode="json")]}
 
 
 @logged_node("audit")
@@ -69,16 +86,40 @@ def audit_task(state: RunState, services: Services) -> Update:
         services.library,
         TaskDefinition.model_validate(state["task"]),
         scene,
+        TaskDefinition.model_validate(state["revised"]["from"]) if state.get("revised") else None,
     )
     record_audit(report, services)
-    return {"audit": report.model_dump(mode="json")}
+    return record_outcome(state, {"audit": report.model_dump(mode="json")})
 
 
 @logged_node("conclude")
 def conclude_run(state: RunState, services: Services) -> Update:
-    """Say how the run ended, and why."""
+    """Say how the run ended, and why; a run that is not accepted leaves the best version in place."""
     status, reason = decide_verdict(state)
-    return {"status": status, "reason": reason}
+    if status == "accepted" or not state.get("best"):
+        return {"status": status, "reason": reason}
+    best = BestVersion.model_validate(state["best"])
+    if all(best.kept[name] == state.get(name, {}) for name in ("task", "simulation", "tests")):
+        return {"status": status, "reason": reason}
+    services.log.append(Note(text=f"{best.describe()} is put back in place: it was the best"))
+    restore_best_version(best, services)
+    if not state.get("problem"):
+        reason = decide_verdict(cast(RunState, {**state, **best.kept}))[1]
+    reason += f"; left in place is {best.describe()}, the best of {len(state.get('history', [])) + 1}"
+    return {**best.kept, "status": status, "reason": reason}
+
+
+def restore_best_version(best: BestVersion, services: Services) -> None:
+    """Write the files of the best version over those of the last one."""
+    for program, file in PROGRAM_FILES.items():
+        write_text(services.folder / file, best.kept[program])
+    write_task_file(best.kept["task"], best.kept["revised"], services)
+    if best.kept["audit"]:
+        write_json(services.folder / "audit.json", best.kept["audit"])
+    else:
+        (services.folder / "audit.json").unlink(missing_ok=True)
+    for stale in (services.folder / "instances").glob("seed_*"):  # of another program
+        stale.unlink()
 
 
 def record_audit(report: AuditReport, services: Services) -> None:
@@ -94,8 +135,12 @@ def decide_verdict(state: RunState) -> tuple[Literal["accepted", "rejected"], st
         return "rejected", state["problem"]
     report = AuditReport.model_validate(state["audit"]) if state.get("audit") else None
     if report is not None and report.accepted:
-        return "accepted", f"the tests pass and all {len(report.findings)} checks of the audit hold"
+        reason = f"the tests pass and all {len(report.findings)} checks of the audit hold"
+        given_up = state.get("revised", {}).get("given-up", "")
+        return "accepted", reason + (f"; the task was revised: {given_up}" if given_up else "")
     fixes = f"{state.get('fixes', 0)} of {state['max_fixes']} fixes used"
+    if not open_moves(state):
+        fixes += f", the last {LONGEST_STREAK} in vain"
     if report is not None:
         failed = "; ".join(f"{item.check}: {item.detail}" for item in report.findings if not item.passed)
         return "rejected", f"audit failed ({fixes}): {failed}"
@@ -110,19 +155,24 @@ def next_step_after_author(state: RunState) -> Literal["ok", "stop"]:
 
 
 def next_step_after_tests(state: RunState) -> Literal["audit", "fix", "stop"]:
-    """After the tests: audit what passed, fix what failed while fixes remain."""
-    if TestReport.model_validate(state["report"]).all_passed:
-        return "audit"
-    return "fix" if state.get("fixes", 0) < state["max_fixes"] else "stop"
+    """After the tests: audit what passed, fix what failed while there are fixes left and things to try."""
+    return "audit" if TestReport.model_validate(state["report"]).all_passed else _fix_or_stop(state)
 
 
 def next_step_after_audit(state: RunState) -> Literal["fix", "stop"]:
-    """After the audit: stop when it accepts, fix while fixes remain."""
-    if AuditReport.model_validate(state["audit"]).accepted:
-        return "stop"
-    return "fix" if state.get("fixes", 0) < state["max_fixes"] else "stop"
+    """After the audit: stop when it accepts, fix while there are fixes left and things to try."""
+    return "stop" if AuditReport.model_validate(state["audit"]).accepted else _fix_or_stop(state)
 
 
-def next_step_after_route(state: RunState) -> Literal["fix_code", "fix_tests"]:
-    """After the router: the node that does what it decided."""
-    return "fix_code" if state["decision"]["verdict"] == "fix_code" else "fix_tests"
+def _fix_or_stop(state: RunState) -> Literal["fix", "stop"]:
+    return "fix" if state.get("fixes", 0) < state["max_fixes"] and open_moves(state) else "stop"
+
+
+def next_step_after_route(state: RunState) -> Verdict:
+    """After the router: what it decided."""
+    return RoutingDecision.model_validate(state["decision"]).verdict
+
+
+def next_step_after_fix_task(state: RunState) -> Literal["write", "judge"]:
+    """After the task author: have programs written for another task; a task that stayed as it was is routed again."""
+    return "write" if read_fix_history(state)[-1].is_change else "judge"

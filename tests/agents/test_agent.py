@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from langchain_core.messages import AIMessage, HumanMessage
 
-from grs_agents.agents import IMAGE_SIDE, Agents, NoReply, RouterReply, TaskDefinition, roles
+from grs_agents.agents import IMAGE_SIDE, Agents, JudgedPrograms, NoReply, RouterReply, TaskDefinition, roles
 from grs_agents.config import Config, ModelConfig
 from grs_agents.errors import GrsError, InputError
 from grs_agents.trace import EventLog, Prompt, Reply, read_events
@@ -26,7 +26,8 @@ class RefusedKey(Exception):
 
 def ask(agents: ScriptedAgents) -> RouterReply | NoReply:
     """Put the router's question."""
-    return roles.decide_what_to_fix(agents, TASK, "failed: 0 of 1 tests passed", ["fix_code: version 2"])
+    judged = JudgedPrograms(TASK, "{}", "", "", "failed: 0 of 1 tests passed", ["fix_code: version 2"])
+    return roles.decide_what_to_fix(agents, judged, ("fix_code", "fix_test"))
 
 
 def exchanges(agents: ScriptedAgents) -> list[tuple[Prompt, Reply]]:

@@ -26,7 +26,7 @@ def unwritten(state: RunState) -> RunState:
 def test_a_task_is_defined_from_the_scene_and_its_picture(unwritten: RunState, make_services: Make) -> None:
     services = make_services(fenced(json.dumps(TASK), "json"))
     update = run(nodes.generate_task, unwritten, services)
-    assert update == {"task": TASK}
+    assert update == {"task": TASK, "revisable": True}
     assert nodes.next_step_after_author(with_(unwritten, **update)) == "ok"
     assert json.loads((services.folder / "task.json").read_text()) == TASK
     assert [event.task for event in kinds(services, "task_defined")] == [TASK]
@@ -38,7 +38,7 @@ def test_a_task_is_defined_from_the_scene_and_its_picture(unwritten: RunState, m
 def test_a_task_with_what_the_scene_lacks_is_asked_for_again(unwritten: RunState, make_services: Make) -> None:
     foreign = {**TASK, "assets-used": ["HOPE/Milk.urdf"]}
     services = make_services(fenced(json.dumps(foreign), "json"), fenced(json.dumps(TASK), "json"))
-    assert run(nodes.generate_task, unwritten, services) == {"task": TASK}
+    assert run(nodes.generate_task, unwritten, services)["task"] == TASK
     assert "HOPE/Milk.urdf" in kinds(services, "prompt")[1].text
 
 
@@ -97,7 +97,10 @@ def test_a_fix_of_the_program_is_its_next_version(state: RunState, make_services
     diff = (services.folder / "history" / "simulation_002.diff").read_text()
     assert "-        self.max_steps = 6" in diff and "+        self.max_steps = 8" in diff
     [prompt] = kinds(services, "prompt")
-    assert all(part in prompt.text for part in ("six steps are too few", "1 != 2", "audit: failed", SIMULATION.strip()))
+    assert all(
+        part in prompt.text
+        for part in ("six steps are too few", "1 != 2", "== audit", SIMULATION.strip(), TESTS.strip())
+    )
 
 
 def test_a_fix_of_the_tests_is_their_next_version(state: RunState, make_services: Make) -> None:
@@ -109,7 +112,16 @@ def test_a_fix_of_the_tests_is_their_next_version(state: RunState, make_services
     assert "simulation" not in update
     [prompt] = kinds(services, "prompt")
     assert not prompt.images
-    assert all(part in prompt.text for part in ("two is not the point", "1 != 2", TESTS.strip()))
+    shown = (
+        "two is not the point",
+        "1 != 2",
+        TESTS.strip(),
+        SIMULATION.strip(),
+        "env.get_object_pose",
+        '"blue_block_1"',
+    )
+    assert all(part in prompt.text for part in shown)
+    assert "green_block" not in prompt.text  # no object of the task
 
 
 @pytest.mark.parametrize(("node", "program"), [(nodes.fix_code, SIMULATION), (nodes.fix_tests, TESTS)])
@@ -118,7 +130,8 @@ def test_a_fix_that_changes_nothing_is_a_fix_and_the_history_says_so(
 ) -> None:
     update = run(node, with_(state, report=REPORT), make_services(fenced(program)))
     assert update["fixes"] == 1
-    assert "unchanged" in update["history"][-1]
+    assert not {"simulation", "tests"} & set(update)
+    assert "unchanged" in nodes.describe_fix_history(with_(state, **update))[-1]
 
 
 @pytest.mark.parametrize("node", [nodes.fix_code, nodes.fix_tests])
@@ -129,7 +142,7 @@ def test_a_fixer_without_a_usable_reply_uses_the_fix_up_and_changes_nothing(
     update = run(node, with_(state, report=REPORT), services)
     assert update["fixes"] == 1
     assert not {"simulation", "tests", "problem"} & set(update)
-    assert "no usable reply" in update["history"][-1]
+    assert "no usable reply" in nodes.describe_fix_history(with_(state, **update))[-1]
     assert any("no usable reply" in note.text for note in kinds(services, "note"))
 
 

@@ -1,0 +1,98 @@
+"""A picture of how the robot's episode ended, with the objects at fault outlined, for models that see."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from grs_agents.files import write_bytes
+from grs_agents.foreign import read_picture
+from grs_agents.models import OFFLINE
+from grs_agents.nodes.services import Services
+from grs_agents.perception import SceneDescription
+from grs_agents.sim import Episode, Rollout, TaskInstance, parse_instance_json
+from grs_agents.state import RunState
+
+MARKED = 3
+"""The most objects that are outlined."""
+_COLOR = (255, 0, 255)  # blue first
+_FONT = 0.45
+
+
+def draw_end_of_episode(state: RunState, services: Services, role: str) -> list[str]:
+    """The picture's path in the run folder; none where the model of ``role`` sees none, or none can be made."""
+    if not state.get("image") or role == "fix_tests" or services.config.model_for_role(role).model.startswith(OFFLINE):
+        return []
+    path = f"history/end_{state.get('fixes', 0):03d}.png"
+    output = services.folder / path
+    if output.is_file():
+        return [path]
+    around: dict[str, Any] = {
+        "library_roots": [str(root) for root in services.library.roots],
+        "robot": services.robot_name_or_path,
+    }
+    last = _find_last_rollout(state, services, around)
+    if last is None:
+        return []
+    instance, rollout = last
+    marked = find_objects_at_fault(rollout.episode)
+    drawn = services.run_tool(
+        "render",
+        instance=instance.model_dump(mode="json"),
+        output=str(output.resolve()),
+        poses=rollout.final,
+        marked=marked,
+        **around,
+    )
+    if drawn.image is None:
+        return []
+    label_boxes(output, drawn.boxes, {item.id: item.asset for item in instance.objects})
+    return [path]
+
+
+def _find_last_rollout(
+    state: RunState, services: Services, around: dict[str, Any]
+) -> tuple[TaskInstance, Rollout] | None:
+    """That of the audit's seed which fell shortest; before an audit, one of the first seed, made for the picture."""
+    rollouts = [Rollout.model_validate(rollout) for rollout in state.get("audit", {}).get("rollouts", [])]
+    if rollouts:
+        last = min(rollouts, key=lambda rollout: rollout.episode.strict)
+        file = services.folder / f"instances/seed_{last.seed}.json"
+        return parse_instance_json(file.read_text(encoding="utf-8")), last
+    background = SceneDescription.model_validate(state["scene"]).background
+    seeds = [services.config.seed]
+    made = services.run_tool(
+        "instantiate", simulation=state["simulation"], seeds=seeds, background=background, **around
+    )
+    if not made.instances:
+        return None
+    instance = TaskInstance.model_validate({**made.instances[0], "background": background})
+    done = services.run_tool("rollout", instance=instance.model_dump(mode="json"), **around)
+    return None if done.rollout is None else (instance, Rollout.model_validate(done.rollout))
+
+
+def find_objects_at_fault(episode: Episode) -> list[int]:
+    """The ids of the objects that miss in the goals that hold least; else those that the episode's end concerns."""
+    for goal in sorted(episode.goals, key=lambda goal: goal.strict):
+        missed = [
+            motion.object
+            for motion in episode.motions
+            if any(clause.startswith(f"{motion.asset} ({motion.object})") for clause in goal.shortfalls)
+        ]
+        if missed:
+            return missed[:MARKED]
+    return [motion.object for motion in episode.motions if motion.asset in episode.objects][:MARKED]
+
+
+def label_boxes(file: Path, boxes: Mapping[int, tuple[int, int, int, int]], names: Mapping[int, str]) -> None:
+    """Write names into a picture file, above or below boxes (left, top, right, bottom) in pixels."""
+    picture = read_picture(file, cv2.IMREAD_COLOR)
+    for number, (left, top, _, bottom) in boxes.items():
+        text = f"{names[number]} ({number})"
+        (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, _FONT, 1)
+        x = max(0, min(left, picture.shape[1] - width - 4))
+        y = top - 6 if top > height + 8 else bottom + height + 6
+        cv2.rectangle(picture, (x, y - height - 3), (x + width + 4, y + 4), (255, 255, 255), -1)
+        cv2.putText(picture, text, (x + 2, y), cv2.FONT_HERSHEY_SIMPLEX, _FONT, _COLOR, 1, cv2.LINE_AA)
+    write_bytes(file, cv2.imencode(".png", picture)[1].tobytes())

@@ -1,0 +1,95 @@
+"""The fixing nodes: mend the program, the tests or the task, or write a program anew where mending was in vain."""
+
+import json
+from typing import Any
+
+from grs_agents.agents import JudgedPrograms, NoReply, roles
+from grs_agents.nodes.authoring import (
+    fixture_assets_for_prompt,
+    images_from_state,
+    save_program_version,
+    scene_for_prompt,
+    scene_from_state,
+    task_from_state,
+    write_simulation,
+    write_task_file,
+    write_tests,
+)
+from grs_agents.nodes.end_picture import draw_end_of_episode
+from grs_agents.nodes.evidence import evidence_from_state
+from grs_agents.nodes.fix_history import ProgramName, Strategy, describe_fix_history, open_moves, record_fix
+from grs_agents.nodes.services import Services, Update, logged_node
+from grs_agents.sim import api_reference
+from grs_agents.state import RunState
+from grs_agents.trace import Note
+
+
+def judged_programs(state: RunState, services: Services, role: str) -> JudgedPrograms:
+    """What the model of a router or fixer is shown."""
+    task = task_from_state(state)
+    scene = scene_for_prompt(scene_from_state(state), services.library)
+    if role != "fix_task":
+        scene["objects"] = [item for item in scene["objects"] if item["asset"] in task.assets]
+    return JudgedPrograms(
+        task=task,
+        scene=roles.to_json_text(scene),
+        code=state["simulation"],
+        tests=state["tests"],
+        results=evidence_from_state(state),
+        history=describe_fix_history(state),
+        images=(*images_from_state(state), *draw_end_of_episode(state, services, role)),
+        explanation=str(state.get("decision", {}).get("explanation", "judge for yourself")),
+    )
+
+
+@logged_node("fix_code")
+def fix_code(state: RunState, services: Services) -> Update:
+    """Write the next version of the program; a reply without a program uses the fix up and changes nothing."""
+    strategy = open_moves(state).get("fix_code", "fix")
+    if strategy == "rewrite":
+        source = write_simulation(state, services)
+    else:
+        source = roles.fix_code(services.agents, judged_programs(state, services, "fix_code"), api_reference())
+    return _store_fix_reply(state, services, "simulation", strategy, source)
+
+
+@logged_node("fix_tests")
+def fix_tests(state: RunState, services: Services) -> Update:
+    """Write the next version of the tests."""
+    strategy = open_moves(state).get("fix_test", "fix")
+    if strategy == "rewrite":
+        source = write_tests(state, services)
+    else:
+        source = roles.fix_tests(services.agents, judged_programs(state, services, "fix_tests"), api_reference())
+    return _store_fix_reply(state, services, "tests", strategy, source)
+
+
+def _store_fix_reply(
+    state: RunState, services: Services, program: ProgramName, strategy: Strategy, source: str | NoReply
+) -> Update:
+    if isinstance(source, NoReply):
+        services.log.append(Note(level="warning", text=str(source)))
+        return record_fix(state, program, strategy, {}, str(source))
+    if source == state.get(program):
+        return record_fix(state, program, strategy, {})
+    author = "fix_code" if program == "simulation" else "fix_tests"
+    return record_fix(state, program, strategy, save_program_version(state, services, program, source, author))
+
+
+@logged_node("fix_task")
+def fix_task(state: RunState, services: Services) -> Update:
+    """Revise a task that cannot be done as it is defined, once in a run; what was given up is recorded and judged."""
+    judged = judged_programs(state, services, "fix_task")
+    fixtures = fixture_assets_for_prompt(services.library)
+    known = {item.asset for item in scene_from_state(state).objects} | {str(item["name"]) for item in fixtures}
+    lines = "\n".join(json.dumps(fixture, ensure_ascii=False) for fixture in fixtures)
+    revision = roles.fix_task(services.agents, judged, sorted(known), lines)
+    if isinstance(revision, NoReply):
+        services.log.append(Note(level="warning", text=str(revision)))
+        return record_fix(state, "task", "fix", {"revisable": False}, str(revision))
+    task = revision.as_definition().as_json()
+    if task == state["task"]:
+        return record_fix(state, "task", "fix", {"revisable": False})
+    revised: dict[str, Any] = {"from": state["task"], "given-up": revision.given_up}
+    write_task_file(task, revised, services)
+    return record_fix(state, "task", "fix", {"task": task, "revised": revised, "revisable": False})
