@@ -153,7 +153,7 @@ def generate_tests(state: RunState, services: Services) -> Update:
 
 def write_tests(state: RunState, services: Services) -> str | NoReply:
     """Tests by their author."""
-    return roles.author_tests(services.agents, task_from_state(state), state["simulation"], api_reference())
+    return roles.author_tests(services.agents, task_from_state(state), state["simulation"], api_reference("tests"))
 
 
 def scene_from_state(state: RunState) -> SceneDescription:

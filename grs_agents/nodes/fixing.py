@@ -60,7 +60,7 @@ def fix_tests(state: RunState, services: Services) -> Update:
     if strategy == "rewrite":
         source = write_tests(state, services)
     else:
-        source = roles.fix_tests(services.agents, judged_programs(state, services, "fix_tests"), api_reference())
+        source = roles.fix_tests(services.agents, judged_programs(state, services, "fix_tests"), api_reference("tests"))
     return _store_fix_reply(state, services, "tests", strategy, source)
 
 

@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 from grs_agents.sim.arms import get_arm
 from grs_agents.sim.cliport import pybullet, utils
@@ -16,10 +16,13 @@ _TASK = ("add_goal", "get_random_pose", "get_random_size", "fill_template", "mak
 _ENVIRONMENT = ("add_object", "find", "get_object_pose", "get_object_size", "set_color", "reset", "step")
 _GOALS = ("inside", "on", "stacked", "near", "aligned", "upright", "in_zone")
 _UTILS = ("eulerXYZ_to_quatXYZW", "quatXYZW_to_eulerXYZ", "multiply", "invert", "apply")
+_FOR_TESTS = frozenset({"add_goal", "goals_met", "find", "get_object_pose", "get_object_size", "reset", "step"})
+"""What tests need of a task and its environment: to read its goals, to run it and to look, not to build it."""
 
 
-def api_reference() -> str:
-    """Markdown on ``Task``, ``Environment``, the oracle, ``utils`` and ``p``."""
+def api_reference(reader: Literal["program", "tests"] = "program") -> str:
+    """Markdown on ``Task``, ``Environment``, the oracle, ``utils`` and ``p``, as far as the reader needs it."""
+    tested = reader == "tests"
     arm = get_arm(templates.defaults.robot)
     lines = [
         "```python",
@@ -33,9 +36,9 @@ def api_reference() -> str:
         "random places lie in x 0.25..0.75, y -0.5..0.5.",
         "",
         "### Task",
-        _format_docstring(Task),
+        _format_docstring(Task).partition("\n\nExample:")[0] if tested else _format_docstring(Task),
     ]
-    for name in _TASK:
+    for name in (name for name in _TASK if not tested or name in _FOR_TESTS):
         lines += _format_entry(f"task.{name}", getattr(Task, name))
     lines += [
         "### Typed goals",
@@ -46,10 +49,10 @@ def api_reference() -> str:
         function = getattr(goal, name)
         lines.append(f"- `{name}{_format_signature(function)}`: {_format_docstring(function)}")
     lines += ["### Environment", _format_docstring(Environment)]
-    for name in _ENVIRONMENT:
+    for name in (name for name in _ENVIRONMENT if not tested or name in _FOR_TESTS):
         lines += _format_entry(f"env.{name}", getattr(Environment, name))
     lines += ["### Oracle: `task.oracle(env)`", _format_docstring(Oracle), "### utils"]
-    for name in _UTILS:
+    for name in () if tested else _UTILS:
         function = getattr(utils, name)
         lines.append(f"- `utils.{name}{_format_signature(function)}`: {_format_docstring(function).splitlines()[0]}")
     lines.append(f"- `utils.COLORS`: {', '.join(COLORS)}")
