@@ -12,7 +12,16 @@ from grs_agents.sim.expert import Oracle
 from grs_agents.sim.instance import goal
 from grs_agents.sim.world import COLORS, templates
 
-_TASK = ("add_goal", "get_random_pose", "get_random_size", "fill_template", "make_piles", "make_ropes", "goals_met")
+_TASK = (
+    "additional_reset",
+    "add_goal",
+    "get_random_pose",
+    "get_random_size",
+    "fill_template",
+    "make_piles",
+    "make_ropes",
+    "goals_met",
+)
 _ENVIRONMENT = ("add_object", "find", "get_object_pose", "get_object_size", "set_color", "reset", "step")
 _GOALS = ("inside", "on", "stacked", "near", "aligned", "upright", "in_zone")
 _UTILS = ("eulerXYZ_to_quatXYZW", "quatXYZW_to_eulerXYZ", "multiply", "invert", "apply")

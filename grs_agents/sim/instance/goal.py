@@ -164,7 +164,9 @@ def _make_relation_goal(
 
 
 def inside(objs: int | Iterable[int], container: int) -> Goal:
-    """The objects lie in a container: below its rim, within its outline, held by it or by one another."""
+    """The objects lie in a container: their undersides below its rim, within its outline, held by it or by one another;
+    they may rise above the rim.
+    """
     return _make_relation_goal("inside", _parse_object_ids(objs), _parse_object_id(container))
 
 

@@ -10,6 +10,7 @@ from .budget import describe_reached_limit as describe_reached_limit
 from .budget import latest_limit_error as latest_limit_error
 from .budget import reset_before_test as reset_before_test
 from .collision_volumes import Volume as Volume
+from .collision_volumes import measure_inner_size as measure_inner_size
 from .collision_volumes import sample_collision_volume as sample_collision_volume
 from .collision_volumes import volume_share_in_zones as volume_share_in_zones
 from .colors import COLORS as COLORS

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.base import Pose
+from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import FloatArray, hull_half_spaces, transforms
 from grs_agents.library import Library, ObjectModel, Shape, read_vertices
 from grs_agents.sim.instance import Zone
@@ -47,6 +47,45 @@ def sample_collision_volume(model: ObjectModel, library: Library) -> Volume:
         [np.full(cloud.shape[1], solid.size / cloud.shape[1]) for solid, cloud in zip(solids, clouds, strict=True)]
     )
     return Volume(np.hstack(clouds), weights / weights.sum())
+
+
+_CELLS: Final = 160
+_MOUTH: Final = 0.15
+"""Cells along each axis of a level, and how far below the rim walls are sought, as a share of the height."""
+
+
+@cached_per_model
+def measure_inner_size(model: ObjectModel, library: Library) -> Vec3 | None:
+    """The room in an upright object: between its walls along x and y at half its depth, and from floor to rim, metres.
+
+    None where no walls surround anything: solids, marks, flat plates.
+    """
+    solids = [_Solid.from_shape(shape, library) for shape in model.colliders]
+    low, high = (np.asarray(corner, np.float64) for corner in model.bounds)
+    cell = (high - low) / _CELLS
+
+    def are_filled(points: FloatArray) -> npt.NDArray[np.bool_]:
+        return np.any([solid.contains_placed(points) for solid in solids], axis=0)
+
+    def find_hollow_cells(height: float) -> npt.NDArray[np.int64]:
+        """The free cells (N, 2) of a level that have walls on all four sides."""
+        level = _grid_cell_centers(
+            np.array([*low[:2], height]), np.array([*high[:2], height]), np.array([_CELLS, _CELLS, 1])
+        )
+        walls = are_filled(level).reshape(_CELLS, _CELLS)
+        walled = ~walls
+        for side in range(4):
+            walled &= np.rot90(np.maximum.accumulate(np.rot90(walls, side)), -side)
+        return np.argwhere(walled)
+
+    mouth = find_hollow_cells(high[2] - _MOUTH * (high[2] - low[2])) if solids else np.zeros((0, 2), np.int64)
+    if not len(mouth):
+        return None
+    middle = low[:2] + (mouth.mean(axis=0) + 0.5) * cell[:2]
+    column = _grid_cell_centers(np.array([*middle, low[2]]), np.array([*middle, high[2]]), np.array([1, 1, _CELLS]))
+    floor = float(column[2][are_filled(column)].max(initial=low[2]) + cell[2] / 2)
+    across = (np.ptp(find_hollow_cells((floor + high[2]) / 2), axis=0) + 1) * cell[:2]
+    return (float(across[0]), float(across[1]), float(high[2] - floor))
 
 
 def volume_share_in_zones(volume: Volume, pose: Pose, zones: Sequence[Zone], ceiling: float) -> float:
@@ -105,6 +144,13 @@ class _Solid:
         inside = self._contains_points(grid)
         kept = grid[:, inside] if inside.any() else ((self.low + self.high) / 2)[:, None]
         return transforms.transform_points((self.shape.position, self.shape.quaternion), kept)
+
+    def contains_placed(self, points: FloatArray) -> npt.NDArray[np.bool_]:
+        """Which of points (3, N), object frame, lie in the solid, (N,)."""
+        own = transforms.transform_points(transforms.invert_pose((self.shape.position, self.shape.quaternion)), points)
+        near = np.asarray(((own >= self.low[:, None]) & (own <= self.high[:, None])).all(axis=0), np.bool_)
+        near[near] = self._contains_points(own[:, near])
+        return near
 
     def _contains_points(self, grid: FloatArray) -> npt.NDArray[np.bool_]:
         if self.shape.kind in ("box", "mesh"):
