@@ -12,12 +12,12 @@ from evals.benchmark.ground_truth import LabelledScene, TrueObject, read_labelle
 from evals.benchmark.match_types import Matching, MatchOrder, Outcome, ScoredAnswer, matching_file
 from evals.benchmark.segmentation_metrics import overlaps
 from grs_agents import content
-from grs_agents.agents import Agents, Description, NoReply, roles
+from grs_agents.agents import Agents, Description, NoReply
 from grs_agents.config import Config, Limits, load_config
 from grs_agents.errors import GrsError
 from grs_agents.files import write_json
 from grs_agents.library import Library
-from grs_agents.nodes import candidate_measurements, make_model_matcher
+from grs_agents.nodes import ask_describer, make_describer_question, make_model_matcher, undescribed_segment
 from grs_agents.perception import (
     Candidate,
     CandidateRecord,
@@ -25,6 +25,7 @@ from grs_agents.perception import (
     TableFrame,
     find_table,
     measure_candidates,
+    outline_segments,
     save_candidates,
     save_frame,
 )
@@ -107,9 +108,11 @@ def _matched(
 ) -> MatchResult:
     described: dict[int, Description] = {}
     if order.method.models:
+        outline_segments(scene.frame, records, records, agents.folder)
         for record in records:
-            said = roles.describe_crop(agents, candidate_measurements(record), [record.crop, image])
-            described[record.id] = _silent(record) if isinstance(said, NoReply) else said
+            said = ask_describer(agents, make_describer_question([record], records))
+            silent = isinstance(said, NoReply)
+            described[record.id] = undescribed_segment(record.shape) if silent else said[record.id]
     config, tool = agents.config, load_tool(order.method.tool)
     asked = [one for one in candidates if one.id not in described or described[one.id].is_object]
     crops = {record.id: agents.folder / record.crop for record in records}
@@ -127,11 +130,6 @@ def _matched(
     )
     found: MatchResult = tool.run(request, context)
     return found
-
-
-def _silent(record: CandidateRecord) -> Description:
-    words = f"an undescribed {record.shape}"
-    return Description(is_object=True, description=words, color="unknown", shape=record.shape, category="object")
 
 
 def _answers(

@@ -1,6 +1,6 @@
 from . import examples as examples
 from . import roles as roles
-from .agent import IMAGE_SIDE as IMAGE_SIDE
+from .agent import IMAGE_SIDES as IMAGE_SIDES
 from .agent import Agents as Agents
 from .agent import EarlierReplies as EarlierReplies
 from .asset_describer import describe_assets as describe_assets

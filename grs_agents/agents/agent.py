@@ -26,8 +26,8 @@ from grs_agents.models import OFFLINE, Answer, ReplyProblem, Retries, invoke_wit
 from grs_agents.trace import Event, EventLog, NodeStarted, Note, Prompt, Reply
 
 Parsed = TypeVar("Parsed")
-IMAGE_SIDE = 1024
-"""Longer sides are scaled down to this many pixels before a picture is sent."""
+IMAGE_SIDES = (256, 1024)
+"""Pictures whose longer side has fewer or more pixels are enlarged or reduced before they are sent."""
 
 
 def hash_model_request(role: str, model: ModelConfig, messages: Sequence[BaseMessage]) -> str:
@@ -170,9 +170,11 @@ def image_block_from_file(path: Path) -> dict[str, str]:
 
 
 def image_block_from_array(image: npt.NDArray[Any]) -> dict[str, str]:
-    """A picture (H, W, 3), blue first, as a standard LangChain image block (JPEG, longest side ``IMAGE_SIDE``)."""
-    scale = IMAGE_SIDE / max(image.shape[:2])
-    if scale < 1:
-        image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    """A picture (H, W, 3), blue first, as a standard LangChain image block: JPEG, its size as ``IMAGE_SIDES`` says."""
+    longest = max(image.shape[:2])
+    scale = min(max(longest, IMAGE_SIDES[0]), IMAGE_SIDES[1]) / longest
+    if scale != 1:
+        way = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+        image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=way)
     data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes()
     return {"type": "image", "base64": base64.b64encode(data).decode(), "mime_type": "image/jpeg"}

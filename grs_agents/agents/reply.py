@@ -35,14 +35,30 @@ def extract_fenced_block(text: str, language: str) -> str:
 
 def parse_json(text: str, model: type[Model]) -> Model:
     """The JSON object in the fenced block, or the whole reply. Raises ReplyError: it is no ``model``."""
-    body = text if text.lstrip().startswith("{") else extract_fenced_block(text, "json")
+    values = parse_json_rows(text, model)
+    if len(values) != 1:
+        raise ReplyError(f"the block is not JSON of one object: it holds {len(values)}")
+    return values[0]
+
+
+def parse_json_rows(text: str, model: type[Model]) -> list[Model]:
+    """The JSON objects in the fenced block, or in the whole reply: one after the other, or an array of them.
+
+    Raises:
+        ReplyError: one of them is no ``model``.
+    """
+    body = (text if text.lstrip().startswith("{") else extract_fenced_block(text, "json")).strip()
+    values: list[Any] = []
     try:
-        value: Any = json.loads(body)
-        json.dumps(value, ensure_ascii=False).encode()  # refuses half a surrogate pair, which no file can hold
+        while body:
+            value, end = json.JSONDecoder().raw_decode(body)
+            json.dumps(value, ensure_ascii=False).encode()  # refuses half a surrogate pair, which no file can hold
+            values += cast("list[Any]", value) if isinstance(value, list) else [value]
+            body = body[end:].lstrip(" ,\r\n\t")
     except (ValueError, RecursionError) as error:  # also numbers of thousands of digits, and what is nested too deeply
         raise ReplyError(f"the block is not JSON: {error}") from error
     try:
-        return model.model_validate(value)
+        return [model.model_validate(value) for value in values]
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "the object"

@@ -11,16 +11,44 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 from grs_agents.agents.agent import Agents
-from grs_agents.agents.reply import ReplyError, extract_python_program, parse_json, parse_verdict
-from grs_agents.agents.types import Description, Match, NoReply, RouterReply, TaskDefinition, TaskRevision, Verdict
+from grs_agents.agents.reply import ReplyError, extract_python_program, parse_json, parse_json_rows, parse_verdict
+from grs_agents.agents.types import (
+    Description,
+    Match,
+    NoReply,
+    RouterReply,
+    SegmentReply,
+    TaskDefinition,
+    TaskRevision,
+    Verdict,
+)
 
 Json = dict[str, Any]
 
 
-def describe_crop(agents: Agents, measurements: Json, images: Sequence[str]) -> Description | NoReply:
-    """Describe one crop. ``images``: the crop, then the scene."""
-    values = {"measurements": to_json_text(measurements)}
-    return agents.ask_role("describe", values, lambda text: parse_json(text, Description), images)
+def describe_segments(
+    agents: Agents, rows: Sequence[Json], numbers: Sequence[int], pictures: str, images: Sequence[str]
+) -> dict[int, Description] | NoReply:
+    """Describe the segments of ``rows``, by their ``id``; ``numbers`` are those of all segments.
+
+    ``images`` show what ``pictures`` says.
+    """
+    asked = [int(row["id"]) for row in rows]
+
+    def parse(text: str) -> dict[int, Description]:
+        replies = parse_json_rows(text, SegmentReply)
+        if len(replies) == len(asked) == 1:
+            replies = [replies[0].model_copy(update={"id": asked[0]})]
+        found = {number: reply for reply in replies if (number := reply.id) is not None}
+        if missing := sorted(set(asked) - set(found)):
+            raise ReplyError(f"the reply has no object with the id {missing[0]}; describe the segments {asked}")
+        for number in asked:
+            whole = found[number].part_of
+            if whole is not None and (whole == number or whole not in numbers):
+                raise ReplyError(f"segment {number}: part_of is {whole}, which is no other segment; else give null")
+        return {number: Description.model_validate(found[number].model_dump()) for number in asked}
+
+    return agents.ask_role("describe", {"segments": to_json_lines(rows), "pictures": pictures}, parse, images)
 
 
 def match_asset(agents: Agents, candidate: Json, assets: Sequence[Json], images: Sequence[str]) -> Match | NoReply:
@@ -33,8 +61,9 @@ def match_asset(agents: Agents, candidate: Json, assets: Sequence[Json], images:
             raise ReplyError(f"asset {answer.asset!r} is not in the list of assets")
         return answer
 
-    lines = "\n".join(json.dumps(asset, ensure_ascii=False) for asset in assets)
-    return agents.ask_role("match", {"candidate": to_json_text(candidate), "assets": lines}, parse, images)
+    return agents.ask_role(
+        "match", {"candidate": to_json_text(candidate), "assets": to_json_lines(assets)}, parse, images
+    )
 
 
 def author_task(
@@ -48,8 +77,7 @@ def author_task(
         _refuse_unknown_assets(task, known)
         return task
 
-    lines = "\n".join(json.dumps(fixture, ensure_ascii=False) for fixture in fixtures)
-    return agents.ask_role("task", {"scene": to_json_text(scene), "fixtures": lines}, parse, images)
+    return agents.ask_role("task", {"scene": to_json_text(scene), "fixtures": to_json_lines(fixtures)}, parse, images)
 
 
 def author_simulation(
@@ -140,11 +168,20 @@ def _refuse_unknown_assets(task: TaskDefinition, known: Collection[str]) -> None
 
 
 def to_json_text(value: Json) -> str:
-    """``value`` as JSON without indentation, each item of its lists of objects on a line of its own."""
-    return "{" + ",\n".join(f"{json.dumps(key)}: {_items_on_lines(item)}" for key, item in value.items()) + "}"
+    """``value`` as short as JSON can be, but for the items of its lists of objects, which stand on lines of their own."""
+    return "{" + ",\n".join(f"{json.dumps(key)}:{_items_on_lines(item)}" for key, item in value.items()) + "}"
+
+
+def to_json_lines(values: Sequence[Json]) -> str:
+    """One object a line."""
+    return "\n".join(map(_compact_json, values))
 
 
 def _items_on_lines(value: Any) -> str:
     if isinstance(value, list) and value and isinstance(value[0], dict):
-        return "[\n" + ",\n".join(json.dumps(item, ensure_ascii=False) for item in cast(list[Any], value)) + "\n]"
-    return json.dumps(value, ensure_ascii=False)
+        return "[\n" + ",\n".join(map(_compact_json, cast(list[Any], value))) + "\n]"
+    return _compact_json(value)
+
+
+def _compact_json(value: Any) -> str:
+    return json.dumps(value, separators=(",", ":"), ensure_ascii=False)

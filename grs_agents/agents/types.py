@@ -21,6 +21,15 @@ class Description(Frozen):
     color: str
     shape: str
     category: str
+    part_of: int | None = None  # the segment that shows the rest of the thing that this one is a piece of
+    # open at the top, so that things can be put into it; None where nobody says so
+    open_top: bool | None = None
+
+
+class SegmentReply(Description):
+    """A description in a reply about several segments; ``id`` is the segment's number."""
+
+    id: int | None = None
 
 
 class Match(Frozen):

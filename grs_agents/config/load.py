@@ -116,7 +116,7 @@ def _expand_shorthands(layer: Tree) -> Tree:
         raise ConfigError(f"config models = {layer['models']!r}: not a model by role", "e.g. models.default=offline")
     models: Tree = {}
     for key, value in cast(Tree, layer["models"]).items():
-        if key in ("base_url", "key_variable", "temperature", "timeout", "max_tokens"):
+        if key in ("base_url", "key_variable", "temperature", "timeout", "max_tokens", "concurrency"):
             models.setdefault("default", {})[key] = value
             continue
         role = ROLE_ALIASES.get(key, key)

@@ -48,6 +48,7 @@ class ModelConfig(Frozen):
     temperature: float | None = Field(default=None, ge=0, le=2)  # passed on where given
     timeout: float = Field(default=120.0, gt=0)  # seconds for one call, from the request to the last byte of the reply
     max_tokens: int | None = Field(default=None, gt=0)  # the longest reply
+    concurrency: int = Field(default=8, ge=1, le=64)  # how many segments it is asked about at once
 
     @field_validator("key_variable")
     @classmethod
@@ -106,6 +107,8 @@ class MatchConfig(Frozen):
     ocr: bool = True  # read what is printed on objects; needs the extra `ocr` and is passed over without it
     # the folder of an index of the library (`grs assets index`)
     index: str | None = Field(default=None, max_length=4096)
+    # whether the describer is asked about `each` segment, or about all in one call with a numbered picture (`sheet`)
+    describe: Literal["each", "sheet"] = "each"
     proxies: bool = True  # a solid of its own size and look stands for what nothing matches; if false, that is left out
 
 

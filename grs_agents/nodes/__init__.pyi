@@ -1,10 +1,7 @@
-from .asset_matching import candidate_measurements as candidate_measurements
 from .asset_matching import make_model_matcher as make_model_matcher
-from .authoring import fixture_assets_for_prompt as fixture_assets_for_prompt
 from .authoring import generate_sim as generate_sim
 from .authoring import generate_task as generate_task
 from .authoring import generate_tests as generate_tests
-from .authoring import scene_for_prompt as scene_for_prompt
 from .comprehension import describe_candidates as describe_candidates
 from .comprehension import find_table as find_table
 from .comprehension import hide_image as hide_image
@@ -14,6 +11,10 @@ from .comprehension import read_photo as read_photo
 from .comprehension import register_assets_in_photo as register_assets_in_photo
 from .comprehension import segment_photo as segment_photo
 from .comprehension import settle_objects as settle_objects
+from .describing import ask_describer as ask_describer
+from .describing import describe_segments as describe_segments
+from .describing import make_describer_question as make_describer_question
+from .describing import undescribed_segment as undescribed_segment
 from .evidence import render_evidence as render_evidence
 from .fix_history import BestVersion as BestVersion
 from .fix_history import FixRecord as FixRecord
@@ -40,6 +41,8 @@ from .scene_objects import MatchedCandidate as MatchedCandidate
 from .scene_objects import drop_reason as drop_reason
 from .scene_objects import place_object as place_object
 from .scene_objects import replace_misfit_assets as replace_misfit_assets
+from .scene_prompt import fixture_assets_for_prompt as fixture_assets_for_prompt
+from .scene_prompt import scene_for_prompt as scene_for_prompt
 from .scene_settling import SettledScene as SettledScene
 from .scene_settling import settle_scene as settle_scene
 from .services import Node as Node

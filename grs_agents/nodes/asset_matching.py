@@ -3,22 +3,11 @@
 from collections.abc import Mapping, Sequence
 
 from grs_agents.agents import Agents, Description, NoReply, roles
+from grs_agents.nodes.describing import candidate_measurements
 from grs_agents.nodes.services import Services
-from grs_agents.perception import CandidateRecord, MatchEvidence, Shown, TableFrame, load_mask
+from grs_agents.perception import CandidateRecord, MatchEvidence, Shown, TableFrame, load_mask, marked_picture_file
 from grs_agents.perception.matching import Ask, MatchResult, Segment
 from grs_agents.state import RunState
-
-
-def candidate_measurements(record: CandidateRecord) -> dict[str, object]:
-    """What a model is told of a candidate besides its picture."""
-    return {
-        "id": record.id,
-        "size_m": [round(value, 3) for value in record.upright.size],
-        "position_m": [round(value, 3) for value in record.upright.center],
-        "mean_color_rgb": [round(value, 2) for value in record.color],
-        "outline": record.shape,
-        "pixels": record.points,
-    }
 
 
 def match_candidates(
@@ -64,9 +53,9 @@ def make_model_matcher(
 
     def ask(segment: Segment, assets: Sequence[Shown], worded: bool, pictured: bool) -> MatchEvidence:
         record = by_number[segment.id]
-        words = described[segment.id].model_dump(exclude={"is_object"}) if worded else {}
+        words = described[segment.id].model_dump(exclude={"is_object", "part_of"}, exclude_none=True) if worded else {}
         shown = [{**asset.model_dump(), "size": [round(value, 3) for value in asset.size]} for asset in assets]
-        pictures = [record.crop, image] if pictured and image else []
+        pictures = [record.crop, marked_picture_file(record.id)] if pictured and image else []
         reply = roles.match_asset(agents, {**candidate_measurements(record), **words}, shown, pictures)
         if isinstance(reply, NoReply):
             silent.append(f"candidate {segment.id}: {reply}; no asset was matched")

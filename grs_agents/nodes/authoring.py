@@ -1,7 +1,6 @@
 """The authoring nodes: task, simulation and tests.
 
-Prompts show the scene as plain JSON with rounded numbers. Each version of a program is written to the run folder with
-its diff.
+Each version of a program is written to the run folder with its diff.
 """
 
 import difflib
@@ -11,60 +10,17 @@ from typing import Any, TypeAlias
 from grs_agents import content
 from grs_agents.agents import NoReply, TaskDefinition, examples, roles
 from grs_agents.files import write_json, write_text
-from grs_agents.library import Library
 from grs_agents.nodes.fix_history import ProgramName
+from grs_agents.nodes.scene_prompt import fixture_assets_for_prompt, scene_for_prompt
 from grs_agents.nodes.services import Services, Update, logged_node
-from grs_agents.perception import SceneDescription, types
+from grs_agents.perception import SceneDescription
 from grs_agents.sim import api_reference
 from grs_agents.state import RunState
 from grs_agents.trace import ProgramVersion, TaskDefined
 
 Json: TypeAlias = dict[str, Any]
-WORKSPACE = {"x": list(types.X), "y": list(types.Y), "radius": types.FARTHEST}
-"""Where the arm works: metres in the robot frame, radius from its base."""
-
-
-def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any]:
-    """Each object with its asset, place and size (metres, robot frame, table top at z = 0)."""
-    objects = [
-        {
-            "name": item.name,
-            "asset": item.asset,
-            "description": item.description,
-            "category": item.category,
-            "color": item.color,
-            "position": _round_values(item.position),
-            "orientation": _round_values(item.orientation, 4),
-            "size": _round_values(item.size),
-            "box": {"low": _round_values(item.box.low), "high": _round_values(item.box.high)},
-            "reachable": item.reachable,
-            "hollow": library.asset(item.asset).hollow,
-        }
-        for item in scene.objects
-    ]
-    return {"objects": objects, "workspace": WORKSPACE}
-
-
-def fixture_assets_for_prompt(library: Library) -> list[dict[str, Any]]:
-    """The assets that may be added to what the photo shows: containers and zones."""
-    return [
-        {
-            "name": asset.name,
-            "category": asset.category,
-            "description": asset.description,
-            "size": _round_values(asset.size),
-            "hollow": asset.hollow,
-        }
-        for asset in library.assets()
-        if asset.fixture
-    ]
-
-
-def _round_values(values: tuple[float, ...], digits: int = 3) -> list[float]:
-    return [round(float(value), digits) for value in values]
-
-
 PROGRAM_FILES: dict[ProgramName, str] = {"simulation": "simulation.py", "tests": "test_simulation.py"}
+ProgramName = Literal["simulation", "tests"]
 
 
 def save_program_version(state: RunState, services: Services, program: ProgramName, source: str, author: str) -> Update:

@@ -9,10 +9,11 @@ from typing import Literal
 
 import numpy as np
 
-from grs_agents.agents import Description, NoReply, roles
+from grs_agents.agents import Description
 from grs_agents.errors import InputError
 from grs_agents.library import write_background_asset
-from grs_agents.nodes.asset_matching import candidate_measurements, match_candidates
+from grs_agents.nodes.asset_matching import match_candidates
+from grs_agents.nodes.describing import describe_segments
 from grs_agents.nodes.scene_objects import MatchedCandidate, drop_reason, place_object, replace_misfit_assets
 from grs_agents.nodes.scene_settling import settle_scene
 from grs_agents.nodes.services import Photo, Services, Update, logged_node
@@ -31,6 +32,8 @@ from grs_agents.perception import (
     add_residual_candidates,
     center_objects_in_workspace,
     describe_table_doubts,
+    draw_object_names,
+    load_mask,
     read_scene,
     reconstruct_background,
     register_objects,
@@ -134,15 +137,20 @@ def segment_photo(state: RunState, services: Services) -> Update:
 
 @logged_node("describe")
 def describe_candidates(state: RunState, services: Services) -> Update:
-    """Ask the describer about each pending candidate (paper, Scene Comprehension, step 2)."""
-    warnings: list[str] = []
-    pending = _pending_candidates(state)
-    descriptions = {
-        str(record.id): _describe_candidate(record, state["image"], services, warnings).model_dump(mode="json")
-        for record in pending
-    }
+    """Ask the describer about each pending candidate (paper, Scene Comprehension, step 2); pieces become one."""
+    first_free = max(record["id"] for record in state["candidates"]) + 1
+    photo = _photo_and_table(state, services)
+    found = describe_segments(_pending_candidates(state), first_free, photo, services)
+    descriptions = {str(number): said.model_dump(mode="json") for number, said in found.descriptions.items()}
     services.log.append(SceneStage(stage="described", summary=descriptions))
-    return {"descriptions": {**state.get("descriptions", {}), **descriptions}, "notes": [*state["notes"], *warnings]}
+    others = [record for record in state["candidates"] if record["id"] not in state["pending"]]
+    return {
+        "candidates": [*others, *(record.model_dump(mode="json") for record in found.records)],
+        "pending": [record.id for record in found.records],
+        "descriptions": {**state.get("descriptions", {}), **descriptions},
+        "dropped": [*state.get("dropped", ()), *(piece.model_dump(mode="json") for piece in found.dropped)],
+        "notes": [*state["notes"], *found.notes],
+    }
 
 
 @logged_node("match")
@@ -225,7 +233,9 @@ def settle_objects(state: RunState, services: Services) -> Update:
     )
     scene.write(services.folder / "scene.json")
     services.log.append(SceneStage(stage="matched", summary=scene.model_dump(mode="json")))
-    return {"scene": scene.model_dump(mode="json")}
+    masks = {item.name: load_mask(services.folder / item.mask) for item in scene.objects}
+    named = draw_object_names(services.load_photo(state), masks, services.folder)
+    return {"scene": scene.model_dump(mode="json"), "image": named}
 
 
 def _place_candidates(
@@ -287,18 +297,3 @@ def _make_depth_estimator(services: Services) -> Estimator:
         return services.run_tool(config.tools.depth, rgb=rgb, focal=focal, photo=photo, model=config.depth.model)
 
     return estimate
-
-
-def _describe_candidate(record: CandidateRecord, image: str, services: Services, warnings: list[str]) -> Description:
-    """What the describer says of a candidate; without a usable reply, what was measured and nothing else."""
-    reply = roles.describe_crop(services.agents, candidate_measurements(record), [record.crop, image])
-    if not isinstance(reply, NoReply):
-        return reply
-    warnings.append(f"candidate {record.id}: {reply}")
-    return Description(
-        is_object=True,
-        description=f"an undescribed {record.shape}",
-        color="unknown",
-        shape=record.shape,
-        category="object",
-    )

@@ -5,10 +5,8 @@ from typing import Any
 
 from grs_agents.agents import JudgedPrograms, NoReply, roles
 from grs_agents.nodes.authoring import (
-    fixture_assets_for_prompt,
     images_from_state,
     save_program_version,
-    scene_for_prompt,
     scene_from_state,
     task_from_state,
     write_simulation,
@@ -18,6 +16,7 @@ from grs_agents.nodes.authoring import (
 from grs_agents.nodes.end_picture import draw_end_of_episode
 from grs_agents.nodes.evidence import evidence_from_state
 from grs_agents.nodes.fix_history import ProgramName, Strategy, describe_fix_history, open_moves, record_fix
+from grs_agents.nodes.scene_prompt import fixture_assets_for_prompt, scene_for_prompt
 from grs_agents.nodes.services import Services, Update, logged_node
 from grs_agents.sim import api_reference
 from grs_agents.state import RunState

@@ -157,7 +157,7 @@ def _simulate_to_rest(objects: Sequence[SceneObject], mask: Mask, scene: _Scene)
     except GrsError as error:
         return replace(settled, warnings=(f"the scene has no twin: {error.message}",)), set()
     resting = tuple(
-        item if end is None else item.model_copy(update={"settled": end.pose, "drift": end.drift})
+        item if end is None else item.model_copy(update={"settled": end.pose, "drift": end.drift, "held": end.held})
         for item, end in zip(objects, rest.placed, strict=True)
     )
     fallen = {index for index, end in enumerate(rest.placed) if end is not None and end.fell}

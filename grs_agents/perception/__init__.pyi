@@ -18,6 +18,11 @@ from .image_geometry import mask_outline_pixels as mask_outline_pixels
 from .image_geometry import pixels_by_label as pixels_by_label
 from .image_geometry import points_in_hull_mask as points_in_hull_mask
 from .image_geometry import values_in_mask as values_in_mask
+from .marked_pictures import draw_object_names as draw_object_names
+from .marked_pictures import marked_picture_file as marked_picture_file
+from .marked_pictures import outline_segments as outline_segments
+from .marked_pictures import sheet_files as sheet_files
+from .marked_pictures import write_segment_sheet as write_segment_sheet
 from .picture_files import draw_candidate_overlay as draw_candidate_overlay
 from .picture_files import load_frame as load_frame
 from .picture_files import load_mask as load_mask
@@ -58,6 +63,10 @@ from .registration.size_check import upright_box_from_aabb as upright_box_from_a
 from .segmentation.candidates import center_objects_in_workspace as center_objects_in_workspace
 from .segmentation.candidates import fit_asset_to_box as fit_asset_to_box
 from .segmentation.candidates import measure_candidates as measure_candidates
+from .segmentation.described_pieces import ADJOINING as ADJOINING
+from .segmentation.described_pieces import gap_between_boxes as gap_between_boxes
+from .segmentation.described_pieces import group_pieces as group_pieces
+from .segmentation.described_pieces import merge_pieces as merge_pieces
 from .segmentation.model_proposals import Proposal as Proposal
 from .segmentation.model_proposals import segment_from_proposals as segment_from_proposals
 from .segmentation.segmentation import segment_objects_on_table as segment_objects_on_table

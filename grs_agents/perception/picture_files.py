@@ -18,8 +18,8 @@ COLORS = ((230, 60, 60), (60, 180, 75), (60, 110, 230), (245, 160, 40), (150, 60
 def save_frame(frame: RGBDFrame, run: Path) -> dict[str, str]:
     """Write ``scene/rgb.png`` and ``scene/depth.png`` (uint16, in the camera's unit); returns these names."""
     units = np.rint(frame.depth / frame.camera.depth_scale).astype(np.uint16)
-    _write_png(run / "scene/rgb.png", cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR))
-    _write_png(run / "scene/depth.png", units)
+    write_png(run / "scene/rgb.png", cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR))
+    write_png(run / "scene/depth.png", units)
     return {"rgb": "scene/rgb.png", "depth": "scene/depth.png"}
 
 
@@ -49,15 +49,15 @@ def save_additional_candidates(
     labels = np.zeros(frame.depth.shape, np.uint8)
     for number, mask in masks.items():
         labels[mask] = number
-    _write_png(run / "scene/masks.png", labels)
-    _write_png(run / "scene/annotated.png", cv2.cvtColor(draw_candidate_overlay(frame, masks), cv2.COLOR_RGB2BGR))
+    write_png(run / "scene/masks.png", labels)
+    write_png(run / "scene/annotated.png", cv2.cvtColor(draw_candidate_overlay(frame, masks), cv2.COLOR_RGB2BGR))
     return records
 
 
 def _save_candidate(one: Candidate, run: Path) -> CandidateRecord:
     mask, crop = f"scene/mask_{one.id:02d}.png", f"scene/crop_{one.id:02d}.png"
-    _write_png(run / mask, one.mask.astype(np.uint8) * 255)
-    _write_png(run / crop, cv2.cvtColor(one.crop, cv2.COLOR_RGB2BGR))
+    write_png(run / mask, one.mask.astype(np.uint8) * 255)
+    write_png(run / crop, cv2.cvtColor(one.crop, cv2.COLOR_RGB2BGR))
     return CandidateRecord.model_validate({**vars(one), "mask": mask, "crop": crop})
 
 
@@ -77,5 +77,6 @@ def draw_candidate_overlay(frame: RGBDFrame, masks: Mapping[int, Mask]) -> Image
     return picture
 
 
-def _write_png(file: Path, image: "npt.NDArray[np.integer[Any] | np.floating[Any]]") -> None:
+def write_png(file: Path, image: "npt.NDArray[np.integer[Any] | np.floating[Any]]") -> None:
+    """Write a picture, blue first."""
     write_bytes(file, cv2.imencode(".png", image)[1].tobytes())

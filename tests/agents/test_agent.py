@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from langchain_core.messages import AIMessage, HumanMessage
 
-from grs_agents.agents import IMAGE_SIDE, Agents, JudgedPrograms, NoReply, RouterReply, TaskDefinition, roles
+from grs_agents.agents import IMAGE_SIDES, Agents, JudgedPrograms, NoReply, RouterReply, TaskDefinition, roles
 from grs_agents.config import Config, ModelConfig
 from grs_agents.errors import GrsError, InputError
 from grs_agents.trace import EventLog, Prompt, Reply, read_events
@@ -101,8 +101,9 @@ def test_a_provider_that_refuses_the_key_ends_it_at_once(tmp_path: Path) -> None
     assert len(agents.script.asked) == 1
 
 
-def test_pictures_are_sent_once_before_the_text_and_not_larger_than_needed(tmp_path: Path) -> None:
-    cv2.imwrite(str(tmp_path / "photo.png"), np.full((IMAGE_SIDE, 2 * IMAGE_SIDE, 3), 90, np.uint8))
+@pytest.mark.parametrize(("side", "shown"), [(3000, IMAGE_SIDES[1]), (40, IMAGE_SIDES[0]), (600, 600)])
+def test_pictures_are_sent_once_before_the_text_and_as_large_as_needed(tmp_path: Path, side: int, shown: int) -> None:
+    cv2.imwrite(str(tmp_path / "photo.png"), np.full((side // 2, side, 3), 90, np.uint8))
     task = '```json\n{"task-name": "t", "task-description": "d", "assets-used": ["a"]}\n```'
     agents = scripted(tmp_path, ["no", task])
     assert roles.author_task(agents, {"objects": [{"asset": "a"}]}, [], ["photo.png"]) == TASK
@@ -110,7 +111,7 @@ def test_pictures_are_sent_once_before_the_text_and_not_larger_than_needed(tmp_p
     image, text = (block for block in question.content if isinstance(block, dict))
     assert (image["type"], text["type"]) == ("image", "text")
     sent = cv2.imdecode(np.frombuffer(base64.b64decode(image["base64"]), np.uint8), cv2.IMREAD_COLOR)
-    assert sent is not None and sent.shape == (IMAGE_SIDE // 2, IMAGE_SIDE, 3)
+    assert sent is not None and sent.shape == (shown // 2, shown, 3)
     assert isinstance(complaint.content, str)
     assert [prompt.images for prompt, _ in exchanges(agents)] == [("photo.png",), ()]
 

@@ -59,7 +59,7 @@ def crop(bgr: tuple[int, int, int]) -> np.ndarray:
 )
 def test_the_colour_comes_from_the_object_not_from_the_dark_margin(bgr: tuple[int, int, int], name: str) -> None:
     rgb = (bgr[2] / 255, bgr[1] / 255, bgr[0] / 255)
-    said = ask("describe", {"measurements": as_text(measured((0.1, 0.1, 0.1), rgb))}, crop(bgr))
+    said = ask("describe", {"pictures": "", "segments": json.dumps(measured((0.1, 0.1, 0.1), rgb))}, crop(bgr))
     assert said["color"] == name
     assert name in said["description"]
     assert said["is_object"] is True
@@ -67,7 +67,9 @@ def test_the_colour_comes_from_the_object_not_from_the_dark_margin(bgr: tuple[in
 
 @pytest.mark.parametrize("size", [(0.2, 0.2, 0.003), (0.005, 0.3, 0.1), (0.9, 0.5, 0.2)])
 def test_slivers_and_furniture_are_no_objects(size: tuple[float, float, float]) -> None:
-    assert ask("describe", {"measurements": as_text(measured(size, (0.5, 0.5, 0.5)))})["is_object"] is False
+    assert (
+        ask("describe", {"pictures": "", "segments": json.dumps(measured(size, (0.5, 0.5, 0.5)))})["is_object"] is False
+    )
     candidate = as_text(described(size, "gray"))
     assert ask("match", {"candidate": candidate, "assets": ""})["match"] == "no_object"
 
@@ -81,8 +83,8 @@ def test_slivers_and_furniture_are_no_objects(size: tuple[float, float, float]) 
 def test_every_measurement_gets_a_whole_description(
     size: tuple[float, float, float], rgb: tuple[float, float, float], outline: str
 ) -> None:
-    said = ask("describe", {"measurements": as_text(measured(size, rgb, outline))})
-    assert set(said) == {"is_object", "description", "color", "shape", "category"}
+    said = ask("describe", {"pictures": "", "segments": json.dumps(measured(size, rgb, outline))})
+    assert {"id", "is_object", "description", "color", "shape", "category"} <= set(said)
     assert all(said[key] for key in ("description", "color", "shape", "category"))
 
 

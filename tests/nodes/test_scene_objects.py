@@ -2,7 +2,7 @@
 
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import cast
 
 import cv2
 import pytest
@@ -14,11 +14,9 @@ from grs_agents.nodes import (
     Photo,
     Services,
     drop_reason,
-    fixture_assets_for_prompt,
     place_object,
-    scene_for_prompt,
 )
-from grs_agents.perception import CandidateRecord, MatchEvidence, SceneDescription
+from grs_agents.perception import CandidateRecord, MatchEvidence
 from grs_agents.perception.settling import PlacedObject
 from tests.perception.settling.photo import photo_of
 
@@ -78,17 +76,3 @@ def test_what_is_no_object_is_dropped_with_a_reason() -> None:
     lacking = MatchedCandidate(RECORD, WORDS, MatchEvidence(match="no_asset"))
     assert drop_reason(lacking) == ""
     assert "match.proxies" in drop_reason(lacking, proxies=False)
-
-
-def test_prompts_tell_the_scene_and_the_fixtures(services: Services, photo: Photo) -> None:
-    found = place_object(
-        MatchedCandidate(RECORD, WORDS, MatchEvidence(match="asset", asset="HOPE/Milk.urdf")), services, [], photo
-    )
-    frame: dict[str, Any] = {"T_robot_cam": ((1.0,),), "origin": "calibrated", "residual": 0.0, "inliers": 1.0}
-    scene = SceneDescription.model_validate({"source": "s", "image": "i", "frame": frame, "objects": (found,)})
-    told = scene_for_prompt(scene, services.library)
-    assert told["objects"][0]["asset"] == "HOPE/Milk.urdf"
-    assert told["objects"][0]["hollow"] is False
-    assert {"container/container-template.urdf", "zone/zone.urdf"} <= {
-        fixture["name"] for fixture in fixture_assets_for_prompt(services.library)
-    }

@@ -16,7 +16,7 @@ from grs_agents.models.offline.authors import author_simulation, author_task
 from grs_agents.models.offline.code_fixer import fix_code
 from grs_agents.models.offline.describer_and_matcher import (
     describe_asset,
-    describe_crop,
+    describe_segments,
     extract_message_images,
     match_asset,
 )
@@ -26,7 +26,7 @@ from grs_agents.models.offline.unittest_author import author_tests, fix_tests
 
 Answer = Callable[[PromptText, list[bytes], np.random.Generator], str]
 ROLES: Mapping[str, Answer] = {
-    "describe": lambda prompt, pictures, rng: describe_crop(prompt, pictures),
+    "describe": lambda prompt, pictures, rng: describe_segments(prompt, pictures),
     "describe_asset": lambda prompt, pictures, rng: describe_asset(prompt),
     "match": lambda prompt, pictures, rng: match_asset(prompt),
     "task": lambda prompt, pictures, rng: author_task(prompt, rng),

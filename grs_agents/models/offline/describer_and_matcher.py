@@ -41,9 +41,15 @@ def extract_message_images(message: HumanMessage) -> list[bytes]:
     return [base64.b64decode(file) for file in files if isinstance(file, str)]
 
 
-def describe_crop(prompt: PromptText, pictures: Sequence[bytes]) -> str:
-    """Reply to the ``describe_crop`` prompt from the measurements and the crop's colours."""
-    measured = prompt.section_json("measurements")
+def describe_segments(prompt: PromptText, pictures: Sequence[bytes]) -> str:
+    """Reply to the ``describe`` prompt from the measurements and the crop's colours; a sheet is not looked at."""
+    segments = prompt.section_json_rows("segments")
+    shown = pictures if len(segments) == 1 else ()
+    return _format_json_block(*(_describe_segment(measured, shown) for measured in segments))
+
+
+def _describe_segment(measured: Json, pictures: Sequence[bytes]) -> Json:
+    """One segment, in the form that the prompt asks for."""
     size = _measured_size(measured)
     names = _object_color_names(measured, pictures)
     shape = _measured_shape(measured)
@@ -55,9 +61,16 @@ def describe_crop(prompt: PromptText, pictures: Sequence[bytes]) -> str:
     description = f"A {_tall_or_flat_word(size)}{names[0]} {what}{second}, {shape}-shaped, about {extent}."
     if not is_object:
         description = f"A {names[0]} segment of {extent}, too thin or too large to be an object."
-    return _format_json_block(
-        {"is_object": is_object, "description": description, "color": names[0], "shape": shape, "category": category}
-    )
+    return {
+        "id": measured.get("id"),
+        "is_object": is_object,
+        "part_of": None,
+        "description": description,
+        "color": names[0],
+        "shape": shape,
+        "category": category,
+        "open_top": measured.get("open_top") is True,
+    }
 
 
 def match_asset(prompt: PromptText) -> str:
@@ -203,8 +216,9 @@ def _colors_named_in_text(text: str) -> list[str]:
     return list(dict.fromkeys(named))
 
 
-def _format_json_block(value: Json) -> str:
-    return f"```json\n{json.dumps(value, ensure_ascii=False)}\n```"
+def _format_json_block(*values: Json) -> str:
+    lines = "\n".join(json.dumps(value, ensure_ascii=False) for value in values)
+    return f"```json\n{lines}\n```"
 
 
 _CATEGORIES_TEXT = """

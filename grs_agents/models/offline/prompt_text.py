@@ -184,8 +184,7 @@ def parse_scene_objects(scene: Json) -> list[SceneObject]:
 
 
 def _parse_scene_object(entry: Json) -> SceneObject | None:
-    position, box = parse_finite_floats(entry.get("position"), 3), _box_extents(entry.get("box"))
-    size = parse_finite_floats(entry.get("size"), 3) or box
+    position, size = parse_finite_floats(entry.get("position"), 3), parse_finite_floats(entry.get("size"), 3)
     asset = str(entry.get("asset") or "")
     if position is None or size is None or min(size) <= 0 or not asset:
         return None
@@ -198,7 +197,7 @@ def _parse_scene_object(entry: Json) -> SceneObject | None:
         color=str(entry.get("color") or "").lower(),
         position=cast(Vector, position),
         orientation=cast(Quaternion, orientation),
-        size=_axis_aligned_extents(size, orientation, box),
+        size=cast(Vector, size),
         reachable=bool(entry.get("reachable", True)),
         hollow=bool(entry.get("hollow")) or _has_hollow_name(asset, category),
     )
@@ -206,26 +205,6 @@ def _parse_scene_object(entry: Json) -> SceneObject | None:
 
 def _has_hollow_name(asset: str, category: str) -> bool:
     return bool({category, *split_words(asset)} & HOLLOW_WORDS) and not asset.startswith("proxy/")
-
-
-def _box_extents(box: Any) -> tuple[float, ...] | None:
-    """The extents of an axis-aligned box that is given by its corners; None where it is not."""
-    edges = cast(Json, box) if isinstance(box, dict) else {}
-    low, high = parse_finite_floats(edges.get("low"), 3), parse_finite_floats(edges.get("high"), 3)
-    return tuple(b - a for a, b in zip(low, high, strict=True)) if low and high else None
-
-
-def _axis_aligned_extents(
-    size: tuple[float, ...], orientation: tuple[float, ...], box: tuple[float, ...] | None
-) -> Vector:
-    """The extents along the robot's axes, whether ``size`` tells them or the object's own, judged by its box."""
-    if box is None:
-        return cast(Vector, size)
-    x, y, z, w = orientation
-    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    across, along = abs(math.cos(yaw)), abs(math.sin(yaw))
-    turned = (across * size[0] + along * size[1], along * size[0] + across * size[1], size[2])
-    return cast(Vector, min((size, turned), key=lambda extents: math.dist(extents[:2], box[:2])))
 
 
 def parse_finite_floats(value: Any, count: int) -> tuple[float, ...] | None:

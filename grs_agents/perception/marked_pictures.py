@@ -1,0 +1,120 @@
+"""Pictures for models: the photo with segments outlined and numbered, crops side by side, the photo with names."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from grs_agents.foreign import read_picture
+from grs_agents.perception.picture_files import load_mask, write_png
+from grs_agents.perception.types import Array, CandidateRecord, Mask, RGBDFrame
+
+MARK, OTHERS = (255, 0, 255), (255, 255, 255)
+"""Outlines of the segments that are asked about, and of the others."""
+SHOWN_SIDE = 1024
+_TILE = 256
+_ASIDE = np.array(
+    [(0, 0)] + [(x * far / 2, y * far) for far in range(1, 12) for x, y in ((0, -1), (0, 1), (-1, -1), (1, 1))]
+)
+"""Where a label may stand, in half its width and height from its place."""
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+
+
+def marked_picture_file(number: int) -> str:
+    """The file, in the run folder, of the photo in which the segment ``number`` is outlined."""
+    return f"scene/marked_{number:02d}.png"
+
+
+def outline_segments(
+    frame: RGBDFrame, asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord], run: Path
+) -> None:
+    """Write for each segment that is asked about the photo with its outline, and the outlines and numbers of all."""
+    picture, outlines = _draw_numbered_outlines(frame, records, run)
+    for one in asked:
+        marked = picture.copy()
+        for color, width in (((0, 0, 0), 4), (MARK, 2)):
+            cv2.drawContours(marked, outlines[one.id], -1, color, width)
+        write_png(run / marked_picture_file(one.id), marked)
+
+
+def sheet_files(first: int) -> tuple[str, str]:
+    """The files, in the run folder, of the crops side by side and of the photo with numbers, by the first segment."""
+    return f"scene/sheet_{first:02d}.png", f"scene/numbered_{first:02d}.png"
+
+
+def write_segment_sheet(
+    frame: RGBDFrame, asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord], run: Path
+) -> None:
+    """Write the pictures for a question about several segments at once."""
+    crops, numbered = sheet_files(asked[0].id)
+    write_png(run / numbered, _draw_numbered_outlines(frame, records, run)[0])
+    columns = int(np.ceil(len(asked) ** 0.5))
+    sheet = np.zeros((-(-len(asked) // columns) * _TILE, columns * _TILE, 3), np.uint8)
+    places: dict[str, Array] = {}
+    for index, one in enumerate(asked):
+        crop = read_picture(run / one.crop, cv2.IMREAD_COLOR)
+        scale = _TILE / max(crop.shape[:2])
+        tile = cv2.resize(crop, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)[:_TILE, :_TILE]
+        row, column = index // columns * _TILE, index % columns * _TILE
+        sheet[row : row + tile.shape[0], column : column + tile.shape[1]] = tile
+        places[str(one.id)] = np.array([column + 20.0, row + 16.0])
+    _draw_labels(sheet, places, 0.7)
+    write_png(run / crops, sheet)
+
+
+def _draw_numbered_outlines(
+    frame: RGBDFrame, records: Sequence[CandidateRecord], run: Path
+) -> tuple[Any, dict[int, Any]]:
+    """The photo with outlines and numbers of all segments, and the outlines by number."""
+    picture, scale = _resize_for_model(frame, enlarge=False)
+    masks = {one.id: load_mask(run / one.mask) for one in records}
+    outlines = {number: _find_outlines(mask, scale) for number, mask in masks.items()}
+    cv2.drawContours(picture, [line for lines in outlines.values() for line in lines], -1, OTHERS, 1)
+    _draw_labels(picture, {str(number): _find_label_place(mask) * scale for number, mask in masks.items()}, 0.5)
+    return picture, outlines
+
+
+def draw_object_names(frame: RGBDFrame, masks: Mapping[str, Mask], run: Path) -> str:
+    """Write ``scene/named.png``, the photo with the name of each object at its place; returns that name."""
+    picture, scale = _resize_for_model(frame, enlarge=True)
+    _draw_labels(picture, {name: _find_label_place(mask) * scale for name, mask in masks.items() if mask.any()}, 0.45)
+    write_png(run / "scene/named.png", picture)
+    return "scene/named.png"
+
+
+def _resize_for_model(frame: RGBDFrame, enlarge: bool) -> tuple[Any, float]:
+    """The photo (BGR) in the size that models are shown, if need be larger than it is, and how much larger."""
+    scale = SHOWN_SIDE / max(frame.rgb.shape[:2])
+    scale = scale if enlarge else min(1.0, scale)
+    way = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    return cv2.resize(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR), None, fx=scale, fy=scale, interpolation=way), scale
+
+
+def _find_outlines(mask: Mask, scale: float) -> list[Any]:
+    lines = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
+    return [np.rint(line * scale).astype(np.int32) for line in lines]
+
+
+def _find_label_place(mask: Mask) -> Array:
+    """(x, y) of the pixel of a mask that is farthest from its edge."""
+    inner = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
+    row, column = np.unravel_index(int(inner.argmax()), mask.shape)
+    return np.array([float(column), float(row)])
+
+
+def _draw_labels(picture: Any, places: Mapping[str, Array], size: float) -> None:
+    """Write texts at places (x, y); one that would cover another is moved aside, with a line to its place."""
+    bounds = np.array(picture.shape[1::-1], np.float64)
+    taken: list[tuple[Array, Array]] = []
+    for text, place in places.items():
+        half = np.array(cv2.getTextSize(text, _FONT, size, 1)[0]) / 2 + (3, 4)
+        spots = np.clip(place + _ASIDE * half, half, bounds - half)
+        free = [at for at in spots if all((np.abs(at - other) >= half + others).any() for other, others in taken)]
+        spot = free[0] if free else spots[0]
+        taken.append((spot, half))
+        ends = np.rint([place, spot, spot - half, spot + half, spot + half * (-1, 1) + (3, -4)]).astype(int).tolist()
+        cv2.line(picture, ends[0], ends[1], OTHERS, 1, cv2.LINE_AA)
+        cv2.rectangle(picture, ends[2], ends[3], (0, 0, 0), -1)
+        cv2.putText(picture, text, ends[4], _FONT, size, OTHERS, 1, cv2.LINE_AA)
