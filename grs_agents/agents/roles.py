@@ -168,7 +168,7 @@ def _refuse_unknown_assets(task: TaskDefinition, known: Collection[str]) -> None
 
 
 def to_json_text(value: Json) -> str:
-    """``value`` as short as JSON can be, but for the items of its lists of objects, which stand on lines of their own."""
+    """``value`` as compact JSON, but for the items of its lists of objects: each has a line of its own."""
     return "{" + ",\n".join(f"{json.dumps(key)}:{_items_on_lines(item)}" for key, item in value.items()) + "}"
 
 

@@ -20,7 +20,6 @@ from grs_agents.trace import ProgramVersion, TaskDefined
 
 Json: TypeAlias = dict[str, Any]
 PROGRAM_FILES: dict[ProgramName, str] = {"simulation": "simulation.py", "tests": "test_simulation.py"}
-ProgramName = Literal["simulation", "tests"]
 
 
 def save_program_version(state: RunState, services: Services, program: ProgramName, source: str, author: str) -> Update:

@@ -1,6 +1,5 @@
 """The fixing nodes: mend the program, the tests or the task, or write a program anew where mending was in vain."""
 
-import json
 from typing import Any
 
 from grs_agents.agents import JudgedPrograms, NoReply, roles
@@ -81,8 +80,7 @@ def fix_task(state: RunState, services: Services) -> Update:
     judged = judged_programs(state, services, "fix_task")
     fixtures = fixture_assets_for_prompt(services.library)
     known = {item.asset for item in scene_from_state(state).objects} | {str(item["name"]) for item in fixtures}
-    lines = "\n".join(json.dumps(fixture, ensure_ascii=False) for fixture in fixtures)
-    revision = roles.fix_task(services.agents, judged, sorted(known), lines)
+    revision = roles.fix_task(services.agents, judged, sorted(known), roles.to_json_lines(fixtures))
     if isinstance(revision, NoReply):
         services.log.append(Note(level="warning", text=str(revision)))
         return record_fix(state, "task", "fix", {"revisable": False}, str(revision))
