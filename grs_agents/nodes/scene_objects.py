@@ -166,8 +166,10 @@ def replace_by_proxy(
     reason = f"{item.asset} was matched ({item.evidence}), but {why}"
     update = {"match": "no_asset", "asset": None, "runner_up": item.asset, "reason": reason}
     reply = (item.match or MatchEvidence(match="no_asset")).model_copy(update=update)
-    named = {"description": item.description, "color": item.color, "category": item.category}
-    candidate = MatchedCandidate(record, Description(is_object=True, shape=record.shape, **named), reply)
+    words = Description(
+        is_object=True, shape=record.shape, description=item.description, color=item.color, category=item.category
+    )
+    candidate = MatchedCandidate(record, words, reply)
     if reason := drop_reason(candidate, services.config.match.proxies):
         return DroppedCandidate(id=item.id, reason=reason)
     return place_object(candidate, services, taken, photo)

@@ -44,7 +44,8 @@ def run_stubborn(state: RunState, folder: Path, sandbox: Sandbox, **replies: str
     nodes.add_authors(graph, "generate_task", "generate_sim", "generate_tests", then="run_tests")
     nodes.add_judging(graph, fix=nodes.add_fix_loop(graph, then="audit", revise=True))
     begin: Any = {key: state[key] for key in ("scene_path", "fixes", "history", "image", "scene")}
-    return graph.compile().invoke({**begin, "max_fixes": 12}, {"recursion_limit": 90}, context=services), services
+    begin["max_fixes"] = 12
+    return graph.compile().invoke(begin, {"recursion_limit": 90}, context=services), services
 
 
 def test_a_stubborn_model_is_never_asked_the_same_more_than_twice(

@@ -60,7 +60,7 @@ def write_rendered_frames(order: dict[str, Any], output: BinaryIO) -> None:
         stage, motion, joints = _load_stage_and_motion(order, textures=True)
         picture = _make_opengl_renderer(mujoco, stage, order)
     for seconds in order["seconds"]:
-        stage.set_frame(motion, motion.frame(seconds), joints)
+        stage.set_frame(motion, motion.frame_index_at(seconds), joints)
         output.write(np.ascontiguousarray(picture()).tobytes())
     output.flush()
 
@@ -98,11 +98,11 @@ def play_in_mujoco_window(order: dict[str, Any]) -> None:
         camera = _make_camera(mujoco, order)
         viewer.cam.lookat[:], viewer.cam.distance = camera.lookat, camera.distance
         viewer.cam.azimuth, viewer.cam.elevation = camera.azimuth, camera.elevation
-        for seconds in _iter_looped_seconds(motion.seconds + 1.0):
+        for seconds in _iter_looped_seconds(motion.duration_seconds + 1.0):
             if not viewer.is_running():
                 return
             with viewer.lock():
-                stage.set_frame(motion, motion.frame(min(seconds, motion.seconds)), joints)
+                stage.set_frame(motion, motion.frame_index_at(min(seconds, motion.duration_seconds)), joints)
             viewer.sync()
             time.sleep(1 / 60)
 

@@ -124,7 +124,9 @@ def test_forged_bytes_are_an_outcome(name: str, execute: Execute) -> None:
 
 
 def test_events_arrive_even_if_the_worker_dies(execute: Execute) -> None:
-    result = execute("from grs_agents.sandbox import report_progress\nprogress({'at': 1})\nimport os; os._exit(1)")
+    result = execute(
+        "from grs_agents.sandbox import report_progress\nreport_progress({'at': 1})\nimport os; os._exit(1)"
+    )
     assert result.outcome == "crashed"
     assert result.events == ({"at": 1},)
 

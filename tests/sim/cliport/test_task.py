@@ -164,9 +164,10 @@ def test_objects_are_found_by_what_they_are_made_of() -> None:
             filled = task.fill_template(BOX, {"DIM": (width, 0.05, 0.05), "COLOR": (1, 0, 0)})
             env.add_object(filled, at(0.4, 0.6 - 10 * width, 0.025))
 
-    env = Environment(task=Scripted(scene))
+    task = Scripted(scene)
+    env = Environment(task=task)
     env.reset()
     assert (env.find(BLOCK), env.find(BOX), env.find("HOPE/Milk.urdf")) == ([1], [2, 3], [])
-    assert env.find(env.task.fill_template(BOX, {"DIM": (0.06, 0.05, 0.05), "COLOR": (1, 0, 0)})) == [3]
+    assert env.find(task.fill_template(BOX, {"DIM": (0.06, 0.05, 0.05), "COLOR": (1, 0, 0)})) == [3]
     with pytest.raises(UnknownNameError, match=r"block/red_block\.urdf"):
         env.find("block/red_blok.urdf")

@@ -147,11 +147,12 @@ def test_of_what_has_tipped_it_says_so_and_not_that_no_spot_is_free() -> None:
         box = env.add_object("container/open_box.urdf", at(0.5, 0.25, 0.045), "fixed")
         task.add_goal(inside(env.add_object("HOPE/Milk.urdf", at(0.5, -0.2, 0.095)), box))
 
-    env = Environment(task=Scripted(scene))
+    task = Scripted(scene)
+    env = Environment(task=task)
     env.reset()
     env.set_object_pose(2, ((0.5, -0.2, 0.04), utils.eulerXYZ_to_quatXYZW((np.pi / 2, 0, 0))))
     env.step_simulation(200)
-    assert env.task.oracle(env).act() is None
+    assert task.oracle(env).act() is None
     episode = env.current_episode
     assert episode.outcome == "toppled"
     assert "HOPE/Milk.urdf #2 has tipped over or lies: it is tilted by 90 degrees, at the start by 0" in episode.detail

@@ -23,9 +23,10 @@ def corn_and_mug(task, env) -> None:
 
 
 def test_what_was_met_once_and_is_off_its_place_at_the_end_is_said_with_its_distance() -> None:
-    env = Environment(task=Scripted(corn_and_mug))
+    task = Scripted(corn_and_mug)
+    env = Environment(task=task)
     env.reset()
-    agent = env.task.oracle(env)
+    agent = task.oracle(env)
     env.step(agent.act())
     env.set_object_pose(1, at(0.5, -0.06, 0.05))
     env.step_simulation(50)
@@ -41,7 +42,7 @@ def test_what_was_met_once_and_is_off_its_place_at_the_end_is_said_with_its_dist
     assert corn.goal == "pose, within 0.01 m: HOPE/Corn.urdf #2 at (0.500, 0.350, 0.029)"
     assert [(motion.asset, motion.moved) for motion in episode.motions] == [(name, True) for name in env_assets(env)]
     assert episode.motions[0].end == pytest.approx((0.5, -0.06, 0.05), abs=0.005)
-    assert env.task.goals_met(env) == [mug, corn]
+    assert task.goals_met(env) == [mug, corn]
 
 
 def env_assets(env: Environment) -> list[str]:

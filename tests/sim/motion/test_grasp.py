@@ -103,7 +103,7 @@ def test_the_force_through_the_cup_is_what_accelerates_and_carries_the_object(si
         acceleration = (now - velocity) / physics.timestep
         velocity[:] = now
         lifted = physics.object_pose(1)[0][2] > 0.035
-        if physics.held == 1 and lifted:
+        if physics.held_object_id == 1 and lifted:
             forces.append(float(np.linalg.norm(physics.data.efc_force[:3])))
             inertial.append(float(np.linalg.norm(0.6 * (acceleration + np.array([0, 0, 9.81])))))
 
