@@ -41,7 +41,7 @@ from grs_agents.sim import Task
 class PutBlockInBowl(Task):
     def __init__(self):
         super().__init__()
-        self.max_steps = 3
+        self.max_steps, self.pos_eps = 3, 0.05
         self.lang_template = "put the red block into the green bowl"
         self.task_completed_desc = "done."
         self.additional_reset()

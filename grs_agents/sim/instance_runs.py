@@ -1,6 +1,5 @@
 """From a program to data and from data to a scored episode."""
 
-import math
 from pathlib import Path
 from typing import Final
 
@@ -18,8 +17,6 @@ LEAST_IDLE: Final = 2.0
 """Simulated seconds: what falls into place by itself must be seen even if the robot stopped at once."""
 _UNREST: Final = 0.05
 """Speed (m/s) of what is not at rest, and may come to where a goal wants it without any robot."""
-_MOVED: Final = 0.02
-_TURNED: Final = math.radians(15)
 
 
 class Rollout(Frozen):
@@ -133,11 +130,12 @@ def rollout(instance: TaskInstance, library: Library | None = None, recording: P
     final = _object_poses(env, task) if initial else {}
     if recorder is not None and recording is not None:
         recorder.save(recording)
+    episode = env.current_episode
     done = Rollout(
         seed=instance.seed,
-        episode=env.current_episode,
+        episode=episode,
         idle_reward=1.0,
-        moved=_moved_asset_names(env, task, initial, final),
+        moved=_moved_asset_names(episode),
         initial=initial,
         final=final,
         reachable=reachable,
@@ -189,15 +187,6 @@ def _reachable_object_ids(env: Environment, task: InstanceTask) -> tuple[int, ..
     return tuple(ids)
 
 
-def _moved_asset_names(
-    env: Environment, task: InstanceTask, initial: dict[int, Pose], final: dict[int, Pose]
-) -> tuple[str, ...]:
-    acted_on = {number for action in env.current_episode.actions for number in (action.object, *action.pushed)}
-    names: list[str] = []
-    for own in initial:
-        shift = math.dist(initial[own][0], final[own][0])
-        overlap = abs(sum(a * b for a, b in zip(initial[own][1], final[own][1], strict=True)))
-        turned = 2 * math.acos(min(1.0, overlap)) > _TURNED
-        if task.ids[own] in acted_on and (shift > _MOVED or turned):
-            names.append(env.object_by_id(task.ids[own]).asset)
-    return tuple(names)
+def _moved_asset_names(episode: Episode) -> tuple[str, ...]:
+    acted_on = {number for action in episode.actions for number in (action.object, *action.pushed)}
+    return tuple(motion.asset for motion in episode.motions if motion.moved and motion.object in acted_on)

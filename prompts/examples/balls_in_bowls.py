@@ -11,6 +11,7 @@ class BallsInBowls(Task):
     def __init__(self):
         super().__init__()
         self.max_steps = 8
+        self.pos_eps = 0.05
         self.lang_template = "put the {} balls into the bowls on the {}"
         self.task_completed_desc = "every ball is in a bowl."
         self.additional_reset()

@@ -1,4 +1,4 @@
-"""Bowls: each block into the bowl of its colour; the word "bowl" in lang_template widens pos_eps to 5 cm."""
+"""Bowls: each block into the bowl of its colour; pos_eps of 5 cm lets it lie anywhere in it."""
 
 import numpy as np
 
@@ -11,6 +11,7 @@ class BlocksInMatchingBowls(Task):
     def __init__(self):
         super().__init__()
         self.max_steps = 6
+        self.pos_eps = 0.05
         self.lang_template = "put each block into the bowl of its colour"
         self.task_completed_desc = "every block is in its bowl."
         self.additional_reset()

@@ -9,7 +9,7 @@ class LayRopeAlongLine(Task):
     def __init__(self):
         super().__init__()
         self.max_steps = 20
-        # "rope" in the words widens the tolerance to 2 cm: additional_reset() sees to it.
+        self.pos_eps = 0.02
         self.lang_template = "lay the rope along the green line"
         self.task_completed_desc = "the rope lies straight."
         self.additional_reset()

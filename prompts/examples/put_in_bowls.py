@@ -11,6 +11,7 @@ class PutBlocksInBowls(Task):
     def __init__(self):
         super().__init__()
         self.max_steps = 6
+        self.pos_eps = 0.05
         self.lang_template = "put a block into each bowl"
         self.task_completed_desc = "done filling the bowls."
         self.additional_reset()

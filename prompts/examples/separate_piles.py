@@ -11,7 +11,7 @@ class SeparateRedAndBlue(Task):
     def __init__(self):
         super().__init__()
         self.max_steps = 20
-        # "piles" in the words makes pushing with the spatula the way to act: additional_reset() sees to it.
+        self.primitive = "push"
         self.lang_template = "push the piles apart: the {0} blocks into the {0} square"
         self.task_completed_desc = "the piles are apart."
         self.additional_reset()

@@ -1,4 +1,4 @@
-"""Piles: a pile of grains is swept into a zone; pushing with a spatula comes with the word in lang_template."""
+"""Piles: a pile of grains is swept into a zone; `primitive` makes pushing with a spatula the way to act."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ class SweepCrumbs(Task):
     def __init__(self):
         super().__init__()
         self.max_steps = 20
-        # "piles" in the words makes pushing with the spatula the way to act: additional_reset() sees to it.
+        self.primitive = "push"
         self.lang_template = "push the piles of {} crumbs into the green square"
         self.task_completed_desc = "done sweeping."
         self.num_blocks = 30

@@ -4,11 +4,11 @@ import math
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from grs_agents.base import Pose
+from grs_agents.base import Pose, Vec3
 from grs_agents.errors import GrsError
 from grs_agents.library import Library
 from grs_agents.sim.arms import get_arm
@@ -37,8 +37,8 @@ from grs_agents.sim.world import (
     templates,
 )
 
-_SETTLED: Final = 0.01
-"""What settling moves by more than this did not stay where the program put it, metres."""
+_SETTLED, _SUNK = 0.01, 0.03
+"""What settling moves sideways, or lets fall, by more than this did not stay where the program put it, metres."""
 Action = Mapping[str, Any]
 Info = dict[Any, Any]
 
@@ -255,7 +255,7 @@ class Environment(Workcell):
 
     def _warn_about_settling(self, placed: Mapping[int, Pose]) -> None:
         """Note what did not stay where the program put it, and why not."""
-        moved = [n for n, start in placed.items() if math.dist(start[0], self.places[n][0]) > _SETTLED]
+        moved = [n for n, start in placed.items() if _has_shifted(start[0], self.places[n][0])]
         prisms = {n: object_prism_at_pose(self.object_model(n), placed[n]) for n in placed} if moved else {}
         label = self._labels_by_id()
         for number in moved:
@@ -264,6 +264,10 @@ class Environment(Workcell):
             why = f"was put into {' and '.join(within)}" if within else "was put in the air, or did not stand"
             ways = f"from {placement.format_point(start)} to {placement.format_point(end)}"
             self.record_warning(f"{label[number]} {why}: settling moved it {math.dist(start, end):.3f} m, {ways}")
+
+
+def _has_shifted(start: Vec3, end: Vec3) -> bool:
+    return math.dist(start[:2], end[:2]) > _SETTLED or abs(start[2] - end[2]) > _SUNK
 
 
 def _overlap(first: Prism, second: Prism) -> bool:
