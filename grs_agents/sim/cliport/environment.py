@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -16,10 +15,9 @@ from grs_agents.sim.cliport import end_effectors, pybullet
 from grs_agents.sim.cliport.cameras import Observation
 from grs_agents.sim.cliport.goal_arguments import convert_to_goal
 from grs_agents.sim.cliport.workcell import Workcell
-from grs_agents.sim.goals import SceneView, ScoredTask, StrictScorer, measure_motions
+from grs_agents.sim.goals import ScoredTask, StrictScorer
 from grs_agents.sim.instance import (
     ActionRecord,
-    EndState,
     Episode,
     Recorder,
     SimulationError,
@@ -145,7 +143,7 @@ class Environment(Workcell):
             placed = {number: self.get_object_pose(number) for number in self._objects}
             self.settle_scene()
             self.places = {number: self.get_object_pose(number) for number in self._objects}
-            self.recorder.measure = partial(self._measure_scene, self.task)
+            self.recorder.measure = StrictScorer(self.task, self).measure_scene
             self._warn_about_settling(placed)
         return self.observation
 
@@ -238,20 +236,6 @@ class Environment(Workcell):
             return [item.id for item in self._objects.values() if item.asset == name]
         alike = (filling.template, dict(filling.values))
         return [item.id for item in self._objects.values() if (item.asset, item.fill) == alike]
-
-    def _measure_scene(self, task: EpisodeTask) -> EndState:
-        score = StrictScorer(task, self, self.places).score_scene()
-        return EndState(
-            reward=task.grs.total,
-            complete=bool(task.grs.stated) and not task.goals,
-            strict=score.value,
-            weakest=score.weakest,
-            shortfalls=score.shortfalls,
-            goals=score.goals,
-            motions=measure_motions(SceneView(self, task.grs.stated, task.goals)),
-            placed=score.placed,
-            wanted=score.wanted,
-        )
 
     def _warn_about_settling(self, placed: Mapping[int, Pose]) -> None:
         """Note what did not stay where the program put it, and why not."""

@@ -2,7 +2,6 @@ from . import task_accounting as task_accounting
 from .relation_rules import explain_goal_shortfalls as explain_goal_shortfalls
 from .relation_rules import explain_object_shortfall as explain_object_shortfall
 from .relation_rules import zone_covered_by_object as zone_covered_by_object
-from .scene_report import measure_motions as measure_motions
 from .scene_view import SceneView as SceneView
 from .scene_view import describe_tilt as describe_tilt
 from .scene_view import has_toppled as has_toppled

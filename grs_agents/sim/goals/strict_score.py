@@ -16,8 +16,7 @@ An object that later goals speak of too is judged there. Other objects that were
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
 from typing import Final
 
 import numpy as np
@@ -25,7 +24,7 @@ import numpy as np
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
 from grs_agents.sim.goals.relation_rules import WHOLE, explain_goal_shortfalls
-from grs_agents.sim.goals.scene_report import describe_goal, format_point
+from grs_agents.sim.goals.scene_report import describe_goal, format_point, measure_motions
 from grs_agents.sim.goals.scene_view import (
     SceneView,
     describe_tilt,
@@ -36,36 +35,21 @@ from grs_agents.sim.goals.scene_view import (
     supporting_object_ids,
 )
 from grs_agents.sim.goals.task_accounting import ScoredTask, symmetric_yaw_difference
-from grs_agents.sim.instance import Goal, GoalOutcome
+from grs_agents.sim.instance import EndState, Goal, GoalOutcome
 from grs_agents.sim.world import Tabletop, margins_inside_outline, object_prism_at_pose, volume_share_in_zones
 
 _HEIGHT: Final = 0.015
 """Farthest from the height that a target says, metres, whatever ``pos_eps`` is; less than half the least of levels."""
 
 
-@dataclass(frozen=True)
-class StrictScore:
-    """``value`` and ``weakest``, of the goal that holds least, 0..1; one clause for each object that falls short."""
-
-    value: float
-    weakest: float
-    shortfalls: tuple[str, ...] = ()
-    goals: tuple[GoalOutcome, ...] = ()
-    placed: int = 0  # objects that are where the last goal that speaks of them wants them
-    wanted: int = 0  # objects that goals speak of
-
-
 class StrictScorer:
-    """Scores how a scene stands, strictly, against ``places``, where every object stood before anything acted."""
+    """Scores how a scene stands, strictly, against where every object stood once the scene had settled."""
 
-    def __init__(self, task: ScoredTask, table: Tabletop, places: Mapping[int, Pose]) -> None:
+    def __init__(self, task: ScoredTask, table: Tabletop) -> None:
         self.task, self.table = task, table
-        self._outlines = {
-            number: object_prism_at_pose(table.object_model(number), pose) for number, pose in places.items()
-        }
 
-    def score_scene(self) -> StrictScore:
-        """The score of the scene as it stands now."""
+    def measure_scene(self) -> EndState:
+        """How the scene stands now."""
         view = SceneView(self.table, self.task.grs.stated, self.task.goals)
         published = self.task.grs.published_shares()
         notes: dict[int, str] = {}
@@ -74,17 +58,27 @@ class StrictScorer:
         for goal, earned in zip(reversed(self.task.grs.stated), reversed(published), strict=True):
             outcomes.insert(0, self._judge_goal(goal, earned, view, final, notes))
         value = min(1.0, sum(outcome.worth * outcome.strict for outcome in outcomes))
-        bystanders = [number for number in view.object_ids if view.is_object_movable(number) and number not in final]
-        fallen = [number for number in bystanders if has_toppled(number, view, self.task.rot_eps)]
+        standing, fallen = self._sort_bystanders(view, final)
         notes.update({number: f"{view.object_label(number)} was knocked over" for number in fallen})
-        return StrictScore(
-            round(value * (1 - len(fallen) / max(1, len(bystanders))), 9),
-            0.0 if fallen else round(min((outcome.strict for outcome in outcomes), default=0.0), 9),
-            tuple(notes.values()),
-            tuple(outcomes),
-            sum(score > WHOLE for score in final.values()),
-            len(final),
+        return EndState(
+            reward=self.task.grs.total,
+            complete=bool(outcomes) and not self.task.goals,
+            strict=round(value * (1 - len(fallen) / max(1, len(standing) + len(fallen))), 9),
+            weakest=0.0 if fallen else round(min((outcome.strict for outcome in outcomes), default=0.0), 9),
+            shortfalls=tuple(notes.values()),
+            goals=tuple(outcomes),
+            motions=measure_motions(view),
+            placed=sum(score > WHOLE for score in final.values()),
+            wanted=len(final),
         )
+
+    def _sort_bystanders(self, view: SceneView, wanted: Collection[int]) -> tuple[list[int], list[int]]:
+        """Ids of the movable objects that no goal speaks of: those that stand as they did, and those knocked over."""
+        sorted_ids: tuple[list[int], list[int]] = ([], [])
+        for number in view.object_ids:
+            if view.is_object_movable(number) and number not in wanted:
+                sorted_ids[has_toppled(number, view, self.task.rot_eps)].append(number)
+        return sorted_ids
 
     def _judge_goal(
         self, goal: Goal, earned: float, view: SceneView, final: dict[int, float], notes: dict[int, str]
@@ -104,7 +98,7 @@ class StrictScorer:
                     notes.setdefault(number, clauses[-1])
             final.setdefault(number, rows[-1])
         strict = float(np.mean(rows))
-        if strict > earned == 0.0:
+        if strict > earned == 0.0 and goal is not self.task.goals[0]:
             clauses.append("it earns nothing as long as a goal before it is open")
         return GoalOutcome(
             goal=describe_goal(goal, view, self.task.pos_eps),
@@ -229,7 +223,7 @@ class StrictScorer:
 
     def _is_target_in_or_on_object(self, number: int, target: Pose, half: float) -> bool:
         """Whether a target lies in an object as it stood at the start, or on it, ``half`` above its top at most."""
-        start = self._outlines[number]
+        start = object_prism_at_pose(self.table.object_model(number), self.table.places[number])
         aside = -margins_inside_outline(np.zeros((1, 2)), start.outline, np.array([target[0][:2]]))[0]
         return bool(aside <= self.task.pos_eps and start.low <= target[0][2] <= start.high + half)
 
