@@ -3,6 +3,7 @@
 import pytest
 
 from grs_agents.nodes import render_evidence
+from grs_agents.sim import Episode
 from grs_agents.toolkit import ToolContext, load_tool
 
 TESTS = """
@@ -78,6 +79,58 @@ def test_programs_with_the_original_import_lines_run_unchanged(context: ToolCont
     assert report.all_passed, str(report)
     drawn = load_tool("instantiate")
     assert len(drawn.run(drawn.Request(simulation=program, seeds=(0,)), context).instances) == 1
+
+
+SHARED = """
+import unittest
+from grs_agents.sim import Environment, run_oracle
+from task_code import StackBlocks
+
+class TestShared(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.task = StackBlocks()
+        cls.env = Environment(task=cls.task)
+        cls.env.reset()
+        run_oracle(cls.env, cls.task)
+
+    def test_goals(self):
+        for goal in self.task.goals_met(self.env):
+            self.assertTrue(goal.met, goal)
+
+    def test_own_run(self):
+        env = Environment(task=StackBlocks(), seed=1)
+        env.reset()
+        self.assertEqual(env.find("block/red_block.urdf"), [2])
+        env.step({"pose0": ((0.5, 0.1, 0.04), (0, 0, 0, 1)), "pose1": ((0.5, -0.1, 0.04), (0, 0, 0, 1))})
+
+    def test_goes_on(self):
+        (x, y, z), _ = self.env.get_object_pose(self.env.find("block/red_block.urdf")[0])
+        self.env.step({"pose0": ((x, y, z + 0.02), (0, 0, 0, 1)), "pose1": ((0.5, -0.2, 0.04), (0, 0, 0, 1))})
+        self.assertFalse(self.task.goals_met(self.env)[0].met)
+"""
+
+
+def test_what_a_fixture_ran_is_the_episode_of_tests_that_only_look(context: ToolContext, simulation: str) -> None:
+    tool = load_tool("run_tests")
+    program = simulation.replace("language_goal", "symmetry=0, language_goal")
+    report = tool.run(tool.Request(simulation=program, tests=SHARED), context).report
+    goals, own, on = (Episode.model_validate(case.episode) for case in report.cases)
+    assert [case.episode_hook for case in report.cases] == ["setUpClass", "test", "test"]
+    assert [case.outcome for case in report.cases] == ["passed"] * 3, [case.message for case in report.cases]
+    assert (goals.outcome, goals.goals[0].strict, len(goals.actions)) == ("success", 1.0, 1)
+    assert goals.goals[0].goal == (
+        "pose, within 0.01 m: block/red_block.urdf #2 at (0.500, 0.100, 0.060) turned by 0 degrees"
+    )
+    assert [(motion.asset, motion.moved) for motion in goals.motions] == [
+        ("block/blue_block.urdf", False),
+        ("block/red_block.urdf", True),
+    ]
+    assert goals.warnings == (
+        "task.add_goal has no argument symmetry, what was given for it had no effect; symmetries may be meant",
+    )
+    assert ([action.asset for action in own.actions], own.outcome) == (["block/blue_block.urdf"], "stopped")
+    assert (len(on.actions), on.reward, on.strict) == (2, 1.0, 0.0)
 
 
 GREEDY = {
