@@ -32,7 +32,7 @@ class Request(Frozen):
         library_roots: asset folders, later ones win; none means the library shipped with GRS.
         robot: ``ur5e``, ``panda`` or the path of an MJCF file.
         moment: after settling, or when the oracle has finished.
-        poses: of objects by id, where they are to be drawn instead, without the arm; nothing is simulated then.
+        poses: of objects by id, where they are to be drawn instead; nothing is simulated then.
         marked: ids of objects to outline.
         position, target: of the camera and what it looks at, metres, robot frame.
         width, height: pixels.

@@ -78,7 +78,7 @@ def find_objects_at_fault(episode: Episode) -> list[int]:
         missed = [
             motion.object
             for motion in episode.motions
-            if any(clause.startswith(f"{motion.asset} ({motion.object})") for clause in goal.shortfalls)
+            if any(clause.startswith(f"{motion.asset} #{motion.object} ") for clause in goal.shortfalls)
         ]
         if missed:
             return missed[:MARKED]
@@ -89,7 +89,7 @@ def label_boxes(file: Path, boxes: Mapping[int, tuple[int, int, int, int]], name
     """Write names into a picture file, above or below boxes (left, top, right, bottom) in pixels."""
     picture = read_picture(file, cv2.IMREAD_COLOR)
     for number, (left, top, _, bottom) in boxes.items():
-        text = f"{names[number]} ({number})"
+        text = f"{names[number]} #{number}"
         (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, _FONT, 1)
         x = max(0, min(left, picture.shape[1] - width - 4))
         y = top - 6 if top > height + 8 else bottom + height + 6

@@ -125,11 +125,11 @@ def _episode_lines(episode: Episode) -> Iterator[str]:
         for goal in episode.goals
     ]
     actions = [
-        f"{number}. {action.asset} ({action.object}) {_place(action.pick)} -> {_place(action.place)}: {action.note}"
+        f"{number}. {action.asset} #{action.object} {_place(action.pick)} -> {_place(action.place)}: {action.note}"
         for number, action in enumerate(episode.actions, 1)
     ]
     objects = [
-        f"{motion.asset} ({motion.object}) {_place(motion.start)}"
+        f"{motion.asset} #{motion.object} {_place(motion.start)}"
         + (f" -> {_place(motion.end)}" if motion.moved else ", not moved")
         + (f", tilted {motion.tilt:.0f} degrees" if motion.tilt >= 5 else "")
         for motion in sorted(episode.motions, key=lambda motion: not motion.moved)

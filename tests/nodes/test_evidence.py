@@ -17,11 +17,11 @@ EPISODE: dict[str, Any] = {
     "detail": "1 of 2 objects at their goals",
     "goals": [
         {
-            "goal": "inside HOPE/Milk.urdf (2) in box/box.urdf (1)",
+            "goal": "inside HOPE/Milk.urdf #2 in box/box.urdf #1",
             "worth": 0.5,
             "published": 1.0,
             "strict": 0.5,
-            "shortfalls": ["HOPE/Milk.urdf (2) is not below the rim"],
+            "shortfalls": ["HOPE/Milk.urdf #2 is not below the rim"],
         }
     ],
     "actions": [
@@ -106,13 +106,13 @@ def test_a_report_is_told_in_lines_and_each_episode_once() -> None:
         "published: 0.50  strict: 0.25  steps: 1/1",
         "detail: 1 of 2 objects at their goals",
         "goals:",
-        "  worth 0.50, published 1.00, strict 0.50: inside HOPE/Milk.urdf (2) in box/box.urdf (1); "
-        "misses: HOPE/Milk.urdf (2) is not below the rim",
+        "  worth 0.50, published 1.00, strict 0.50: inside HOPE/Milk.urdf #2 in box/box.urdf #1; "
+        "misses: HOPE/Milk.urdf #2 is not below the rim",
         "actions:",
-        "  1. HOPE/Milk.urdf (2) (0.300, 0.000, 0.100) -> (0.500, 0.000, 0.100): placed",
+        "  1. HOPE/Milk.urdf #2 (0.300, 0.000, 0.100) -> (0.500, 0.000, 0.100): placed",
         "objects:",
-        "  HOPE/Milk.urdf (2) (0.300, 0.000, 0.100) -> (0.500, 0.000, 0.200), tilted 90 degrees",
-        "  box/box.urdf (1) (0.500, 0.000, 0.000), not moved",
+        "  HOPE/Milk.urdf #2 (0.300, 0.000, 0.100) -> (0.500, 0.000, 0.200), tilted 90 degrees",
+        "  box/box.urdf #1 (0.500, 0.000, 0.000), not moved",
         "warnings:",
         "  add_goal has no argument symmetry; it was ignored",
     ]
