@@ -152,7 +152,9 @@ class Config(Frozen):
     seed: int = Field(default=0, ge=0, lt=2**31)  # the seed of everything random, the offline model's choices included
     # the arm behind the table: `ur5e`, `panda` or the path of an MJCF file (`.xml`) of one's own
     robot: str = Field(default="ur5e", max_length=4096)
-    max_fixes: int = Field(default=10, ge=0, le=1000)  # code and test fixes together
+    max_fixes: int = Field(default=10, ge=0, le=1000)  # fixes of code, tests and task together
+    # show `route`, `fix_code` and `fix_task` a picture of how the robot's episode ended; their models must see
+    end_picture: bool = True
     # what separates generated code from the machine: `bubblewrap`, `landlock`, `sandbox-exec` (macOS), or `auto` for
     # the strongest that holds. `none` can only be asked for with `--unsafe-no-sandbox`
     sandbox: Literal["auto", "bubblewrap", "landlock", "sandbox-exec", "none"] = "auto"

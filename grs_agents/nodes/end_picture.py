@@ -22,7 +22,12 @@ _FONT = 0.45
 
 def draw_end_of_episode(state: RunState, services: Services, role: str) -> list[str]:
     """The picture's path in the run folder; none where the model of ``role`` sees none, or none can be made."""
-    if not state.get("image") or role == "fix_tests" or services.config.model_for_role(role).model.startswith(OFFLINE):
+    config = services.config
+    if (
+        not (config.end_picture and state.get("image"))
+        or role == "fix_tests"
+        or config.model_for_role(role).model.startswith(OFFLINE)
+    ):
         return []
     path = f"history/end_{state.get('fixes', 0):03d}.png"
     output = services.folder / path
