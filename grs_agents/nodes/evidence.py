@@ -12,12 +12,15 @@ from grs_agents.audit import AuditReport, StaticFinding
 from grs_agents.base import Vec3
 from grs_agents.sandbox import OUTCOME_MEANINGS, SIMULATION_FILE, TESTS_FILE, TestCase, TestReport
 from grs_agents.sim import Episode
+from grs_agents.sim.instance import GoalOutcome, ObjectMotion
 from grs_agents.state import RunState
 
 EPISODES, ROWS, CLAUSES = 3, 24, 6
 """The most distinct episodes, rows of one table and shortfalls of one goal that are shown."""
-_LINE = 400
+_LINE = 1000
 """Longer lines are cut, characters."""
+_TILTED = 5
+"""Degrees from which on a tilt is told."""
 _FRAME = re.compile(r'^\s*File "(?P<file>[^"]*)", line (?P<line>\d+), in (?P<function>.*)$')
 
 
@@ -59,24 +62,29 @@ def _tests_section(report: TestReport | None) -> list[str]:
 
 
 def _test_lines(case: TestCase, shown: dict[str, str]) -> Iterator[str]:
-    """A failed assertion is no error that was raised in the tests, so the two are worded differently."""
-    message = f": {case.message}" if case.message else ""
+    """One test; a traceback that an earlier test of ``shown`` has is not repeated."""
+    yield _outcome_line(case)
     if case.outcome == "passed":
-        yield f"{case.id}: passed"
         return
-    asserted = case.outcome == "failed" and case.raised_in == "tests"
-    frames = [match for match in map(_FRAME.match, case.traceback.splitlines()) if match]
-    if asserted:
-        line = next((f", line {frame['line']}" for frame in reversed(frames) if frame["file"] == TESTS_FILE), "")
-        yield f"{case.id}: failed: assertion failed in {case.id}{line}{message.removeprefix(': AssertionError')}"
-    else:
-        where = f" (raised in {case.raised_in})" if case.raised_in else ""
-        yield f"{case.id}: {case.outcome}{where}{message}"
-    if not asserted and case.traceback:
+    if case.traceback and not _is_failed_assertion(case):
         first = shown.setdefault(case.traceback.partition("\n")[2][-300:], case.id)
         yield from _relevant_traceback(case.traceback) if first == case.id else [f"  as in {first}"]
     if case.output.strip():
         yield "  printed: " + " | ".join(case.output.strip().splitlines()[-5:])[-300:]
+
+
+def _is_failed_assertion(case: TestCase) -> bool:
+    """A failed assertion is no error that was raised in the tests: it is worded differently."""
+    return case.outcome == "failed" and case.raised_in == "tests"
+
+
+def _outcome_line(case: TestCase) -> str:
+    message = f": {case.message}" if case.message else ""
+    if not _is_failed_assertion(case):
+        return f"{case.id}: {case.outcome}" + (f" (raised in {case.raised_in})" if case.raised_in else "") + message
+    frames = [match for match in map(_FRAME.match, case.traceback.splitlines()) if match]
+    line = next((f", line {frame['line']}" for frame in reversed(frames) if frame["file"] == TESTS_FILE), "")
+    return f"{case.id}: failed: assertion failed in {case.id}{line}{message.removeprefix(': AssertionError')}"
 
 
 def _relevant_traceback(traceback: str) -> list[str]:
@@ -119,29 +127,33 @@ def _episode_lines(episode: Episode) -> Iterator[str]:
     yield f"detail: {episode.detail}"
     if episode.objects:
         yield f"concerns: {', '.join(episode.objects)}"
-    goals = [
-        f"worth {goal.worth:.2f}, published {goal.published:.2f}, strict {goal.strict:.2f}: {goal.goal}"
-        + (f"; misses: {'; '.join(goal.shortfalls[:CLAUSES])}" if goal.shortfalls else "")
-        for goal in episode.goals
-    ]
     actions = [
         f"{number}. {action.asset} #{action.object} {_place(action.pick)} -> {_place(action.place)}: {action.note}"
         for number, action in enumerate(episode.actions, 1)
     ]
-    objects = [
-        f"{motion.asset} #{motion.object} {_place(motion.start)}"
-        + (f" -> {_place(motion.end)}" if motion.moved else ", not moved")
-        + (f", tilted {motion.tilt:.0f} degrees" if motion.tilt >= 5 else "")
-        for motion in sorted(episode.motions, key=lambda motion: not motion.moved)
-    ]
-    if not episode.goals and episode.shortfalls:
-        goals = [f"misses: {'; '.join(episode.shortfalls[:CLAUSES])}"]
-    for title, rows in (("goals", goals), ("actions", actions), ("objects", objects), ("warnings", episode.warnings)):
-        if rows:
-            yield f"{title}:"
-            yield from (f"  {row}" for row in rows[:ROWS])
-        if len(rows) > ROWS:
-            yield f"  and {len(rows) - ROWS} more"
+    yield from _table("goals", [_goal_row(goal) for goal in episode.goals])
+    yield from _table("actions", actions)
+    yield from _table("objects", [_motion_row(motion) for motion in sorted(episode.motions, key=lambda m: not m.moved)])
+    yield from _table("warnings", episode.warnings)
+
+
+def _table(title: str, rows: Sequence[str]) -> Iterator[str]:
+    if rows:
+        yield f"{title}:"
+        yield from (f"  {row}" for row in rows[:ROWS])
+    if len(rows) > ROWS:
+        yield f"  and {len(rows) - ROWS} more"
+
+
+def _goal_row(goal: GoalOutcome) -> str:
+    row = f"worth {goal.worth:.2f}, published {goal.published:.2f}, strict {goal.strict:.2f}: {goal.goal}"
+    return f"{row}; misses: {'; '.join(goal.shortfalls[:CLAUSES])}" if goal.shortfalls else row
+
+
+def _motion_row(motion: ObjectMotion) -> str:
+    end = f" -> {_place(motion.end)}" if motion.moved else ", not moved"
+    tilt = f", tilted {motion.tilt:.0f} degrees" if motion.tilt >= _TILTED else ""
+    return f"{motion.asset} #{motion.object} {_place(motion.start)}{end}{tilt}"
 
 
 def _place(position: Vec3) -> str:

@@ -7,6 +7,7 @@ the next one goes another way, so that no model is asked the same thing over and
 import difflib
 import hashlib
 import json
+from collections.abc import Sequence
 from itertools import takewhile
 from typing import Any, Final, Literal, cast
 
@@ -167,27 +168,35 @@ def record_outcome(state: RunState, judged: Update) -> Update:
 def open_moves(state: RunState) -> dict[Verdict, Strategy]:
     """What the next fix may be, by verdict: what was in vain since the last progress is not tried again.
 
-    Empty once ``LONGEST_STREAK`` fixes in a row were in vain. Where the audit found fault with programs that pass
-    their tests, the tests are no suspects; nor are they where nobody asks whose fault it is.
+    Empty once ``LONGEST_STREAK`` fixes in a row were in vain.
     """
-    history = read_fix_history(state)
+    history, suspects = read_fix_history(state), _suspects(state)
     streak = list(takewhile(lambda record: record.vain, reversed(history)))
     if len(streak) >= LONGEST_STREAK:
         return {}
-    of_this_task = list(takewhile(lambda record: record.fixed != "task" or record.vain, reversed(history)))
-    tried = {(record.fixed, record.strategy) for record in streak}
-    tried |= {(record.fixed, record.strategy) for record in of_this_task if record.strategy == "rewrite"}
-    decision = state.get("decision", {})
-    code_only = state.get("audit") or decision.get("policy") == "always_code" or (history and not decision)
-    suspects: tuple[ProgramName, ...] = ("simulation",) if code_only else ("simulation", "tests")
+    tried = {(record.fixed, record.strategy) for record in (*streak, *_rewritten(history))}
     moves: dict[Verdict, Strategy] = {}
     for suspect in suspects:
-        left: list[Strategy] = [strategy for strategy in STRATEGIES if (suspect, strategy) not in tried]
-        if left:
-            moves[VERDICTS[suspect]] = left[0]
+        strategy = next((one for one in STRATEGIES if (suspect, one) not in tried), None)
+        if strategy is not None:
+            moves[VERDICTS[suspect]] = strategy
     if state.get("revisable"):
         moves["fix_task"] = "fix"
     return moves or {VERDICTS[suspect]: "fix" for suspect in suspects}
+
+
+def _rewritten(history: Sequence[FixRecord]) -> list[FixRecord]:
+    """The programs written anew for the present task: their author would be asked just the same again."""
+    of_this_task = takewhile(lambda record: record.fixed != "task" or record.vain, reversed(history))
+    return [record for record in of_this_task if record.strategy == "rewrite"]
+
+
+def _suspects(state: RunState) -> tuple[ProgramName, ...]:
+    """The tests are none where it was the audit that found fault, nor where nobody asks whose fault it is."""
+    decision = state.get("decision", {})
+    unasked = bool(state.get("history")) and not decision
+    code_only = state.get("audit") or unasked or decision.get("policy") == "always_code"
+    return ("simulation",) if code_only else ("simulation", "tests")
 
 
 def _as_lines(value: object) -> list[str]:

@@ -144,9 +144,12 @@ def decide_verdict(state: RunState) -> tuple[Literal["accepted", "rejected"], st
     if report is not None:
         failed = "; ".join(f"{item.check}: {item.detail}" for item in report.findings if not item.passed)
         return "rejected", f"audit failed ({fixes}): {failed}"
-    tests = TestReport.model_validate(state["report"])
-    failing = [f"{case.id}: {case.message or case.outcome}" for case in tests.cases if case.outcome != "passed"]
-    return "rejected", f"tests {tests.outcome} ({fixes}): {'; '.join([*filter(None, [tests.message]), *failing])}"
+    return "rejected", _describe_failed_tests(TestReport.model_validate(state["report"]), fixes)
+
+
+def _describe_failed_tests(report: TestReport, fixes: str) -> str:
+    failing = [f"{case.id}: {case.message or case.outcome}" for case in report.cases if case.outcome != "passed"]
+    return f"tests {report.outcome} ({fixes}): {'; '.join([*filter(None, [report.message]), *failing])}"
 
 
 def next_step_after_author(state: RunState) -> Literal["ok", "stop"]:

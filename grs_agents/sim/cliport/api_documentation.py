@@ -29,9 +29,11 @@ _FOR_TESTS = frozenset({"add_goal", "goals_met", "find", "get_object_pose", "get
 """What tests need of a task and its environment: to read its goals, to run it and to look, not to build it."""
 
 
-def api_reference(reader: Literal["program", "tests"] = "program") -> str:
+Reader = Literal["program", "tests"]
+
+
+def api_reference(reader: Reader = "program") -> str:
     """Markdown on ``Task``, ``Environment``, the oracle, ``utils`` and ``p``, as far as the reader needs it."""
-    tested = reader == "tests"
     arm = get_arm(templates.defaults.robot)
     lines = [
         "```python",
@@ -45,9 +47,9 @@ def api_reference(reader: Literal["program", "tests"] = "program") -> str:
         "random places lie in x 0.25..0.75, y -0.5..0.5.",
         "",
         "### Task",
-        _format_docstring(Task).partition("\n\nExample:")[0] if tested else _format_docstring(Task),
+        _format_docstring(Task) if reader == "program" else _format_docstring(Task).partition("\n\nExample:")[0],
     ]
-    for name in (name for name in _TASK if not tested or name in _FOR_TESTS):
+    for name in _select_names(_TASK, reader):
         lines += _format_entry(f"task.{name}", getattr(Task, name))
     lines += [
         "### Typed goals",
@@ -58,16 +60,20 @@ def api_reference(reader: Literal["program", "tests"] = "program") -> str:
         function = getattr(goal, name)
         lines.append(f"- `{name}{_format_signature(function)}`: {_format_docstring(function)}")
     lines += ["### Environment", _format_docstring(Environment)]
-    for name in (name for name in _ENVIRONMENT if not tested or name in _FOR_TESTS):
+    for name in _select_names(_ENVIRONMENT, reader):
         lines += _format_entry(f"env.{name}", getattr(Environment, name))
     lines += ["### Oracle: `task.oracle(env)`", _format_docstring(Oracle), "### utils"]
-    for name in () if tested else _UTILS:
+    for name in _select_names(_UTILS, reader):
         function = getattr(utils, name)
         lines.append(f"- `utils.{name}{_format_signature(function)}`: {_format_docstring(function).splitlines()[0]}")
     lines.append(f"- `utils.COLORS`: {', '.join(COLORS)}")
     call = pybullet.getBasePositionAndOrientation
     lines.append(f"- `p.getBasePositionAndOrientation(id)`: {_format_docstring(call).splitlines()[0]}")
     return "\n".join(lines) + "\n"
+
+
+def _select_names(names: tuple[str, ...], reader: Reader) -> list[str]:
+    return [name for name in names if reader == "program" or name in _FOR_TESTS]
 
 
 def _format_entry(label: str, function: Callable[..., Any]) -> list[str]:
