@@ -177,7 +177,7 @@ def open_moves(state: RunState) -> dict[Verdict, Strategy]:
     tried = {(record.fixed, record.strategy) for record in (*streak, *_rewritten(history))}
     moves: dict[Verdict, Strategy] = {}
     for suspect in suspects:
-        strategy = next((one for one in STRATEGIES if (suspect, one) not in tried), None)
+        strategy: Strategy | None = next((one for one in STRATEGIES if (suspect, one) not in tried), None)
         if strategy is not None:
             moves[VERDICTS[suspect]] = strategy
     if state.get("revisable"):
