@@ -40,6 +40,12 @@ def test_the_router_loops_until_the_audit() -> None:
     assert {("fix_code", "run_tests"), ("fix_tests", "run_tests"), ("run_tests", "audit")} <= edges
 
 
+def test_the_whole_graph_alone_may_revise_its_task() -> None:
+    assert [name for name in GRAPHS if "fix_task" in drawn(name)[0]] == ["grs"]
+    _, edges = drawn("grs")
+    assert {("route", "fix_task"), ("fix_task", "generate_sim"), ("fix_task", "run_tests")} <= edges
+
+
 def test_the_ablations_leave_out_what_they_are_named_for() -> None:
     assert {"route", "fix_tests"}.isdisjoint(drawn("no_router")[0])
     assert {"run_tests", "generate_tests", "fix_code"}.isdisjoint(drawn("no_fix")[0])

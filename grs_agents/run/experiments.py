@@ -49,7 +49,7 @@ def figures_of_run(done: Done) -> dict[str, Any]:
         "reachable": counts.get("objects_reachable", 0),
         "used": counts.get("assets_used", 0),
         "moved": counts.get("objects_moved", 0),
-        "fixes": counts.get("code_fixes", 0) + counts.get("test_fixes", 0),
+        "fixes": sum(counts.get(name, 0) for name in ("code_fixes", "test_fixes", "task_fixes")),
         "seconds": record.seconds.get("total", 0.0) if record else 0.0,
         "reason": "" if record and record.status == "accepted" else (record.reason if record else done.error),
     }

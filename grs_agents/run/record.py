@@ -117,6 +117,7 @@ def collect_run_counts(events: Sequence[Event], state: Mapping[str, Any]) -> dic
         "objects_moved": min((len(rollout["moved"]) for rollout in rollouts), default=0),
         "code_fixes": kinds["fix_code"],
         "test_fixes": kinds["fix_tests"],
+        "task_fixes": kinds["fix_task"],
         "model_calls": len(replies),
         "input_tokens": sum(event.input_tokens for event in replies),
         "output_tokens": sum(event.output_tokens for event in replies),

@@ -18,7 +18,7 @@ _ROWS = (
     ("generate_task", "settle", "register", "match"),
     ("generate_sim", "generate_tests", "run_tests", "audit"),
     ("", "fix_code", "route", "conclude"),
-    ("", "fix_tests", "", END),
+    ("", "fix_tests", "fix_task", END),
 )
 """Where the nodes stand: perception goes right in the first row and back in the second."""
 _GRID: dict[str, tuple[float, float]] = {
@@ -40,6 +40,7 @@ _COLORS: dict[str, Color] = {
     "route": (231, 96, 76),
     "fix_code": (230, 140, 40),
     "fix_tests": (200, 160, 80),
+    "fix_task": (170, 180, 110),
     "audit": (26, 188, 156),
     "conclude": (46, 180, 90),
     END: (46, 204, 113),
