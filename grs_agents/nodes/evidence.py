@@ -16,7 +16,7 @@ from grs_agents.sim.instance import GoalOutcome, ObjectMotion
 from grs_agents.state import RunState
 
 EPISODES, ROWS, CLAUSES = 3, 24, 6
-"""The most distinct episodes, rows of one table and shortfalls of one goal that are shown."""
+"""The most distinct episodes, tests or rows of one table, and shortfalls of one goal that are shown."""
 _LINE = 1000
 """Longer lines are cut, characters."""
 _TILTED = 5
@@ -55,8 +55,11 @@ def _tests_section(report: TestReport | None) -> list[str]:
         lines.append(f"raised in: {report.raised_in}")
     lines += _relevant_traceback(report.traceback)
     shown: dict[str, str] = {}  # the first test that each traceback is of
-    for case in sorted(report.cases, key=lambda case: case.outcome == "passed"):
+    cases = sorted(report.cases, key=lambda case: case.outcome == "passed")
+    for case in cases[:ROWS]:
         lines += _test_lines(case, shown)
+    if len(cases) > ROWS:
+        lines.append(f"and {len(cases) - ROWS} more tests")
     outcomes = dict.fromkeys([report.outcome, *(case.outcome for case in report.cases)])
     return [*lines, *(f"({name}: {OUTCOME_MEANINGS[name]})" for name in outcomes if name in OUTCOME_MEANINGS)]
 

@@ -195,5 +195,12 @@ def test_the_audit_tells_its_failures_and_the_seed_that_fell_shortest() -> None:
     assert lines[6] == "== oracle episode (audit seed 1)"
 
 
+def test_of_many_tests_those_that_failed_are_shown() -> None:
+    cases = [case(f"test_{number}") for number in range(500)]
+    lines = render_evidence(TestReport(outcome="failed", cases=(*cases, case("test_z", "error")))).splitlines()
+    assert lines[1:3] == ["failed: 500 of 501 tests passed", "TestX.test_z: error"]
+    assert lines[-1] == "and 477 more tests" and len(lines) < 40
+
+
 def test_nothing_run_is_said() -> None:
     assert render_evidence(None) == "(nothing was run)"
