@@ -104,7 +104,7 @@ class JudgedPrograms:
     tests: str
     results: str  # the evidence
     history: Sequence[str]  # one line for each fix
-    images: Sequence[str] = ()  # the photo and the end of the robot's episode, as far as there are any
+    images: Sequence[str] = ()  # the photo (not for the router), and the end of the robot's episode if it was drawn
     explanation: str = ""  # the router's, for a fixer
 
     def as_values(self, *names: str, **more: str) -> dict[str, str]:
@@ -134,7 +134,7 @@ def decide_what_to_fix(agents: Agents, judged: JudgedPrograms, verdicts: Sequenc
     lines = "\n".join(f"{verdict}: {_MEANINGS[verdict]}" for verdict in verdicts)
     names = ("task", "scene", "code", "tests", "test_results", "history")
     values = judged.as_values(*names, verdicts=lines)
-    return agents.ask_role("route", values, parse_verdict, judged.images[-1:])
+    return agents.ask_role("route", values, parse_verdict, judged.images)
 
 
 def fix_code(agents: Agents, judged: JudgedPrograms, api: str) -> str | NoReply:

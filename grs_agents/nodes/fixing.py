@@ -28,6 +28,7 @@ def judged_programs(state: RunState, services: Services, role: str) -> JudgedPro
     scene = scene_for_prompt(scene_from_state(state), services.library)
     if role != "fix_task":
         scene["objects"] = [item for item in scene["objects"] if item["asset"] in task.assets]
+    photo = [] if role == "route" else images_from_state(state)
     return JudgedPrograms(
         task=task,
         scene=roles.to_json_text(scene),
@@ -35,7 +36,7 @@ def judged_programs(state: RunState, services: Services, role: str) -> JudgedPro
         tests=state["tests"],
         results=evidence_from_state(state),
         history=describe_fix_history(state),
-        images=(*images_from_state(state), *draw_end_of_episode(state, services, role)),
+        images=(*photo, *draw_end_of_episode(state, services, role)),
         explanation=str(state.get("decision", {}).get("explanation", "judge for yourself")),
     )
 
