@@ -37,7 +37,7 @@ class Score(Frozen):
 
     passed: int = 0  # tests
     tests: int = 0
-    strict: float = 0.0  # the lowest strict score of the oracle: over the audit's seeds, or else in the tests
+    strict: float = 0.0  # of the oracle: the lowest over the audit's seeds, or else the highest in the tests
     held: int = 0  # checks of the audit
     checks: int = 0  # 0 where the audit did not run
     accepted: bool = False
@@ -97,14 +97,16 @@ def measure_score(state: RunState) -> Score:
     """The score of the programs that were judged last."""
     report = TestReport.model_validate(state["report"]) if state.get("report") else TestReport(outcome="no_tests")
     audit = AuditReport.model_validate(state["audit"]) if state.get("audit") else None
-    episodes = [episode for case in report.cases if (episode := read_episode(case.episode)) is not None]
-    if audit is not None:
-        episodes = [rollout.episode for rollout in audit.rollouts]
     findings = audit.findings if audit is not None else ()
+    if audit is not None:
+        strict = min((rollout.episode.strict for rollout in audit.rollouts), default=0.0)
+    else:  # a test may stop early, or look at the start
+        episodes = filter(None, (read_episode(case.episode) for case in report.cases))
+        strict = max((episode.strict for episode in episodes), default=0.0)
     return Score(
         passed=sum(case.outcome == "passed" for case in report.cases),
         tests=len(report.cases),
-        strict=round(min((episode.strict for episode in episodes), default=0.0), 3),
+        strict=round(strict, 3),
         held=sum(finding.passed for finding in findings),
         checks=len(findings),
         accepted=audit is not None and audit.accepted,
