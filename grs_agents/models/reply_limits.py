@@ -1,16 +1,20 @@
 """How much a provider may send, and how long it may take over one reply."""
 
+import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from contextvars import ContextVar, copy_context
 from dataclasses import dataclass
 from functools import partial
 from threading import Thread
 from typing import Any, TypeVar
 
+from grs_agents.interrupts import is_interrupt_requested
 from grs_agents.models.answer import ReplyProblem
 
 Result = TypeVar("Result")
+_LOOK = 0.2
+"""Seconds between two looks at whether the run was asked to end."""
 LONGEST = 16 * 2**20
 """Bytes of one HTTP body, decoded. The longest context windows hold some 4 MB of text; JSON doubles that at worst."""
 
@@ -80,7 +84,7 @@ def call_with_timeout(seconds: float | None, ask: Callable[[], Result]) -> Resul
         return ask()
     Thread(target=work, name="model-call", daemon=True).start()
     try:
-        return future.result(seconds)
+        return _wait_for_result(future, seconds)
     except Exception as error:
         if call.problem is not None:
             raise call.problem from error
@@ -89,3 +93,14 @@ def call_with_timeout(seconds: float | None, ask: Callable[[], Result]) -> Resul
         raise
     finally:
         call.over = True
+
+
+def _wait_for_result(future: Future[Result], seconds: float) -> Result:
+    """The result within so many seconds, unless the run was asked to end: of that only the main thread is told."""
+    end = time.monotonic() + seconds
+    while not wait([future], timeout=max(0.0, min(_LOOK, end - time.monotonic()))).done:
+        if is_interrupt_requested():
+            raise KeyboardInterrupt
+        if time.monotonic() >= end:
+            raise TimeoutError
+    return future.result()

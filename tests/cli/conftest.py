@@ -40,8 +40,8 @@ class ScriptedServer:
         """What the server answers: the scripted reply, or that its role is refused."""
         self.bodies.append(json.dumps(body["messages"]))
         self.arrived()
-        reply = self.reply(body)
-        if refusal := self.refused.get(self.roles[-1]):
+        role, reply = self.reply(body)
+        if refusal := self.refused.get(role):
             return 401, {}, json.dumps({"error": {"message": refusal}}).encode()
         usage = {
             "prompt_tokens": 10,
@@ -52,8 +52,8 @@ class ScriptedServer:
         }
         return 200, {}, json.dumps(completion({"content": reply}, usage)).encode()
 
-    def reply(self, body: Json) -> str:
-        """The scripted reply: the rules of the offline model, over the wire of another provider."""
+    def reply(self, body: Json) -> tuple[str, str]:
+        """The role, and the scripted reply: the rules of the offline model, over the wire of another provider."""
         content = body["messages"][0]["content"]
         parts: list[dict[str, Any]] = [{"type": "text", "text": content}] if isinstance(content, str) else content
         text = "\n".join(part["text"] for part in parts if part["type"] == "text")
@@ -69,7 +69,7 @@ class ScriptedServer:
         model = make_chat_model(ModelConfig(model="offline"), 0)
         reply = str(model.invoke([HumanMessage([*blocks, {"type": "text", "text": text}])]).text)
         waiting = self.spoilt.get(role, [])
-        return waiting.pop(0).replace("{reply}", reply) if waiting else reply
+        return role, waiting.pop(0).replace("{reply}", reply) if waiting else reply
 
 
 @pytest.fixture

@@ -3,7 +3,9 @@
 import json
 import subprocess
 import sys
+import time
 from collections import Counter
+from itertools import count
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -54,7 +56,8 @@ def test_a_killed_run_pays_for_no_reply_twice(tmp_path: Path, small_scene: Path,
 
     scripted_server.arrived = kill_at_the_fourth
     order = ["run", str(small_scene), "--out", str(out), "--json"]
-    with subprocess.Popen(command(*order, *asking(scripted_server)), stdout=subprocess.DEVNULL) as process:
+    one_by_one = ("--set", "models.concurrency=1")
+    with subprocess.Popen(command(*order, *asking(scripted_server), *one_by_one), stdout=subprocess.DEVNULL) as process:
         running.append(process)
         started.set()
     paid = scripted_server.bodies[:3]
@@ -70,6 +73,59 @@ def test_a_killed_run_pays_for_no_reply_twice(tmp_path: Path, small_scene: Path,
     assert set(answered.values()) == set(asked.values()) == {1}
     assert len(asked - answered) == 1 and not answered - asked
     assert len(answered) == len(scripted_server.bodies) - 1
+
+
+def test_what_was_answered_at_once_is_not_asked_again(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
+    pytest.importorskip("langchain_openai")
+    log = tmp_path / "run" / "events.jsonl"
+    order = ["run", str(small_scene), "--out", str(tmp_path / "run"), "--json"]
+    running: list[subprocess.Popen[bytes]] = []
+    started, arrivals = Event(), count(1)
+
+    def kill_once_two_are_answered() -> None:
+        started.wait()
+        if next(arrivals) == 3:
+            while log.read_text().count('"kind":"reply"') < 2:
+                time.sleep(0.01)
+            running[0].kill()
+            running[0].wait()
+
+    scripted_server.arrived = kill_once_two_are_answered
+    with subprocess.Popen(command(*order, *asking(scripted_server)), stdout=subprocess.DEVNULL) as process:
+        running.append(process)
+        started.set()
+    done = grs(*order, "--resume", folder=tmp_path)
+    assert json.loads(done.stdout)["status"] == "accepted", done.stderr
+    assert [times for times in Counter(scripted_server.bodies).values() if times > 1] == [2]  # asked when it was killed
+    events = read_events(log)
+    answered = {event.call for event in events if isinstance(event, Reply)}
+    asked = Counter(event.digest for event in events if isinstance(event, Prompt) and event.call in answered)
+    assert set(asked.values()) == {1}
+
+
+def test_a_run_that_is_asked_to_end_does_not_wait_for_replies(
+    tmp_path: Path, small_scene: Path, scripted_server: Any
+) -> None:
+    pytest.importorskip("langchain_openai")
+    arrivals, asked, go_on = count(1), Event(), Event()
+
+    def hold() -> None:
+        if next(arrivals) == 3:
+            asked.set()
+        go_on.wait()
+
+    scripted_server.arrived = hold
+    order = ["run", str(small_scene), "--out", str(tmp_path / "run"), "--set", "models.timeout=3600"]
+    with subprocess.Popen(command(*order, *asking(scripted_server)), stderr=subprocess.DEVNULL) as process:
+        try:
+            assert asked.wait(120)
+            process.terminate()
+            assert process.wait(120) == 130
+        finally:
+            go_on.set()
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "interrupted"
+    replies = [event for event in read_events(tmp_path / "run" / "events.jsonl") if isinstance(event, Reply)]
+    assert [reply.answered for reply in replies] == [False] * 3
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
@@ -138,7 +194,8 @@ def test_every_prompt_has_one_reply_with_what_it_cost(tmp_path: Path, small_scen
     pytest.importorskip("langchain_openai")
     scripted_server.spoilt["describe"] = ["half a \ud800 pair", ""]
     scripted_server.refused["task"] = "the account is closed"
-    done = grs("run", str(small_scene), "--out", "run", *asking(scripted_server), folder=tmp_path)
+    one_by_one = ("--set", "models.concurrency=1")
+    done = grs("run", str(small_scene), "--out", "run", *asking(scripted_server), *one_by_one, folder=tmp_path)
     assert done.returncode == 3
     events = read_events(tmp_path / "run" / "events.jsonl")
     prompts = [event.call for event in events if isinstance(event, Prompt)]
