@@ -39,6 +39,9 @@ MANY_SEGMENTS = """\
 1. Each segment with its number, cut out; what is around it is dimmed and is no part of it.
 2. The whole photo; the segments are outlined in white and numbered."""
 
+Group = tuple[int, ...]
+"""The numbers of segments that are pieces of one thing."""
+
 
 @dataclass(frozen=True)
 class DescribedSegments:
@@ -182,35 +185,65 @@ class _Describer:
         """Put together what was described as pieces of one thing; that is described next."""
         records = {int(one["id"]): CandidateRecord.model_validate(one) for one in state["records"]}
         said = {number: Description.model_validate(state["descriptions"][str(number)]) for number in records}
-        part_of = {number: whole for number in state["asked"] if (whole := said[number].part_of) is not None}
+        part_of = _wholes_of_pieces({number: said[number] for number in state["asked"]})
         groups = group_pieces(part_of, {number: one.box for number, one in records.items()})
-        notes = [
-            f"segment {number} was described as a part of {whole}, which it does not adjoin: it stays by itself"
-            for number, whole in part_of.items()
-            if not any(number in group and whole in group for group in groups)
-        ]
-        free = max(self.first_free - 1, *records) + 1
-        masks = {number: load_mask(self.services.folder / one.mask) for number, one in records.items() if groups}
-        merged: list[Candidate] = []
-        dropped: list[DroppedCandidate] = []
-        for group in groups:
-            whole = merge_pieces(free + len(merged), group, masks, *self.photo)
-            if whole is None:
-                notes.append(f"segments {', '.join(map(str, group))} are too large for one object: they stay apart")
-                continue
-            merged.append(whole)
-            reason = f"a piece of a larger thing, candidate {whole.id}"
-            dropped += [DroppedCandidate(id=one, reason=f"{reason}: {said[one].description}") for one in group]
+        merged, too_large = self.merge_groups(groups, records)
+        dropped = _drop_pieces(merged, said)
         pieces = {piece.id for piece in dropped}
         rest = [one for number, one in records.items() if number not in pieces]
-        added = save_additional_candidates(self.photo[0], merged, rest, self.services.folder) if merged else ()
-        self.draw_pictures(added, [*rest, *added])
+        added = self.save([whole for _, whole in merged], rest)
         return {
             "records": [one.model_dump(mode="json") for one in (*rest, *added)],
             "asked": [one.id for one in added],
             "dropped": [one.model_dump(mode="json") for one in dropped],
-            "notes": notes,
+            "notes": [*_note_apart(part_of, groups), *too_large],
         }
+
+    def save(self, merged: Sequence[Candidate], rest: Sequence[CandidateRecord]) -> tuple[CandidateRecord, ...]:
+        """What was put together, beside the rest, with the pictures for the questions about it."""
+        folder = self.services.folder
+        added = save_additional_candidates(self.photo[0], merged, rest, folder) if merged else ()
+        self.draw_pictures(added, [*rest, *added])
+        return added
+
+    def merge_groups(
+        self, groups: Sequence[Group], records: Mapping[int, CandidateRecord]
+    ) -> tuple[list[tuple[Group, Candidate]], list[str]]:
+        """Each group of segments with what it is together, measured; and which are too large for that."""
+        free = max(self.first_free - 1, *records) + 1
+        masks = {number: load_mask(self.services.folder / one.mask) for number, one in records.items() if groups}
+        merged: list[tuple[Group, Candidate]] = []
+        notes: list[str] = []
+        for group in groups:
+            whole = merge_pieces(free + len(merged), group, masks, *self.photo)
+            if whole is not None:
+                merged.append((group, whole))
+            else:
+                notes.append(f"segments {', '.join(map(str, group))} are too large for one object: they stay apart")
+        return merged, notes
+
+
+def _wholes_of_pieces(said: Mapping[int, Description]) -> dict[int, int]:
+    """For each segment that was described as a piece what it is said to be a part of."""
+    return {number: one.part_of for number, one in said.items() if one.part_of is not None}
+
+
+def _drop_pieces(merged: Sequence[tuple[Group, Candidate]], said: Mapping[int, Description]) -> list[DroppedCandidate]:
+    """The segments that are pieces, with what they are pieces of and what was said of them."""
+    return [
+        DroppedCandidate(id=one, reason=f"a piece of a larger thing, candidate {whole.id}: {said[one].description}")
+        for group, whole in merged
+        for one in group
+    ]
+
+
+def _note_apart(part_of: Mapping[int, int], groups: Sequence[Group]) -> list[str]:
+    """Which pieces are not put together with what they were said to be a part of."""
+    return [
+        f"segment {number} was described as a part of {whole}, which it does not adjoin: it stays by itself"
+        for number, whole in part_of.items()
+        if not any(number in group and whole in group for group in groups)
+    ]
 
 
 def _as_json(said: Mapping[int, Description]) -> dict[str, Any]:

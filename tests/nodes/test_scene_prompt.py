@@ -56,7 +56,7 @@ def test_a_turned_container_tells_its_extents_and_the_room_in_it() -> None:
     fixtures = {item["name"]: item for item in fixture_assets_for_prompt(LIBRARY)}
     assert fixtures["container/container-template.urdf"]["inner_size"] == pytest.approx([0.19, 0.15, 0.055], abs=0.003)
     assert "inner_size" not in fixtures["zone/zone.urdf"] and fixtures["zone/zone.urdf"]["hollow"]
-    lying: Any = {"orientation": quaternion_from_rpy(math.pi / 2, 0.0, 0.0)}
+    lying: dict[str, Any] = {"orientation": quaternion_from_rpy(math.pi / 2, 0.0, 0.0)}
     assert "hollow" not in told(thing("mug", "mug/mug.urdf", 0.5, 0.04, **lying))["mug"]
 
 
