@@ -86,12 +86,14 @@ def _find_objects_without_goal(source: ProgramSource) -> Iterator[StaticFinding]
 
 def _check_reward_sum(source: ProgramSource) -> Iterator[StaticFinding]:
     """Goals that ``reset`` states one after the other, with rewards in plain numbers: they add up to 1."""
-    resets = [node for node in source.nodes_of(ast.FunctionDef) if node.name == "reset"]
-    plain = {getattr(statement, "value", None) for reset in resets for statement in reset.body}
     goals = [call for call in source.nodes_of(ast.Call) if getattr(call.func, "attr", "") == "add_goal"]
     rewards = [_read_stated_reward(goal) for goal in goals]
-    total = sum(reward or 0.0 for reward in rewards)
-    if goals and plain.issuperset(goals) and None not in rewards and abs(total - 1) > 0.01:
+    resets = [node for node in source.nodes_of(ast.FunctionDef) if node.name == "reset"]
+    plain = {getattr(statement, "value", None) for reset in resets for statement in reset.body}
+    if not goals or None in rewards or not plain.issuperset(goals):
+        return
+    total = sum(filter(None, rewards))
+    if abs(total - 1) > 0.01:
         text = f"the goals' step_max_reward add up to {total:.2f}, not 1"
         yield source.finding(goals[-1].lineno, "reward_sum", text)
 
@@ -116,10 +118,12 @@ def _find_names_missing_in_program(
 ) -> Iterator[StaticFinding]:
     """Names that the tests import from the program and that it lacks; it is to blame where they are the task's."""
     proper = task.name.replace("-", "")
-    classes = [node.name for node in program.tree.body if isinstance(node, ast.ClassDef)]
+    classes = {node.name: node.lineno for node in program.tree.body if isinstance(node, ast.ClassDef)}
     for node in suite.nodes:
         if isinstance(node, ast.ImportFrom) and node.module == "task_code" and "*" not in program.given_names:
             for name in sorted({alias.name for alias in node.names} - program.given_names - {"*"}):
                 text = f"the tests import {name} from the program, which defines {', '.join(classes) or 'no class'}"
-                at_fault, line = (program, 1) if name.lower() == proper else (suite, node.lineno)
+                at_fault, line = (
+                    (program, min(classes.values(), default=1)) if name.lower() == proper else (suite, node.lineno)
+                )
                 yield at_fault.finding(line, "class_missing", text)
