@@ -73,16 +73,16 @@ def test_the_program_is_to_be_fixed(sandbox: ToolContext, right: str, wrong: str
 @pytest.mark.parametrize(
     ("right", "wrong", "ending"),
     [
-        ("action = agent.act(obs, info)", "action = agent.act(obs, info['camera'])", "stopped"),
+        ("action = agent.act(obs, info)", "action = agent.act(obs, info['camera'])", None),
         ("total += reward", "total += reward['sum']", "success"),
         ("if done:", "if obs.no_such_thing:", "success"),
-        ("action = agent.act(obs, info)", "break", "stopped"),
+        ("action = agent.act(obs, info)", "break", None),
         ("total, 1.0, places=2", "total, 3.0, places=2", "success"),
     ],
     ids=["misuse", "error-after-a-step", "error-at-the-end", "oracle-not-asked", "wrong-scale"],
 )
-def test_the_tests_are_to_be_fixed(sandbox: ToolContext, right: str, wrong: str, ending: str) -> None:
+def test_the_tests_are_to_be_fixed(sandbox: ToolContext, right: str, wrong: str, ending: str | None) -> None:
     assert right in TESTS
     said, report = verdict(sandbox, SIMULATION, TESTS.replace(right, wrong))
-    assert report.cases[0].episode["outcome"] == ending
+    assert (report.cases[0].episode or {}).get("outcome") == ending
     assert said == "fix_test"

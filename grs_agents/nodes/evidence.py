@@ -4,12 +4,11 @@ The text is made of lines under headings ``== ...``. An episode that several tes
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-
-from pydantic import ValidationError
+from collections.abc import Iterator, Sequence
 
 from grs_agents.audit import AuditReport, StaticFinding
 from grs_agents.base import Vec3
+from grs_agents.policies import read_episode
 from grs_agents.sandbox import OUTCOME_MEANINGS, SIMULATION_FILE, TESTS_FILE, TestCase, TestReport
 from grs_agents.sim import Episode
 from grs_agents.sim.instance import GoalOutcome, ObjectMotion
@@ -113,14 +112,6 @@ def _episode_sections(report: TestReport | None) -> Iterator[list[str]]:
             named.setdefault(episode, []).append(f"{hook}{case.id}")
     for episode, names in list(named.items())[:EPISODES]:
         yield [f"== oracle episode ({', '.join(names)})", *_episode_lines(episode)]
-
-
-def read_episode(value: Mapping[str, object] | None) -> Episode | None:
-    """The episode that a report holds as JSON; None where there is none that can be read."""
-    try:
-        return None if value is None else Episode.model_validate(value)
-    except ValidationError:
-        return None
 
 
 def _episode_lines(episode: Episode) -> Iterator[str]:

@@ -1,0 +1,9 @@
+from .loading import POLICIES as POLICIES
+from .loading import load_policy as load_policy
+from .types import Cause as Cause
+from .types import Policy as Policy
+from .types import Routed as Routed
+from .types import RoutingContext as RoutingContext
+from .types import RoutingDecision as RoutingDecision
+from .types import failures_without_run_details as failures_without_run_details
+from .types import read_episode as read_episode

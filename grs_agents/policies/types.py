@@ -1,0 +1,82 @@
+"""What a routing policy is given, and what it answers."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from pydantic import ValidationError
+
+from grs_agents.agents import Agents, TaskDefinition, Verdict
+from grs_agents.audit import StaticFinding
+from grs_agents.base import Frozen
+from grs_agents.sandbox import TestReport
+from grs_agents.sim import Episode
+
+Cause = Literal["tests_error", "wrong_expectation", "wrong_program", "cannot_tell"]
+"""Why something fails: the tests are in error; they expect what the task does not say; the program does not do what
+the task says, whether it raises, falls short or succeeds at something else; or the evidence does not tell."""
+
+
+class Routed(Frozen):
+    """An earlier decision: the report that it was made on, and the verdict."""
+
+    failures: tuple[str, ...]  # `failures_without_run_details` of that report
+    verdict: Verdict  # which program was to be fixed
+
+
+@dataclass(frozen=True)
+class RoutingContext:
+    """The evidence."""
+
+    task: TaskDefinition
+    report: TestReport
+    results: str  # report, static findings and audit as text
+    audit_failed: bool  # the tests passed but the audit did not
+    history: tuple[str, ...]  # one line for each earlier decision and fix
+    agents: Agents  # the models, for policies that ask one
+    simulation: str = ""  # source of the simulation program
+    tests: str = ""  # source of its tests
+    scene: str = ""  # the objects of the task as JSON
+    static: tuple[StaticFinding, ...] = ()  # what shows without a run
+    images: tuple[str, ...] = ()  # the end of the robot's episode, relative to the run folder
+    verdicts: tuple[Verdict, ...] = ("fix_code", "fix_test")  # what is left to try; others are not followed
+    earlier: tuple[Routed, ...] = ()  # the earlier decisions, oldest first
+
+
+class RoutingDecision(Frozen):
+    """A verdict with its reason."""
+
+    verdict: Verdict
+    explanation: str
+    policy: str
+    cause: Cause = "cannot_tell"
+    sure: bool = False  # whether the policy would stand by it against another opinion
+
+
+class Policy(Protocol):
+    """Anything with a ``decide``."""
+
+    def decide(self, context: RoutingContext) -> RoutingDecision:
+        """Say what to fix next."""
+        ...
+
+
+def failures_without_run_details(report: TestReport) -> tuple[str, ...]:
+    """What went wrong in ``report``, without what differs from run to run: seconds, printed text, tracebacks.
+
+    Two reports with the same failures show that the fix between them changed nothing.
+    """
+    cases = [
+        f"{case.outcome} in {case.raised_in} ({(case.episode or {}).get('outcome')}): {case.message}"
+        for case in report.cases
+        if case.outcome != "passed"
+    ]
+    return (f"{report.outcome} in {report.raised_in}: {report.message}", *sorted(cases))
+
+
+def read_episode(recorded: Mapping[str, object] | None) -> Episode | None:
+    """The episode that a test reported; None where it is none, as generated code may report anything."""
+    try:
+        return None if recorded is None else Episode.model_validate(recorded)
+    except ValidationError:
+        return None
