@@ -20,7 +20,7 @@ from grs_agents.foreign import read_json
 from grs_agents.run.batch import Done, Job, run_jobs
 from grs_agents.terminal import VisibleParser, print_escaped, print_json
 
-CHECKOUT_ONLY = ("correspondence", "perception", "retrieval_scale")
+CHECKOUT_ONLY = ("correspondence", "perception", "retrieval_scale", "routing")
 """Experiments that measure GRS itself on scenes made for it: neither they nor what they share are in a wheel."""
 
 

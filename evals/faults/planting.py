@@ -1,0 +1,83 @@
+"""Pairs of programs with one planted fault each: read from folders, or made from right pairs by typical mistakes."""
+
+import json
+import random
+import re
+from pathlib import Path
+from typing import Any, Literal
+
+from evals.faults.mistakes import MISTAKES
+from grs_agents.base import Frozen
+from grs_agents.errors import InputError
+
+BASES = Path(__file__).parent / "bases"
+"""Right pairs for the sample scene: files with three fenced blocks, task, program and tests."""
+
+
+class PlantedFault(Frozen):
+    """A pair of programs of which one has a fault."""
+
+    name: str
+    kind: str  # what was planted
+    truth: Literal["fix_code", "fix_test"]
+    right_tests: bool  # the program does something other than the task, and tests of the task's words show it
+    task: dict[str, Any]
+    simulation: str
+    tests: str
+
+
+def read_fault_folders(folder: Path) -> list[PlantedFault]:
+    """The faults of a folder that holds ``BASE`` and, beside it, ``S..`` (program at fault) and ``T..`` (tests).
+
+    Raises:
+        InputError: there is no folder ``BASE`` with a ``task.json``.
+    """
+    task = folder / "BASE" / "task.json"
+    if not task.is_file():
+        raise InputError(f"{folder} holds no BASE/task.json", "name a folder of planted faults")
+    listed = (folder / "LIST.txt").read_text("utf-8") if (folder / "LIST.txt").is_file() else ""
+    kinds = dict(line.split(": ", 1) for line in listed.splitlines() if ": " in line)
+    return [
+        PlantedFault(
+            name=path.name,
+            kind=kinds.get(path.name, ""),
+            truth="fix_code" if path.name.startswith("S") else "fix_test",
+            right_tests=False,
+            task=json.loads(task.read_text("utf-8")),
+            simulation=(path / "simulation.py").read_text("utf-8"),
+            tests=(path / "test_simulation.py").read_text("utf-8"),
+        )
+        for path in sorted(folder.iterdir())
+        if re.fullmatch(r"[ST]\d+", path.name)
+    ]
+
+
+def read_base(file: Path) -> tuple[dict[str, Any], str, str]:
+    """Task, program and tests of one right pair."""
+    task, simulation, tests = re.findall(r"^```(?:json|python)\n(.*?)^```$", file.read_text("utf-8"), re.S | re.M)
+    return json.loads(task), simulation, tests
+
+
+def plant_mistakes(half: int, seed: int) -> list[PlantedFault]:
+    """Each kind of mistake in each right pair that it applies to; of all, every other one from number ``half`` on."""
+    planted: list[PlantedFault] = []
+    for file in sorted(BASES.glob("*.md")):
+        task, simulation, tests = read_base(file)
+        for mistake in MISTAKES:
+            in_program = mistake.program == "simulation"
+            rng = random.Random(f"{seed} {file.stem} {mistake.name}")
+            edited = mistake.apply(simulation if in_program else tests, rng)
+            if edited is None:
+                continue
+            planted.append(
+                PlantedFault(
+                    name=f"{file.stem}.{mistake.name}",
+                    kind=mistake.name,
+                    truth="fix_code" if in_program else "fix_test",
+                    right_tests=mistake.right_tests,
+                    task=task,
+                    simulation=edited if in_program else simulation,
+                    tests=tests if in_program else edited,
+                )
+            )
+    return planted[half::2]
