@@ -146,8 +146,9 @@ class Config(Frozen):
     """Everything a run can be told."""
 
     graph: str = "grs"  # the topology to run, by its name in `graphs/`
-    # who decides between fixing code and tests: `llm`, `rules`, `always_code`, a dotted path (`package.module:Policy`)
-    # or an entry point in the group `grs_agents.policies`
+    # who decides between fixing code and tests: `llm` (a model), `rules` (types), `hybrid` (rules, the model where they
+    # doubt), `vote` (the model, asked in both orders), `always_code`, a dotted path (`package.module:Policy`) or an
+    # entry point in the group `grs_agents.policies`
     policy: str = "llm"
     seed: int = Field(default=0, ge=0, lt=2**31)  # the seed of everything random, the offline model's choices included
     # the arm behind the table: `ur5e`, `panda` or the path of an MJCF file (`.xml`) of one's own
