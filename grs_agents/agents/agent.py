@@ -22,7 +22,7 @@ from grs_agents.agents.reply import ReplyError
 from grs_agents.agents.types import NoReply
 from grs_agents.config import Config, ModelConfig
 from grs_agents.foreign import read_picture, resolve_member_file
-from grs_agents.models import OFFLINE, Answer, ReplyProblem, Retries, invoke_with_retries, make_chat_model
+from grs_agents.models import Answer, ReplyProblem, Retries, invoke_with_retries, is_offline, make_chat_model
 from grs_agents.trace import Event, EventLog, NodeStarted, Note, Prompt, Reply
 
 Parsed = TypeVar("Parsed")
@@ -161,7 +161,7 @@ class Agents:
 
 def call_timeout_seconds(spec: ModelConfig) -> float | None:
     """The seconds that one call of a model may take; the offline model, which asks nobody, has as long as it needs."""
-    return None if spec.model == OFFLINE else spec.timeout
+    return None if is_offline(spec.model) else spec.timeout
 
 
 def image_block_from_file(path: Path) -> dict[str, str]:

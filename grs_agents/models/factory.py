@@ -65,10 +65,10 @@ def make_chat_model(config: ModelConfig, seed: int) -> BaseChatModel:
         UnknownNameError: no such provider.
         ConfigError: the provider's package is not installed, or its key is not set.
     """
-    if config.model == OFFLINE:
-        from grs_agents.models.offline import OfflineChatModel
+    if is_offline(config.model):
+        from grs_agents.models.offline import make_offline_model
 
-        return OfflineChatModel(seed=seed)
+        return make_offline_model(config.model, seed)
     name, colon, model = config.model.partition(":")
     if name not in PROVIDERS:
         raise UnknownNameError("model", config.model, [OFFLINE, *(f"{provider}:NAME" for provider in PROVIDERS)])
@@ -98,6 +98,11 @@ def is_provider_installed(provider: str) -> bool:
     except ImportError:
         return False
     return True
+
+
+def is_offline(model: str) -> bool:
+    """Whether ``model`` is the embedded one, with mistakes or without."""
+    return model.partition(":")[0] == OFFLINE
 
 
 def is_loopback_url(url: str | None) -> bool:

@@ -136,30 +136,6 @@ def test_the_audit_s_demand_for_two_moved_objects_brings_objects_back(made: tupl
     assert len(program_edits.find_asset_names(fixed_code(task, scene, single, audit))) >= 3
 
 
-FOREIGN = """import numpy as np
-from grs_agents.sim import Task
-
-
-class Mine(Task):
-    def reset(self, env):
-        super().reset(env)
-        boxes = [
-            {"urdf": "proxy/red_box_1.urdf", "at": (0.4, -0.3, 0.025)},
-            {"urdf": "proxy/red_can_1.urdf", "at": (0.42, -0.12, 0.04)},
-            {"urdf": "proxy/blue_box_1.urdf", "at": (0.42, 0.06, 0.02)},
-        ]
-        for box in boxes:
-            env.add_object(box["urdf"], (box["at"], (0, 0, 0, 1)))
-"""
-
-
-def test_an_object_is_taken_out_of_another_author_s_program(made: tuple[Json, Json, str]) -> None:
-    scene, task, _ = made
-    fixed = fixed_code(task, scene, FOREIGN, report("toppled", ["proxy/red_can_1.urdf"]))
-    lines = FOREIGN.splitlines()
-    assert fixed.splitlines() == [line for line in lines if "red_can_1" not in line]
-
-
 def test_tests_get_their_missing_import(made: tuple[Json, Json, str]) -> None:
     _, task, code = made
     tests = unit_tests_for(task, code)

@@ -1,6 +1,8 @@
 """The embedded chat model: no key, no network, the same reply to the same prompt and seed."""
 
 import hashlib
+import random
+import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -12,6 +14,7 @@ from langchain_core.messages import AIMessage, AIMessageChunk, BaseMessage, Huma
 from langchain_core.messages.ai import UsageMetadata
 from langchain_core.outputs import ChatGeneration, ChatGenerationChunk, ChatResult
 
+from grs_agents.errors import UnknownNameError
 from grs_agents.models.offline.authors import author_simulation, author_task
 from grs_agents.models.offline.code_fixer import fix_code
 from grs_agents.models.offline.describer_and_matcher import (
@@ -20,6 +23,7 @@ from grs_agents.models.offline.describer_and_matcher import (
     extract_message_images,
     match_asset,
 )
+from grs_agents.models.offline.mistakes import Program, make_mistake
 from grs_agents.models.offline.prompt_text import PromptText, parse_prompt
 from grs_agents.models.offline.router import decide_what_to_fix
 from grs_agents.models.offline.unittest_author import author_tests, fix_tests
@@ -36,6 +40,8 @@ ROLES: Mapping[str, Answer] = {
     "fix_code": lambda prompt, pictures, rng: fix_code(prompt),
     "fix_tests": lambda prompt, pictures, rng: fix_tests(prompt),
 }
+_AUTHORED: Mapping[str, Program] = {"simulation": "simulation", "tests": "tests"}
+_PYTHON = re.compile(r"```python\n(.*)```", re.DOTALL)
 _HELP = "I answer prompts that begin with a line `# Role: NAME`, NAME being one of: "
 
 
@@ -43,11 +49,12 @@ class OfflineChatModel(BaseChatModel):
     """A chat model that answers the GRS prompts by rules.
 
     It reads the prompt that any other model gets, recognises its role by the ``# Role:`` line and never sees what
-    is not in the prompt. Equal prompt and seed give an equal reply.
+    is not in the prompt. Equal prompt and seed give an equal reply. Its fixes are right ones.
     """
 
     model: str = "grs-offline-1"  # its name in traces
     seed: int = 0  # what it does where rules leave a choice
+    faulty: float = 0.0  # how probable a mistake is in each program and each test script that it authors
 
     @property
     def _llm_type(self) -> str:
@@ -55,7 +62,7 @@ class OfflineChatModel(BaseChatModel):
 
     @property
     def _identifying_params(self) -> dict[str, Any]:
-        return {"model": self.model, "seed": self.seed}
+        return {"model": self.model, "seed": self.seed, "faulty": self.faulty}
 
     def _get_ls_params(self, stop: list[str] | None = None, **kwargs: Any) -> LangSmithParams:
         params = super()._get_ls_params(stop=stop, **kwargs)
@@ -112,10 +119,19 @@ class OfflineChatModel(BaseChatModel):
                 continue
             prompt = parse_prompt(str(message.text))
             if prompt is not None and prompt.role in ROLES:
-                return ROLES[prompt.role](
-                    prompt, extract_message_images(message), self._rng_for_prompt(str(message.text))
-                )
+                rng = self._rng_for_prompt(str(message.text))
+                reply = ROLES[prompt.role](prompt, extract_message_images(message), rng)
+                return self._add_mistake(reply, prompt.role, rng)
         return _HELP + ", ".join(ROLES)
+
+    def _add_mistake(self, reply: str, role: str, rng: np.random.Generator) -> str:
+        """The reply of an author with a mistake in its program, as often as ``faulty`` says."""
+        block = _PYTHON.fullmatch(reply)
+        program = _AUTHORED.get(role)
+        if program is None or block is None or rng.random() >= self.faulty:
+            return reply
+        source, _ = make_mistake(block[1], program, random.Random(int(rng.integers(2**31))))
+        return f"```python\n{source}```"
 
     def _rng_for_prompt(self, text: str) -> np.random.Generator:
         digest = hashlib.sha256(text.encode()).digest()
@@ -129,3 +145,19 @@ def _estimate_token_usage(messages: list[BaseMessage], reply: str) -> UsageMetad
 
 def _estimate_token_count(text: str) -> int:
     return max(1, len(text) // 4)
+
+
+_NAME = re.compile(r"offline(?P<faulty>:faulty(?::(?P<share>[01](?:\.\d+)?|\.\d+))?)?")
+
+
+def make_offline_model(name: str, seed: int) -> OfflineChatModel:
+    """The model called ``offline``, ``offline:faulty`` or, with how probable a mistake is, ``offline:faulty:0.3``.
+
+    Raises:
+        UnknownNameError: there is no such offline model.
+    """
+    form = _NAME.fullmatch(name)
+    faulty = float(form["share"] or 0.5) if form and form["faulty"] else 0.0
+    if form is None or faulty > 1:
+        raise UnknownNameError("model", name, ["offline", "offline:faulty", "offline:faulty:P with P from 0 to 1"])
+    return OfflineChatModel(seed=seed, faulty=faulty)

@@ -14,8 +14,6 @@ _PARTIAL_OUTCOMES = frozenset({"dropped", "partial", "step_limit", "stopped", "t
 _LARGER = 1.25
 _RELOCATION_COMMENT = "stand somewhere free"
 """Stands in those that put an object elsewhere than the photo shows it."""
-_OWN_PROGRAM_MARK = "for item, label, place, pose"
-"""Stands in every program that this model writes."""
 
 
 def fix_code(prompt: PromptText) -> str:
@@ -23,9 +21,7 @@ def fix_code(prompt: PromptText) -> str:
     source, evidence = prompt.section_body("program"), parse_report_evidence(prompt.section_body("test report"))
     task, objects = prompt.section_json("task"), parse_scene_objects(prompt.section_json("scene"))
     fixed = fix_python_error(source, evidence) or _increase_steps_or_areas(source, evidence)
-    fixed = (
-        fixed or _remove_difficult_object(source, evidence) or _write_replanned_program(source, evidence, task, objects)
-    )
+    fixed = fixed or _write_replanned_program(source, evidence, task, objects)
     return f"```python\n{fixed.rstrip()}\n```"
 
 
@@ -55,15 +51,6 @@ def _increase_steps_or_areas(source: str, evidence: Evidence) -> str | None:
         if oracle.outcome == "target_too_small":
             return program_edits.scale_target_sizes(source, _LARGER)
     return None
-
-
-def _remove_difficult_object(source: str, evidence: Evidence) -> str | None:
-    """Another author's program without the object that the oracle has trouble with, while two others remain."""
-    objects = _list_program_objects(source)
-    concerned = [asset for oracle in evidence.oracles for asset in oracle.objects if asset in objects]
-    if _OWN_PROGRAM_MARK in source or len(objects) <= 2 or not concerned:
-        return None
-    return program_edits.remove_asset(source, concerned[0])
 
 
 def _list_program_objects(source: str) -> list[str]:

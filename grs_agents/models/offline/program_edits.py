@@ -1,8 +1,9 @@
 """Small edits of program text, found by its syntax tree and made in place, so that all else stays as it was."""
 
 import ast
+import itertools
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 
 KNOWN_NAMES = {
     "np": "import numpy as np",
@@ -59,7 +60,7 @@ def add_import(source: str, name: str) -> str | None:
 def set_max_steps(source: str, steps: int) -> str | None:
     """``source`` with another number of steps; None where it assigns none."""
     assignments = [node for node in _find_assignments(source) if _assigned_name(node.targets[0]) == "max_steps"]
-    return _replace_expressions(source, ((node.value, str(steps)) for node in assignments)) if assignments else None
+    return replace_nodes(source, ((node.value, str(steps)) for node in assignments)) if assignments else None
 
 
 def scale_target_sizes(source: str, factor: float) -> str | None:
@@ -72,7 +73,7 @@ def scale_target_sizes(source: str, factor: float) -> str | None:
         for element in value.elts[:2]:
             if isinstance(element, ast.Constant) and isinstance(element.value, float | int):
                 edits.append((element, f"{element.value * factor:.3f}"))
-    return _replace_expressions(source, edits) if edits else None
+    return replace_nodes(source, edits) if edits else None
 
 
 def replace_identifier(source: str, wrong: str, right: str) -> str | None:
@@ -81,38 +82,34 @@ def replace_identifier(source: str, wrong: str, right: str) -> str | None:
     return changed if changed != source else None
 
 
-def remove_asset(source: str, asset: str) -> str | None:
-    """``source`` without the list entries and statements about ``asset``; None where that leaves no whole program.
+def remove_variable(source: str, name: str) -> str | None:
+    """``source`` without variable ``name``: its assignment, and the list entries that use it.
 
-    Rows of literal lists and dictionaries that name the asset go first; a statement that adds it goes with the list
-    entries that mention its variable.
+    None where it is used elsewhere too, or where a list is left with nothing to say of.
     """
     tree = parse_syntax_tree(source)
     if tree is None:
         return None
-    calls = [
-        node for node in _find_assignments(source) if isinstance(node.value, ast.Call) and _has_constant(node, asset)
-    ]
-    variables = {target.id for node in calls for target in node.targets if isinstance(target, ast.Name)}
-    changed = _delete_node_lines(
-        source, [*calls, *_entries_using_variables(tree, variables), *_entries_naming_asset(tree, asset)]
-    )
-    return changed if parse_syntax_tree(changed) is not None and asset not in find_asset_names(changed) else None
-
-
-def _entries_using_variables(tree: ast.Module, variables: set[str]) -> Iterator[ast.expr]:
-    """The list entries that use one of ``variables``."""
+    edits: list[tuple[ast.expr, str]] = []
     for node in ast.walk(tree):
-        if isinstance(node, ast.List):
-            yield from (row for row in node.elts if variables & _collect_identifiers(row))
+        if isinstance(node, ast.List) and any(name in _collect_identifiers(part) for part in node.elts):
+            kept = [part for part in node.elts if name not in _collect_identifiers(part)]
+            if not kept:
+                return None
+            edits.append((node, _list_text(source, node, kept)))
+    gone = [node for node in _find_assignments(source) if name in map(_assigned_name, node.targets)]
+    changed = replace_nodes(source, [*edits, *((node, "") for node in gone)])
+    left = parse_syntax_tree(changed)
+    return changed if left is not None and name not in _collect_identifiers(left) else None
 
 
-def _entries_naming_asset(tree: ast.Module, asset: str) -> Iterator[ast.expr]:
-    """The entries of literal lists of several entries that name ``asset``."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.List | ast.Tuple) and len(node.elts) > 1 and not isinstance(node.ctx, ast.Store):
-            rows = (row for row in node.elts if isinstance(row, ast.Dict | ast.Tuple | ast.List | ast.Constant))
-            yield from (row for row in rows if _has_constant(row, asset))
+def _list_text(source: str, node: ast.List, kept: Sequence[ast.expr]) -> str:
+    """The text of a list of ``kept`` entries, one a line where ``node`` has them so."""
+    texts = [ast.get_source_segment(source, part) or "" for part in kept]
+    if node.lineno == node.end_lineno:
+        return f"[{', '.join(texts)}]"
+    indent = " " * kept[0].col_offset
+    return "[\n" + "".join(f"{indent}{text},\n" for text in texts) + f"{indent[4:]}]"
 
 
 def _find_assignments(source: str) -> list[ast.Assign]:
@@ -125,26 +122,18 @@ def _assigned_name(target: ast.expr) -> str:
     return target.id if isinstance(target, ast.Name) else target.attr if isinstance(target, ast.Attribute) else ""
 
 
-def _has_constant(node: ast.AST, text: str) -> bool:
-    return any(isinstance(part, ast.Constant) and part.value == text for part in ast.walk(node))
-
-
 def _collect_identifiers(node: ast.AST) -> set[str]:
     return {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
 
 
-def _delete_node_lines(source: str, nodes: Sequence[ast.expr | ast.stmt]) -> str:
-    """``source`` without the lines of ``nodes``."""
-    if not nodes:
-        return source
-    gone = {number for node in nodes for number in range(node.lineno, (node.end_lineno or node.lineno) + 1)}
-    return "\n".join(line for number, line in enumerate(source.splitlines(), 1) if number not in gone) + "\n"
-
-
-def _replace_expressions(source: str, edits: Iterable[tuple[ast.expr, str]]) -> str:
-    lines = source.splitlines()
+def replace_nodes(source: str, edits: Iterable[tuple[ast.expr | ast.stmt, str]]) -> str:
+    """``source`` with the text of each node replaced; a line that is left blank by that goes."""
+    data = source.encode()
+    starts = [0, *itertools.accumulate(len(line) for line in data.splitlines(keepends=True))]
     for node, text in sorted(edits, key=lambda edit: (-edit[0].lineno, -edit[0].col_offset)):
-        line = lines[node.lineno - 1].encode()
-        if node.end_lineno == node.lineno:
-            lines[node.lineno - 1] = (line[: node.col_offset] + text.encode() + line[node.end_col_offset :]).decode()
-    return "\n".join(lines) + "\n"
+        begin = starts[node.lineno - 1] + node.col_offset
+        end = starts[(node.end_lineno or node.lineno) - 1] + (node.end_col_offset or 0)
+        if not text and data[end : end + 1] in (b"", b"\n", b",") and not data[starts[node.lineno - 1] : begin].strip():
+            begin, end = starts[node.lineno - 1], data.find(b"\n", end) + 1 or len(data)
+        data = data[:begin] + text.encode() + data[end:]
+    return data.decode()

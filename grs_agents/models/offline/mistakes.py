@@ -1,0 +1,266 @@
+"""Typical mistakes of programs and their tests, as edits of the text; ``offline:faulty`` makes one of them."""
+
+import ast
+import random
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from grs_agents.models.offline import program_edits
+
+Program = Literal["simulation", "tests"]
+Edit = Callable[[str, random.Random], str | None]
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """One kind of mistake."""
+
+    name: str  # what it is, in words joined by dashes
+    program: Program  # where it is made
+    apply: Edit  # the source with the mistake; None where the source has nothing to make it with
+    repeatable: bool = True  # whether the source with it does the same in every run
+
+
+def make_mistake(source: str, program: Program, generator: random.Random) -> tuple[str, str]:
+    """``source`` with one repeatable mistake that suits it, and the mistake's name; unchanged and "" if none does."""
+    order = [mistake for mistake in MISTAKES if mistake.program == program and mistake.repeatable]
+    generator.shuffle(order)
+    for mistake in order:
+        changed = mistake.apply(source, generator)
+        if changed is not None:
+            return changed, mistake.name
+    return source, ""
+
+
+def _replace_somewhere(pattern: str, *replacements: str) -> Edit:
+    """Replace one place that fits ``pattern`` by one of ``replacements``, both drawn."""
+
+    def apply(source: str, generator: random.Random) -> str | None:
+        found = list(re.finditer(pattern, source, re.MULTILINE))
+        if not found:
+            return None
+        place = generator.choice(found)
+        return source[: place.start()] + place.expand(generator.choice(replacements)) + source[place.end() :]
+
+    return apply
+
+
+def _replace_everywhere(*pairs: tuple[str, str]) -> Edit:
+    """Replace all that fits the pattern of one of ``pairs``, drawn among those that occur."""
+
+    def apply(source: str, generator: random.Random) -> str | None:
+        changed = [re.sub(pattern, text, source, flags=re.MULTILINE) for pattern, text in pairs]
+        changed = [text for text in changed if text != source]
+        return generator.choice(changed) if changed else None
+
+    return apply
+
+
+def _name_class_wrongly(source: str, generator: random.Random) -> str | None:
+    """Another class name than the tests import, or than the program defines."""
+    imported = re.search(r"from task_code import (\w+)", source)
+    name = imported[1] if imported else program_edits.find_task_class_name(source)
+    parts = re.findall(r"[A-Z][a-z0-9]*", name)
+    wrong = generator.choice([f"{name}Task", "".join(parts[:-1] if len(parts) > 2 else reversed(parts)) + "s"])
+    return program_edits.replace_identifier(source, name, wrong)
+
+
+def _start_inside_another(source: str, generator: random.Random) -> str | None:
+    """An object that starts where another one stands."""
+    poses = [call.args[1] for call in _find_object_additions(source).values() if len(call.args) > 1]
+    places = [pose.elts[0] for pose in poses if isinstance(pose, ast.Tuple)]
+    if len(places) < 2:
+        return None
+    moved, other = generator.sample(places, 2)
+    return program_edits.replace_nodes(source, [(moved, _source_text_of(source, other))])
+
+
+def _leave_object_out(source: str, generator: random.Random) -> str | None:
+    """An object that is neither added nor spoken of, while others are left."""
+    additions = _find_object_additions(source)
+    names = generator.sample(list(additions), len(additions))
+    for name in names if len(names) > 1 else ():
+        changed = program_edits.remove_variable(source, name)
+        if changed is not None:
+            return changed
+    return None
+
+
+def _forget_last_goal(source: str, generator: random.Random) -> str | None:
+    """A task of which the last part is not asked for; the rest makes up the whole reward."""
+    rows = _find_move_rows(source)
+    if len(rows) > 1:
+        return program_edits.replace_nodes(source, [(node, "") for node in rows[-1:]])
+    goals = [node for node in _find_call_statements(source) if _called_method(node.value) == "add_goal"]
+    if len(goals) < 2:
+        return None
+    changed = program_edits.replace_nodes(source, [(node, "") for node in goals[-1:]])
+    return re.sub(r"(step_max_reward=)[\d./]+", rf"\g<1>1 / {len(goals) - 1}", changed)
+
+
+def _want_two_places_at_once(source: str, generator: random.Random) -> str | None:
+    """An object that has to be in two places in the end."""
+    rows = _find_move_rows(source)
+    if rows and len(rows[0].elts) > 3:
+        row = generator.choice(rows)
+        elsewhere = [_source_text_of(source, part) for part in row.elts]
+        elsewhere[3] = "((0.45, -0.42, 0.05), (0, 0, 0, 1))"
+        return program_edits.replace_nodes(source, [(row, f"{_source_text_of(source, row)}, ({', '.join(elsewhere)})")])
+    goals = [node.value for node in _find_call_statements(source) if _called_method(node.value) == "add_goal"]
+    lists = [[part for part in ast.walk(goal) if isinstance(part, ast.List)] for goal in goals]
+    if len(lists) < 2 or not lists[0] or not lists[-1]:
+        return None
+    first, last = lists[0][0], lists[-1][0].elts[-1:]
+    texts = [_source_text_of(source, part) for part in [*first.elts, *last]]
+    return program_edits.replace_nodes(source, [(first, f"[{', '.join(texts)}]")])
+
+
+def _shrink_container(source: str, generator: random.Random) -> str | None:
+    """A container or zone too small for what goes in."""
+    if changed := program_edits.scale_target_sizes(source, 0.3):
+        return changed
+    small = r'\g<1>self.fill_template("container/container-template.urdf", {"DIM": (0.08, 0.08, 0.04)})'
+    changed = re.sub(r'(add_object\()"(?:container|bowl)/\w+\.urdf"', small, source, count=1)
+    return changed if changed != source else None
+
+
+def _expect_another_place(source: str, generator: random.Random) -> str | None:
+    """An expected position that the task does not name."""
+    numbers = list(re.finditer(r"(?<=abs\([a-z] - )0\.\d+|(?<=\[\"pose1\"\]\[0\]\)\[:2\])", source))
+    if not numbers:
+        return None
+    number = generator.choice(numbers)
+    wrong = f"{float(number[0]) - 0.13:.3f}" if number[0] else " + 0.15"
+    return source[: number.start()] + wrong + source[number.end() :]
+
+
+def _expect_another_count(source: str, generator: random.Random) -> str | None:
+    """A number of actions that the task does not need."""
+    count = re.search(r"(?<=assertEqual\()(steps|len\(\w+\)), ([^,]+)", source)
+    if count is None:
+        return None
+    wrong = str(int(count[2]) + 1) if count[2].isdigit() else f"{count[2]} + 1"
+    return f"{source[: count.start(2)]}{wrong}{source[count.end(2) :]}"
+
+
+def _remove_assertions(source: str, generator: random.Random) -> str | None:
+    """Tests that print what they should assert."""
+    checks = [node for node in _find_call_statements(source) if _called_method(node.value).startswith("assert")]
+    return program_edits.replace_nodes(source, [(node, 'print("checked")') for node in checks]) if checks else None
+
+
+def _count_goals(source: str, generator: random.Random) -> str | None:
+    """A test of how the program is built."""
+    wanted = generator.choice((1, 7))
+    claim = rf'\1self.assertEqual(len(self.task.goals), {wanted}, "number of goals")\n\g<0>'
+    changed = re.sub(r"^( +)self\.assert", claim, source, count=1, flags=re.MULTILINE)
+    return changed if changed != source else None
+
+
+def _make_oracle_before_reset(source: str, generator: random.Random) -> str | None:
+    """An oracle that is asked for before the scene is there."""
+    agent = re.search(r"^ +agent = self\.task\.oracle\(self\.env\)\n", source, re.MULTILINE)
+    reset = re.search(r"^( +)(?:self\.)?obs = self\.env\.reset\(\)\n", source, re.MULTILINE)
+    if agent is None or reset is None or agent.start() < reset.start():
+        return None
+    without = (
+        source[: agent.start()] + agent[0].replace("self.task.oracle(self.env)", "self.agent") + source[agent.end() :]
+    )
+    early = f"{reset[1]}self.agent = self.task.oracle(self.env)\n"
+    return without[: reset.start()] + early + without[reset.start() :]
+
+
+def _find_object_additions(source: str) -> dict[str, ast.Call]:
+    """The calls that add an object which can be moved, by the variable that holds it."""
+    found: dict[str, ast.Call] = {}
+    for node in ast.walk(program_edits.parse_syntax_tree(source) or ast.Module([], [])):
+        if (
+            isinstance(node, ast.Assign)
+            and isinstance(node.value, ast.Call)
+            and _called_method(node.value) == "add_object"
+        ):
+            target, fixed = node.targets[0], len(node.value.args) > 2
+            if isinstance(target, ast.Name) and not fixed:
+                found[target.id] = node.value
+    return found
+
+
+def _find_move_rows(source: str) -> list[ast.Tuple]:
+    """The rows of the list ``moves`` of a program of the offline model's own; none in others."""
+    for node in ast.walk(program_edits.parse_syntax_tree(source) or ast.Module([], [])):
+        if (
+            isinstance(node, ast.Assign)
+            and isinstance(node.value, ast.List)
+            and _source_text_of(source, node.targets[0]) == "moves"
+        ):
+            return [row for row in node.value.elts if isinstance(row, ast.Tuple)]
+    return []
+
+
+def _find_call_statements(source: str) -> list[ast.Expr]:
+    """The statements that are a call and nothing else."""
+    nodes = ast.walk(program_edits.parse_syntax_tree(source) or ast.Module([], []))
+    return [node for node in nodes if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)]
+
+
+def _called_method(node: ast.expr) -> str:
+    """The name of the method that is called; empty for anything else."""
+    return node.func.attr if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) else ""
+
+
+def _source_text_of(source: str, node: ast.AST) -> str:
+    return ast.get_source_segment(source, node) or ""
+
+
+_ENDLESS = r"\g<0>\1pose = (None, None)\n\1while pose[0] is None:\n\1    pose = (None, None)\n"
+_PROGRAM_MISTAKES: dict[str, Edit] = {
+    "wrong-asset-name": _replace_somewhere(r'(?<=add_object\(")([\w/-]+)\.urdf', r"\1Can.urdf", r"\1_1.urdf"),
+    "ignored-argument": _replace_everywhere((r"\bstep_max_reward=", "max_reward=")),
+    "wrong-argument": _replace_everywhere((r"\btarg_poses=", "target_poses="), (r', "fixed"\)', ", fixed=True)")),
+    "wrong-method": _replace_everywhere(
+        (r"env\.add_object\b", "env.add_objects"),
+        (r"utils\.multiply\b", "utils.compose"),
+        (r"\.add_goal\b", ".add_goals"),
+    ),
+    "missing-import": _replace_everywhere(
+        (r"^import numpy as np\n", ""), (r"^(from grs_agents\.sim import \w+), .*$", r"\1")
+    ),
+    "syntax": _replace_somewhere(r"^(class \w+\(Task\)|    def reset\(self, env\)):", r"\1"),
+    "no-base-call": _replace_somewhere(r"^ +super\(\)\.__init__\(\)\n", ""),
+    "wrong-class-name": _name_class_wrongly,
+    "endless-loop": _replace_somewhere(r"^( +)super\(\)\.reset\(env\)\n", _ENDLESS),
+    "too-few-steps": _replace_somewhere(r"(?<=max_steps = )\d+", "1", "2"),
+    "overlap-at-start": _start_inside_another,
+    "target-out-of-reach": _replace_somewhere(
+        r"self\.find_place\(env, (\w+_size), .*\)$", r"((0.95, 0.45, \1[2] / 2), (0, 0, 0, 1))"
+    ),
+    "container-too-small": _shrink_container,
+    "object-left-out": _leave_object_out,
+    "goal-missing": _forget_last_goal,
+    "goals-contradict": _want_two_places_at_once,
+    "rewards-below-one": _replace_everywhere((r"(step_max_reward=)", r"\g<1>0.75 * ")),
+}
+_TEST_MISTAKES: dict[str, Edit] = {
+    "wrong-class-name": _name_class_wrongly,
+    "missing-import": _replace_everywhere((r"^import numpy as np\n", ""), (r"^from grs_agents\.sim import .*\n", "")),
+    "wrong-method": _replace_everywhere((r"env\.get_object_pose\b", "env.get_pose"), (r"agent\.act\b", "agent.action")),
+    "info-misused": _replace_everywhere((r"(self\.env\.info)\b(?!\[)", r"\1[0]")),
+    "wrong-count": _expect_another_count,
+    "wrong-place": _expect_another_place,
+    "asserts-nothing": _remove_assertions,
+    "reward-not-summed": _replace_everywhere((r"total \+= reward", "total = reward")),
+    "reward-scale": _replace_everywhere(
+        (r"(assertAlmostEqual\(total, )1(?:\.0)?", r"\g<1>3.0"), (r"(assertAlmostEqual\(total, )1(?:\.0)?", r"\g<1>100")
+    ),
+    "counts-goals": _count_goals,
+    "too-tight-tolerance": _replace_somewhere(r"(?<=delta=)0\.0[2-9]\d*|(?<=\(nearest, )0\.\d+", "0.00001"),
+    "stops-early": _replace_everywhere((r"range\(self\.task\.max_steps\)", "range(1)")),
+    "oracle-before-reset": _make_oracle_before_reset,
+    "flaky": _replace_somewhere(r"^( +)return total,", r"\1import os\n\n\1total += os.urandom(1)[0] % 2\n\g<0>"),
+}
+MISTAKES: tuple[Mistake, ...] = (
+    *(Mistake(name, "simulation", edit) for name, edit in _PROGRAM_MISTAKES.items()),
+    *(Mistake(name, "tests", edit, name != "flaky") for name, edit in _TEST_MISTAKES.items()),
+)
