@@ -1,5 +1,6 @@
 from .answer import Answer as Answer
 from .answer import ReplyProblem as ReplyProblem
+from .factory import OFFLINE as OFFLINE
 from .factory import PROVIDERS as PROVIDERS
 from .factory import is_loopback_url as is_loopback_url
 from .factory import is_offline as is_offline

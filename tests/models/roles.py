@@ -23,9 +23,9 @@ def block(reply: str, language: str) -> str:
 
 
 def task_for(scene: Json, seed: int = 0) -> Json:
-    """A task definition for a scene."""
+    """A task definition for a scene; an empty one where the model has none to offer."""
     reply = OfflineChatModel(seed=seed).invoke(render("task", {"scene": as_text(scene), "fixtures": ""}))
-    found: Json = json.loads(block(str(reply.text), "json"))
+    found: Json = json.loads(block(str(reply.text), "json")) if "```" in str(reply.text) else {}
     return found
 
 
@@ -41,13 +41,15 @@ def unit_tests_for(task: Json, code: str) -> str:
     return block(str(OfflineChatModel().invoke(render("tests", values)).text), "python")
 
 
-def fixed_code(task: Json, scene: Json, code: str, report: str, seed: int = 0) -> str:
+def fixed_code(task: Json, scene: Json, code: str, report: str, seed: int = 0, tests: str = "") -> str:
     """The next version of a program."""
     values = {
         "task": as_text(task),
         "scene": as_text(scene),
         "code": code,
+        "tests": tests,
         "test_results": report,
+        "history": "",
         "explanation": "",
         "api": API,
     }
@@ -56,13 +58,36 @@ def fixed_code(task: Json, scene: Json, code: str, report: str, seed: int = 0) -
 
 def fixed_tests(task: Json, code: str, tests: str, report: str) -> str:
     """The next version of the tests."""
-    values = {"task": as_text(task), "code": code, "tests": tests, "test_results": report, "explanation": ""}
+    values = {
+        "task": as_text(task),
+        "scene": "{}",
+        "code": code,
+        "tests": tests,
+        "test_results": report,
+        "history": "",
+        "explanation": "",
+        "api": API,
+    }
     return block(str(OfflineChatModel().invoke(render("fix_tests", values)).text), "python")
 
 
-def verdict_on(report: str, history: str = "") -> tuple[str, str]:
+def verdict_on(
+    report: str,
+    task: Json | None = None,
+    scene: Json | None = None,
+    code: str = "",
+    verdicts: str = "fix_code, fix_test",
+) -> tuple[str, str]:
     """The router's verdict and its explanation."""
-    values = {"task": "{}", "test_results": report, "history": history}
+    values = {
+        "task": as_text(task or {}),
+        "scene": as_text(scene or {}),
+        "code": code,
+        "tests": "",
+        "test_results": report,
+        "history": "",
+        "verdicts": verdicts,
+    }
     text = str(OfflineChatModel().invoke(render("route", values)).text)
     explanation, _, rest = text.partition("```\n")
     return rest.removesuffix("\n```"), explanation

@@ -31,7 +31,7 @@ def test_prompt_and_seed_decide_the_reply() -> None:
 
 
 def test_usage_and_finish_reason_are_told() -> None:
-    answer = OfflineChatModel().invoke(render("route", {"task": "{}", "test_results": "", "history": ""}))
+    answer = OfflineChatModel().invoke(render("task", {"scene": as_text(rich_scene()), "fixtures": ""}))
     assert isinstance(answer, AIMessage)
     assert answer.usage_metadata is not None
     assert answer.usage_metadata["total_tokens"] == sum(

@@ -4,7 +4,7 @@ import ast
 import re
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from grs_agents.models.offline import parse_report_evidence, program_edits
@@ -19,15 +19,15 @@ OUTCOMES = _OUTCOMES.split()
 
 
 def report(outcome: str, objects: list[str], steps: str = "9/9") -> str:
-    named = ", ".join(f'"{name}"' for name in objects)
     return (
-        "failed: 0 of 1 tests passed\nTestX.test_a: failed (raised in tests): it fell short\n"
-        f"  oracle: outcome={outcome} reward=0.50 steps={steps} detail=told so objects=[{named}]"
+        "== tests\nfailed: 0 of 1 tests passed\nTestX.test_a: failed: assertion failed in TestX.test_a, line 3: x\n\n"
+        f"== oracle episode (TestX.test_a)\noutcome: {outcome}\npublished: 0.50  strict: 0.50  steps: {steps}\n"
+        f"detail: told so\nconcerns: {', '.join(objects)}"
     )
 
 
 def error(kind: str, message: str, where: str = "simulation") -> str:
-    return f"error: 0 of 0 tests passed\nraised in: {where}\n  {kind}: {message}"
+    return f"== tests\nerror: 0 of 0 tests passed\nraised in: {where}\n  {kind}: {message}"
 
 
 @pytest.fixture
@@ -46,6 +46,7 @@ def made() -> tuple[Json, Json, str]:
 @given(scene=scenes(), outcome=st.sampled_from(OUTCOMES), seed=st.integers(0, 50))
 def test_every_outcome_gives_another_program_that_compiles(scene: Json, outcome: str, seed: int) -> None:
     task = task_for(scene, seed)
+    assume(task)
     code = simulation_for(task, scene, seed)
     concerned = [asset for asset in task["assets-used"] if "template" not in asset][:1]
     fixed = fixed_code(task, scene, code, report(outcome, concerned), seed)
@@ -73,33 +74,29 @@ def test_too_few_steps_are_raised_and_nothing_else(made: tuple[Json, Json, str])
     assert program_edits.set_max_steps(fixed, 2) == short
 
 
-def test_small_areas_are_enlarged(made: tuple[Json, Json, str]) -> None:
-    scene, task, code = made
-    fixed = fixed_code(task, scene, code, report("target_too_small", []))
-    changed = [line for line in fixed.splitlines() if line not in code.splitlines()]
-    assert len(changed) == 1
-    assert "green_zone_size" in changed[0]
+def test_small_areas_of_another_author_are_enlarged(made: tuple[Json, Json, str]) -> None:
+    scene, task, _ = made
+    foreign = "from grs_agents.sim import Task\n\n\nclass Mine(Task):\n    mat_size = (0.1, 0.2, 0.002)\n"
+    fixed = fixed_code(task, scene, foreign, report("target_too_small", []))
+    assert fixed == foreign.replace("(0.1, 0.2,", "(0.125, 0.250,")
 
 
-def test_unreachable_objects_stand_elsewhere(made: tuple[Json, Json, str]) -> None:
+@pytest.mark.parametrize("outcome", ["unreachable", "toppled"])
+def test_what_makes_trouble_where_it_stands_is_put_elsewhere(made: tuple[Json, Json, str], outcome: str) -> None:
     scene, task, code = made
     asset = task["assets-used"][0]
-    fixed = fixed_code(task, scene, code, report("unreachable", [asset]))
+    fixed = fixed_code(task, scene, code, report(outcome, [asset]))
     x, y, _ = scene["objects"][0]["position"]
-    assert f'"{asset}", (({x:g}, {y:g}, ' not in fixed
+    assert f'"{asset}", (({x:g}, {y:g}, ' in code and f'"{asset}", (({x:g}, {y:g}, ' not in fixed
+    assert program_edits.find_asset_names(fixed) == set(task["assets-used"])
 
 
-def test_objects_that_topple_are_placed_otherwise_before_they_are_left_out(made: tuple[Json, Json, str]) -> None:
+def test_a_program_gets_the_name_that_its_tests_import(made: tuple[Json, Json, str]) -> None:
     scene, task, code = made
-    asset = task["assets-used"][0]
-    seen = {code}
-    for _ in range(2):  # a spot of its own, then another place to start from
-        code = fixed_code(task, scene, code, report("toppled", [asset]))
-        assert asset in code and code not in seen
-        seen.add(code)
-    code = fixed_code(task, scene, code, report("toppled", [asset]))
-    assert asset not in code
-    assert len(program_edits.find_asset_names(code)) == 4
+    wrong = program_edits.replace_identifier(code, program_edits.find_task_class_name(code), "Other")
+    assert wrong is not None
+    said = error("ImportError", "cannot import name 'PlaceThings' from 'task_code'", "tests")
+    assert fixed_code(task, scene, wrong, said, tests=unit_tests_for(task, code)) == code
 
 
 @pytest.mark.parametrize(
@@ -127,13 +124,6 @@ def test_a_program_that_is_not_python_is_written_anew(made: tuple[Json, Json, st
     ast.parse(fixed)
     assert "class Mine(Task):" in fixed
     assert len(program_edits.find_asset_names(fixed)) == 5
-
-
-def test_the_audit_s_demand_for_two_moved_objects_brings_objects_back(made: tuple[Json, Json, str]) -> None:
-    scene, task, _ = made
-    single = simulation_for({**task, "assets-used": [task["assets-used"][0], "zone/zone-template.urdf"]}, scene)
-    audit = "passed: 3 of 3 tests passed\n\naudit: failed\n- moved: FAILED: objects moved: [1, 1, 1]; at least 2 must"
-    assert len(program_edits.find_asset_names(fixed_code(task, scene, single, audit))) >= 3
 
 
 def test_tests_get_their_missing_import(made: tuple[Json, Json, str]) -> None:

@@ -1,4 +1,4 @@
-"""Mistakes: each can be made in the offline model's own programs."""
+"""Mistakes: each is made in the offline model's own programs, and mended from the prompt alone."""
 
 import ast
 import random
@@ -8,7 +8,7 @@ import pytest
 from grs_agents.errors import UnknownNameError
 from grs_agents.models.offline import MISTAKES, Mistake, OfflineChatModel, make_offline_model
 from tests.models.conftest import render, rich_scene
-from tests.models.roles import API, as_text, simulation_for, task_for, unit_tests_for
+from tests.models.roles import API, as_text, fixed_code, fixed_tests, simulation_for, task_for, unit_tests_for
 
 
 def programs(seed: int) -> dict[str, str]:
@@ -18,7 +18,7 @@ def programs(seed: int) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: f"{mistake.program}-{mistake.name}")
-def test_each_mistake_changes_some_program(mistake: Mistake) -> None:
+def test_each_mistake_changes_some_program_and_is_mended(mistake: Mistake) -> None:
     made = 0
     for seed in range(6):
         right = programs(seed)
@@ -30,6 +30,11 @@ def test_each_mistake_changes_some_program(mistake: Mistake) -> None:
         assert wrong != right[mistake.program]
         if mistake.name != "syntax":
             ast.parse(wrong)
+        task, simulation, tests = task_for(rich_scene(), seed), right["simulation"], right["tests"]
+        if mistake.program == "simulation":
+            assert fixed_code(task, rich_scene(), wrong, "", tests=tests) == simulation
+        else:
+            assert fixed_tests(task, simulation, wrong, "") == tests
     assert made
 
 

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator, Sequence
-from itertools import product
+from itertools import combinations, islice, product
 
 import numpy as np
 
@@ -12,14 +12,14 @@ from grs_agents.models.offline.object_selection import (
     relocate_misplaced_objects,
     select_movable_objects,
 )
-from grs_agents.models.offline.plan import ZONE, Family, Plan, is_reachable_object
+from grs_agents.models.offline.plan import Family, Plan, is_reachable_object
 from grs_agents.models.offline.program_writer import class_name_for_task, write_program
 from grs_agents.models.offline.prompt_text import Json, PromptText, SceneObject, parse_scene_objects
+from grs_agents.models.offline.report_evidence import parse_report_evidence
 from grs_agents.models.offline.task_families import FAMILIES, PALETTE, TaskRequest
+from grs_agents.models.offline.task_reading import Clause, UnplannableTaskError, parse_clauses
 from grs_agents.models.offline.task_wording import (
-    NOT_MENTIONED,
     count_mentions,
-    infer_task_family,
     parse_task_request,
     task_description,
     task_name,
@@ -28,60 +28,139 @@ from grs_agents.models.offline.task_wording import (
 
 def author_task(prompt: PromptText, rng: np.random.Generator) -> str:
     """Reply to the ``task`` prompt: a family by the seed among those the scene allows, and its objects."""
-    objects = parse_scene_objects(prompt.section_json("scene"))
-    plan = draw_random_plan(objects, rng)
-    if plan is not None:
-        name, description, assets = task_name(plan), task_description(plan), list(plan.asset_names)
-    else:
-        first = (
-            objects[0].asset
-            if objects
-            else next((str(row.get("name")) for row in prompt.section_json_rows("fixtures")), ZONE)
-        )
-        name, description, assets = "place-object", "Put the object on the green zone.", [first, ZONE]
-    task = {"task-name": name, "task-description": description, "assets-used": assets}
+    task = draw_random_task(parse_scene_objects(prompt.section_json("scene")), rng)
+    return _format_task(task) if task else "I cannot define a task: no family suits what stands on this table."
+
+
+def _format_task(task: Json) -> str:
     return f"```json\n{json.dumps(task, indent=2, ensure_ascii=False)}\n```"
 
 
-def draw_random_plan(objects: Sequence[SceneObject], rng: np.random.Generator) -> Plan | None:
-    """A plan of a family drawn from those that suit the scene; None where nothing can be moved at all."""
+_DRAWN_FAMILIES: tuple[Family, ...] = tuple(family for family in FAMILIES if family != "exchange")
+"""Those that its own tasks are of: to change places asks too little of most scenes."""
+
+
+def draw_random_task(objects: Sequence[SceneObject], rng: np.random.Generator) -> Json | None:
+    """A task of a family drawn from those that suit the scene and that its words tell again; None if there is none."""
     movable = select_movable_objects(objects)
-    families: list[Family] = [list(FAMILIES)[int(index)] for index in rng.permutation(len(FAMILIES))]
+    families: list[Family] = [_DRAWN_FAMILIES[int(index)] for index in rng.permutation(len(_DRAWN_FAMILIES))]
     color = PALETTE[int(rng.integers(len(PALETTE)))]
     request = TaskRequest(color, _find_usable_containers(objects))
     for least in (2, 1):
         for family in families if least == 2 else ("place",):
             plan = find_plan_for_family(family, movable, request, rng, least)
-            if plan is not None:
-                return plan
+            task = None if plan is None else describe_plan_as_task(plan)
+            if task is not None and is_plannable(task, objects):
+                return task
     return None
 
 
+def describe_plan_as_task(plan: Plan) -> Json:
+    """The three fields of a task that asks for ``plan``."""
+    name, description = task_name(plan), task_description(plan)
+    return {"task-name": name, "task-description": description, "assets-used": list(plan.asset_names)}
+
+
+def is_plannable(task: Json, objects: Sequence[SceneObject]) -> bool:
+    """Whether the words of ``task`` can be followed with these objects."""
+    try:
+        plan_task(task, objects)
+    except UnplannableTaskError:
+        return False
+    return True
+
+
+def revise_task(prompt: PromptText) -> str:
+    """Reply to the ``fix_task`` prompt: the task with a new container, or else without the object that hinders it."""
+    task, objects = prompt.section_json("task"), parse_scene_objects(prompt.section_json("scene"))
+    evidence = parse_report_evidence(prompt.section_body("test report"))
+    named = _objects_for_assets(objects, task.get("assets-used", []))
+    try:
+        clauses = parse_clauses(task, named)
+    except UnplannableTaskError as error:
+        return f"I cannot revise this task: {error}."
+    moved = [obj for clause in clauses for obj in clause.moved]
+    hindering = {asset for oracle in evidence.shortfalls for asset in oracle.objects}
+    for left_out in [None, *sorted(moved, key=lambda obj: obj.asset not in hindering)]:
+        rest = relocate_misplaced_objects([obj for obj in moved if obj is not left_out])
+        request = parse_task_request("", clauses[0].text)
+        plan = FAMILIES[clauses[0].family](rest, request) if len(rest) > 1 else None
+        revised = None if plan is None else describe_plan_as_task(plan)
+        if revised is not None and revised["assets-used"] != task["assets-used"] and is_plannable(revised, objects):
+            what = (
+                f"The {left_out.label} stays where it is" if left_out else "Other targets take the place of those named"
+            )
+            return _format_task({**revised, "given-up": f"{what}: the task could not be done as it was."})
+    return "I cannot revise this task: no family does it with fewer objects."
+
+
 def author_simulation(prompt: PromptText) -> str:
-    """Reply to the ``simulation`` prompt: a program for this task with these objects."""
+    """Reply to the ``simulation`` prompt: a program for this task with these objects, or a sentence that refuses it."""
     task = prompt.section_json("task")
-    plan = plan_task(task, parse_scene_objects(prompt.section_json("scene")))
+    try:
+        plans = plan_task(task, parse_scene_objects(prompt.section_json("scene")))
+    except UnplannableTaskError as error:
+        return f"I cannot write this program: {error}."
     name, description = str(task.get("task-name", "")), str(task.get("task-description", ""))
-    if plan is None:
-        return f'```python\nraise RuntimeError("no object of {name} can be placed on the table")\n```'
-    return f"```python\n{write_program(plan, class_name_for_task(name), description)}```"
+    return f"```python\n{write_program(plans, class_name_for_task(name), description)}```"
 
 
-def plan_task(task: Json, objects: Sequence[SceneObject], margin: float = 1.0) -> Plan | None:
-    """A plan for a task that anyone may have written; ``margin`` is a factor on the free space in zones."""
-    name, description = str(task.get("task-name", "")), str(task.get("task-description", ""))
+def plan_task(task: Json, objects: Sequence[SceneObject], margin: float = 1.0) -> list[Plan]:
+    """Plans for a task that anyone may have written, one for each of its clauses, which use just the task's assets.
+
+    Args:
+        task: its three fields.
+        objects: what is in the scene.
+        margin: a factor on the free space in zones.
+
+    Raises:
+        UnplannableTaskError: the words ask for what no family does, or no family can do it with these objects.
+    """
     assets = [str(asset) for asset in task.get("assets-used", [])]
-    family, used = infer_task_family(name, description), _objects_for_assets(objects, assets)
-    moved = [obj for obj in used if not obj.hollow] if family == "pack" else []
-    moved = moved if len(moved) > 1 else used
-    containers = [obj.snap_to_table() for obj in used if obj not in moved and is_reachable_object(obj)]
-    request = parse_task_request(name, description, containers, margin)
-    foreign: Plan | None = None
-    for plan in _candidate_plans(family, _candidate_object_sets(moved, description), request):
-        if {*plan.asset_names} <= {*assets}:
-            return plan
-        foreign = foreign or plan
-    return foreign
+    clauses = parse_clauses(task, _objects_for_assets(objects, assets))
+    unlike = ""
+    options: list[Iterator[list[SceneObject]]] = [
+        _candidate_object_sets(clause.moved, clause.text) for clause in clauses
+    ]
+    for chosen in islice(product(*options), _MOST_READINGS):
+        plans = _plan_clauses(task, clauses, chosen, margin)
+        used = {asset for plan in plans or () for asset in plan.asset_names}
+        if plans and used == {*assets}:
+            return plans
+        if plans:
+            unlike = f", which would use {sorted(used)} and not {sorted(assets)}"
+    families = " and ".join(clause.family for clause in clauses)
+    raise UnplannableTaskError(f"these objects do not suit a task of the family {families}{unlike}")
+
+
+_MOST_READINGS = 50
+"""How many ways of choosing among objects that are called alike are tried."""
+
+
+def _plan_clauses(
+    task: Json, clauses: Sequence[Clause], chosen: Sequence[Sequence[SceneObject]], margin: float
+) -> list[Plan] | None:
+    """A plan for each clause with the objects chosen for it, or None; what one uses, no other stands on."""
+    everything = [obj for objects in chosen for obj in objects]
+    ready = {obj.name: obj for obj in relocate_misplaced_objects(everything)}
+    if not everything or len(everything) > MAX_OBJECTS or len(ready) < len(everything):
+        return None
+    supports = [clause.support.snap_to_table() for clause in clauses if clause.support]
+    if any(obj.name in ready or not is_reachable_object(obj) for obj in supports):
+        return None
+    taken = [obj.footprint_rect for obj in (*ready.values(), *supports)]
+    name, plans = str(task.get("task-name", "")) if len(clauses) == 1 else "", list[Plan]()
+    for clause, objects in zip(clauses, chosen, strict=True):
+        moved = [ready[obj.name] for obj in objects]
+        others = [rect for rect in taken if rect not in [obj.footprint_rect for obj in moved]]
+        request = parse_task_request(name, clause.text, clause.support, margin, others)
+        plan = FAMILIES[clause.family](moved, request)
+        places = {target.name for earlier in plans for target in earlier.targets}
+        if plan is None or places & {target.name for target in plan.targets}:
+            return None
+        plans.append(plan)
+        taken += [target.footprint_rect for target in plan.targets]
+    return plans
 
 
 def _objects_for_assets(objects: Sequence[SceneObject], assets: Sequence[str]) -> list[SceneObject]:
@@ -89,47 +168,17 @@ def _objects_for_assets(objects: Sequence[SceneObject], assets: Sequence[str]) -
     return sorted((obj for obj in objects if obj.asset in assets), key=lambda obj: assets.index(obj.asset))
 
 
-def _candidate_plans(
-    family: Family, selections: Sequence[Sequence[SceneObject]], request: TaskRequest
-) -> Iterator[Plan]:
-    """Plans for as many objects as possible; of as many objects, those of ``family`` first."""
-    most = min(MAX_OBJECTS, max(map(len, selections)))
-    for count, chosen in product(range(most, 0, -1), selections):
-        ready = relocate_misplaced_objects(chosen[:count])
-        for name in (family, "place", "pack") if ready else ():
-            plan = FAMILIES[name](ready, request)
-            if plan is not None:
-                yield plan
-
-
-def _candidate_object_sets(objects: Sequence[SceneObject], description: str) -> list[list[SceneObject]]:
-    """What a description may mean: where it counts fewer objects than are called alike, each of them in turn."""
-    alike = [[other for other in objects if other.label == obj.label] for obj in objects]
-    turns = max((len(group) for group in alike), default=1)
-    selections: list[list[SceneObject]] = []
-    for turn in range(turns):
-        ranks = [(group.index(obj) - turn) % len(group) for obj, group in zip(objects, alike, strict=True)]
-        ordered = [objects[index] for index in sorted(range(len(objects)), key=ranks.__getitem__)]
-        kept = _filter_by_description(ordered, description)
-        chosen = [obj for obj in objects if obj in kept]
-        if chosen not in selections:
-            selections.append(chosen)
-    return selections or [[]]
+def _candidate_object_sets(objects: Sequence[SceneObject], text: str) -> Iterator[list[SceneObject]]:
+    """What ``text`` may mean: of the objects that are called alike, any so many as it counts."""
+    alike: dict[str, list[SceneObject]] = {}
+    for obj in objects:
+        alike.setdefault(obj.label, []).append(obj)
+    choices = [combinations(group, min(len(group), count_mentions(label, text))) for label, group in alike.items()]
+    for picked in product(*choices):
+        kept = {obj.name for group in picked for obj in group}
+        yield [obj for obj in objects if obj.name in kept]
 
 
 def _find_usable_containers(objects: Sequence[SceneObject]) -> tuple[SceneObject, ...]:
     ready = [obj for obj in objects if obj.hollow and obj.stands_on_table and is_reachable_object(obj)]
     return tuple(obj.snap_to_table() for obj in ready if obj.category not in ("mug", "cup", "plate", "bowl"))
-
-
-def _filter_by_description(objects: Sequence[SceneObject], description: str) -> list[SceneObject]:
-    """Of objects called alike, as many as the description counts; of one asset those it speaks of, at least one."""
-    spoken = {obj.asset for obj in objects if count_mentions(obj.label, description) < NOT_MENTIONED}
-    kept: list[SceneObject] = []
-    for obj in objects:
-        if obj.asset in spoken and count_mentions(obj.label, description) == NOT_MENTIONED:
-            continue
-        same = [other for other in kept if other.label == obj.label]
-        if obj.asset not in {other.asset for other in same} or len(same) < count_mentions(obj.label, description):
-            kept.append(obj)
-    return kept

@@ -15,7 +15,7 @@ from langchain_core.messages.ai import UsageMetadata
 from langchain_core.outputs import ChatGeneration, ChatGenerationChunk, ChatResult
 
 from grs_agents.errors import UnknownNameError
-from grs_agents.models.offline.authors import author_simulation, author_task
+from grs_agents.models.offline.authors import author_simulation, author_task, revise_task
 from grs_agents.models.offline.code_fixer import fix_code
 from grs_agents.models.offline.describer_and_matcher import (
     describe_asset,
@@ -38,6 +38,7 @@ ROLES: Mapping[str, Answer] = {
     "tests": lambda prompt, pictures, rng: author_tests(prompt),
     "route": lambda prompt, pictures, rng: decide_what_to_fix(prompt),
     "fix_code": lambda prompt, pictures, rng: fix_code(prompt),
+    "fix_task": lambda prompt, pictures, rng: revise_task(prompt),
     "fix_tests": lambda prompt, pictures, rng: fix_tests(prompt),
 }
 _AUTHORED: Mapping[str, Program] = {"simulation": "simulation", "tests": "tests"}

@@ -1,7 +1,7 @@
 """The code fixer: the smallest change that the evidence calls for, else the same task with less to do."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from grs_agents.models.offline import program_edits
@@ -9,19 +9,28 @@ from grs_agents.models.offline.authors import plan_task
 from grs_agents.models.offline.program_writer import write_program
 from grs_agents.models.offline.prompt_text import Json, PromptText, SceneObject, parse_scene_objects
 from grs_agents.models.offline.report_evidence import Evidence, parse_report_evidence
+from grs_agents.models.offline.task_reading import UnplannableTaskError
 
-_PARTIAL_OUTCOMES = frozenset({"dropped", "partial", "step_limit", "stopped", "target_occupied"})
+_MISPLACED = frozenset({"unreachable", "toppled"})
+"""The outcomes that a program mends by putting an object elsewhere than the photo shows it."""
 _LARGER = 1.25
-_RELOCATION_COMMENT = "stand somewhere free"
-"""Stands in those that put an object elsewhere than the photo shows it."""
+_OWN_PROGRAM_MARK = "for item, label, place, pose"
+"""Stands in every program that this model writes."""
 
 
 def fix_code(prompt: PromptText) -> str:
-    """Reply to the ``fix_code`` prompt: the next version of the program."""
+    """Reply to the ``fix_code`` prompt: the next version of the program, or a sentence that says why there is none.
+
+    Another author's program is edited where a rule knows how; any other fix is the task written anew.
+    """
     source, evidence = prompt.section_body("program"), parse_report_evidence(prompt.section_body("test report"))
-    task, objects = prompt.section_json("task"), parse_scene_objects(prompt.section_json("scene"))
-    fixed = fix_python_error(source, evidence) or _increase_steps_or_areas(source, evidence)
-    fixed = fixed or _write_replanned_program(source, evidence, task, objects)
+    edited = None
+    if _OWN_PROGRAM_MARK not in source:
+        edited = fix_python_error(source, evidence) or _increase_steps_or_areas(source, evidence)
+    try:
+        fixed = edited or _write_next_variant(prompt, source, evidence)
+    except UnplannableTaskError as error:
+        return f"I cannot mend this program: {error}."
     return f"```python\n{fixed.rstrip()}\n```"
 
 
@@ -45,7 +54,7 @@ def fix_python_error(source: str, evidence: Evidence) -> str | None:
 def _increase_steps_or_areas(source: str, evidence: Evidence) -> str | None:
     """An edit that keeps the objects: more steps, larger areas."""
     steps = 2 * max(1, len(_list_program_objects(source)))  # as many as any oracle needs
-    for oracle in evidence.oracles:
+    for oracle in evidence.shortfalls:
         if oracle.outcome == "step_limit" and oracle.most < steps:
             return program_edits.set_max_steps(source, steps)
         if oracle.outcome == "target_too_small":
@@ -59,68 +68,50 @@ def _list_program_objects(source: str) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Replan:
-    """One way to plan the task anew."""
+class Variant:
+    """One way to plan the task."""
 
-    without: frozenset[str] = frozenset()  # names of objects to leave out
-    away: frozenset[str] = frozenset()  # names of objects to put elsewhere than the photo shows them
+    away: frozenset[str] = frozenset()  # assets to put elsewhere than the photo shows them
     spots: bool = False  # give each object a spot of its own
     margin: float = 1.0  # factor on the free space around objects
 
-    def apply_to_objects(self, objects: Sequence[SceneObject]) -> list[SceneObject]:
-        """The objects that are left, those to put elsewhere marked as out of reach."""
-        left = [obj for obj in objects if obj.name not in self.without]
-        return [replace(obj, reachable=False) if obj.name in self.away else obj for obj in left]
 
-
-def _write_replanned_program(source: str, evidence: Evidence, task: Json, objects: Sequence[SceneObject]) -> str:
-    """The same task planned anew with what the evidence teaches; with fewer objects where it teaches nothing."""
-    named = [obj for obj in objects if obj.asset in task.get("assets-used", ())] or list(objects)
-    used = program_edits.find_asset_names(source)
-    present = [obj for obj in named if obj.asset in used]
-    if {"moved", "assets_of_task"} & set(evidence.findings) or len(present) < 2:
-        present = named
-    title, description = program_edits.find_task_class_name(source), str(task.get("task-description", ""))
-    for option in _list_replan_options(present, evidence, "spot" in source, _RELOCATION_COMMENT in source):
-        plan = plan_task(task, option.apply_to_objects(present), option.margin)
-        if plan is None or len(plan.moved_objects) < min(2, len(named)):
+def _write_next_variant(prompt: PromptText, source: str, evidence: Evidence) -> str:
+    """The task as its author would write it; where that is what ``source`` is, the next way to do the same."""
+    task, objects = prompt.section_json("task"), parse_scene_objects(prompt.section_json("scene"))
+    imported = re.search(r"^from task_code import (\w+)", prompt.section_body("tests"), re.MULTILINE)
+    title = imported[1] if imported else program_edits.find_task_class_name(source)
+    texts: list[str] = []
+    for variant in _list_variants(task, objects, evidence):
+        placed = [replace(obj, reachable=False) if obj.asset in variant.away else obj for obj in objects]
+        try:
+            plans = plan_task(task, placed, variant.margin)
+        except UnplannableTaskError:
+            if variant == Variant():
+                raise
             continue
-        text = write_program(plan, title, description, option.spots)
-        if text.strip() != source.strip():
-            return text
-    return source
+        text = write_program(plans, title, str(task.get("task-description", "")), variant.spots)
+        if text.strip() not in texts:
+            texts.append(text.strip())
+    tried = texts.index(source.strip()) if source.strip() in texts else -1
+    return texts[(tried + 1) % len(texts)]
 
 
-def _list_replan_options(
-    present: Sequence[SceneObject], evidence: Evidence, spots: bool, relocated: bool
-) -> list[Replan]:
-    """What to try in turn: first what keeps every object that the task names, as the audit wants them all."""
-    concerned = {asset for oracle in evidence.oracles for asset in oracle.objects}
-    worst = sorted((obj for obj in present if not obj.hollow), key=_object_difficulty_score, reverse=True)
-    suspects = [obj.name for obj in worst if obj.asset in concerned]
-    everyone = frozenset(obj.name for obj in present)
-    return [
-        *_replan_options_keeping_all(evidence, frozenset(suspects), spots, relocated),
-        *(Replan(frozenset({name}), spots=spots) for name in suspects),
-        Replan(spots=spots, margin=1.5),
-        *(Replan(frozenset(obj.name for obj in worst[:count]), spots=spots) for count in range(1, len(worst))),
-        Replan(away=everyone, spots=True),
-        Replan(away=everyone, spots=True, margin=1.5),
+def _list_variants(task: Json, objects: Sequence[SceneObject], evidence: Evidence) -> list[Variant]:
+    """All that can be tried, the plainest first, then what the evidence speaks for."""
+    named = [obj for obj in objects if obj.asset in task.get("assets-used", ()) and not obj.hollow]
+    worst = [obj.asset for obj in sorted(named, key=_object_difficulty_score, reverse=True)]
+    variants = [
+        Variant(spots=True),
+        Variant(margin=1.5),
+        *(Variant(frozenset({asset}), spots=True) for asset in worst),
+        Variant(frozenset(worst), spots=True),
+        Variant(frozenset(worst), spots=True, margin=1.5),
     ]
-
-
-def _replan_options_keeping_all(
-    evidence: Evidence, suspects: frozenset[str], spots: bool, relocated: bool
-) -> Iterator[Replan]:
-    outcomes = {oracle.outcome for oracle in evidence.oracles}
-    if not evidence.oracles and not evidence.findings:
-        yield Replan(spots=spots)
-    if outcomes & (_PARTIAL_OUTCOMES | {"toppled"}) and not spots:
-        yield Replan(spots=True)
-    if "toppled" in outcomes and not relocated:
-        yield Replan(away=suspects, spots=True)
-    if "unreachable" in outcomes:
-        yield Replan(away=suspects, spots=spots)
+    suspects = frozenset(asset for oracle in evidence.shortfalls for asset in oracle.objects)
+    outcomes = {oracle.outcome for oracle in evidence.shortfalls}
+    wanted = [variant for variant in variants if outcomes & _MISPLACED and variant.away & suspects]
+    return [Variant(), *wanted, *variants]
 
 
 def _object_difficulty_score(obj: SceneObject) -> float:

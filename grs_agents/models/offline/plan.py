@@ -16,7 +16,7 @@ WALL = 0.005
 """Thickness of a container template's walls and floor, metres."""
 ZONE_HEIGHT = 0.002
 
-Family = Literal["pack", "stack", "sort", "line", "place", "match", "clear"]
+Family = Literal["pack", "stack", "sort", "line", "place", "match", "clear", "exchange"]
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,11 @@ class Target:
     color: str = ""  # its colour's name
     moves: bool = True  # whether each seed draws another place for it
     obj: SceneObject | None = None  # the object, for kind `object`
+
+    @property
+    def footprint_rect(self) -> Rect:
+        """What it takes of the table, as far as that is known before the program runs."""
+        return Rect(*self.place, *self.size[:2])
 
     @property
     def label(self) -> str:

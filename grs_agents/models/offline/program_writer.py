@@ -1,9 +1,10 @@
 """Write a plan out as a simulation program."""
 
 import keyword
+from collections.abc import Sequence
 
 from grs_agents.models.offline.plan import CONTAINER, MAX_ZONE_HEIGHT, ZONE, Move, Plan, Target
-from grs_agents.models.offline.prompt_text import GAP, make_identifier, split_words
+from grs_agents.models.offline.prompt_text import GAP, SceneObject, make_identifier, split_words
 
 _LANGUAGE_TEMPLATES = {
     "pack": "put the {} into the {}",
@@ -17,24 +18,29 @@ def class_name_for_task(task: str) -> str:
     return "".join(word.capitalize() for word in split_words(task)) or "PlaceObjects"
 
 
-def write_program(plan: Plan, title: str, description: str, spots: bool = False) -> str:
-    """The program text for a plan: class ``title``, docstring ``description``.
+def write_program(plans: Sequence[Plan], title: str, description: str, spots: bool = False) -> str:
+    """The program text for plans that are carried out one after the other: class ``title``, docstring ``description``.
 
     ``spots`` gives each object a spot of its own inside its container or zone, instead of the whole of it.
     """
-    names = _assign_variable_names(plan)
-    lines = [*_head_code_lines(plan, title, description), *_object_code_lines(plan, names)]
-    for target in plan.targets:
+    names = _assign_variable_names(plans)
+    objects = [obj for plan in plans for obj in plan.moved_objects]
+    targets = [target for plan in plans for target in plan.targets]
+    lines = [*_head_code_lines(plans, title, description), *_object_code_lines(objects, names)]
+    for target in targets:
         lines += ["", *_target_code_lines(target, names)]
-    exact = plan.exact or any(obj.size[2] > MAX_ZONE_HEIGHT for obj in plan.moved_objects)
-    lines += ["", *_goal_code_lines(plan, names, "pose" if exact else "zone", spots and not exact)]
-    if any(target.moves for target in plan.targets) or any(obj.relocated for obj in plan.moved_objects):
+    steps = sum(len(plan.moves) for plan in plans)
+    for plan in plans:
+        exact = plan.exact or any(obj.size[2] > MAX_ZONE_HEIGHT for obj in plan.moved_objects)
+        lines += ["", *_goal_code_lines(plan, names, "pose" if exact else "zone", spots and not exact, steps)]
+    if any(target.moves for target in targets) or any(obj.relocated for obj in objects):
         lines += ["", *_FIND_PLACE]
     return "\n".join(lines) + "\n"
 
 
-def _head_code_lines(plan: Plan, title: str, description: str) -> list[str]:
-    steps = len(plan.moves)
+def _head_code_lines(plans: Sequence[Plan], title: str, description: str) -> list[str]:
+    steps = sum(len(plan.moves) for plan in plans)
+    family = plans[0].family if len(plans) == 1 else ""
     text = description.replace("\\", "").replace('"', "'")
     return [
         "import numpy as np",
@@ -48,7 +54,7 @@ def _head_code_lines(plan: Plan, title: str, description: str) -> list[str]:
         "    def __init__(self):",
         "        super().__init__()",
         f"        self.max_steps = {steps + steps // 2 + 2}",
-        f'        self.lang_template = "{_LANGUAGE_TEMPLATES.get(plan.family, "put the {} on the {}")}"',
+        f'        self.lang_template = "{_LANGUAGE_TEMPLATES.get(family, "put the {} on the {}")}"',
         '        self.task_completed_desc = "task completed."',
         "        self.additional_reset()",
         "",
@@ -57,14 +63,14 @@ def _head_code_lines(plan: Plan, title: str, description: str) -> list[str]:
     ]
 
 
-def _object_code_lines(plan: Plan, names: dict[str, str]) -> list[str]:
+def _object_code_lines(objects: Sequence[SceneObject], names: dict[str, str]) -> list[str]:
     lines = ["", "        # The objects, where the photo shows them."]
-    relocated = [obj for obj in plan.moved_objects if obj.relocated]
-    for obj in plan.moved_objects:
+    relocated = [obj for obj in objects if obj.relocated]
+    for obj in objects:
         if not obj.relocated:
             pose = f"({_format_vector(obj.position)}, {_format_vector(obj.orientation)})"
             lines.append(f'        {names[obj.name]} = env.add_object("{obj.asset}", {pose})')
-    if len(relocated) == len(plan.moved_objects):
+    if len(relocated) == len(objects):
         lines = []
     if relocated:
         lines += ["", "        # The objects that cannot be used where the photo shows them stand somewhere free."]
@@ -105,7 +111,7 @@ def _target_code_lines(target: Target, names: dict[str, str]) -> list[str]:
     return lines
 
 
-def _goal_code_lines(plan: Plan, names: dict[str, str], metric: str, spots: bool) -> list[str]:
+def _goal_code_lines(plan: Plan, names: dict[str, str], metric: str, spots: bool, steps: int) -> list[str]:
     extent = "spot" if spots else "size"
     lines = [
         "        # One goal for each object, in the order in which the robot moves them:",
@@ -128,7 +134,7 @@ def _goal_code_lines(plan: Plan, names: dict[str, str], metric: str, spots: bool
         "                rotations=True,",
         f'                metric="{metric}",',
         f"                params={params},",
-        "                step_max_reward=1 / len(moves),",
+        f"                step_max_reward=1 / {'len(moves)' if len(plan.moves) == steps else steps},",
         *(["                symmetries=[np.pi],"] if metric == "pose" else []),
         "                language_goal=self.lang_template.format(label, place),",
         "            )",
@@ -145,9 +151,10 @@ def _format_move_as_code(move: Move, names: dict[str, str], spots: bool) -> str:
     return f"({head}, {_format_vector(offset)}, {_format_vector(obj.orientation)})"
 
 
-def _assign_variable_names(plan: Plan) -> dict[str, str]:
+def _assign_variable_names(plans: Sequence[Plan]) -> dict[str, str]:
     taken: dict[str, str] = {}
-    for name in [*(obj.name for obj in plan.moved_objects), *(target.name for target in plan.targets)]:
+    objects = [obj.name for plan in plans for obj in plan.moved_objects]
+    for name in [*objects, *(target.name for plan in plans for target in plan.targets)]:
         base, number = make_identifier(name), 2
         variable = base
         while variable in (*taken.values(), *_RESERVED):

@@ -1,20 +1,23 @@
-"""Read a test report as the router and the fixers get it: what failed, where it was raised, how the oracle fared."""
+"""Read the evidence as the router and the fixers get it: static findings, tests, the robot's episodes, the audit."""
 
 import re
 from dataclasses import dataclass
 
 _CASE = re.compile(
-    r"^(?P<id>[A-Za-z_][\w.]*): (?P<outcome>passed|failed|error|skipped|expected_failure|no_assertion|timeout|crashed"
+    r"^(?P<id>[A-Za-z_][\w.]*): (?P<outcome>failed|error|skipped|expected_failure|no_assertion|timeout|crashed"
     r"|exited|memory|output_limit|scratch_limit|thread_limit|limit|not_run|missing|extra|duplicate|replaced|tampered"
-    r"|forged)"
-    r"(?: \(raised in (?P<where>\w+)\))?(?:: (?P<message>.*))?$"
+    r"|forged)(?: \(raised in (?P<where>\w+)\))?(?:: (?P<message>.*))?$"
 )
-_ORACLE = re.compile(
-    r"oracle: outcome=(?P<outcome>\w+) reward=(?P<reward>[-\d.]+|None) steps=(?P<steps>\d+)/(?P<most>\d+) "
-    r"detail=(?P<detail>.*?)(?: objects=\[(?P<objects>.*)\])?$"
+_STATIC = re.compile(r"^(?P<program>simulation|tests) line \d+: (?P<message>\w+: .*)$")
+_SCORE = re.compile(
+    r"^published: (?P<published>-?\d+(?:\.\d+)?)  strict: (?P<strict>\d+(?:\.\d+)?)  steps: \d+/(?P<most>\d+)$",
+    re.MULTILINE,
 )
+_MOVED = re.compile(r"^  (?P<asset>\S+) \(\d+\) \([^)]*\) -> ")
 _ERROR = re.compile(r"^\s*(?:[\w.]*\.)?(?P<type>[A-Z]\w*(?:Error|Exception|Exit|Interrupt)): (?P<message>.*)$")
 _FINDING = re.compile(r"^- (?P<check>\w+): FAILED: (?P<detail>.*)$")
+_SOLVED = 0.99
+"""A score from which a task counts as solved."""
 
 
 @dataclass(frozen=True)
@@ -23,55 +26,78 @@ class Case:
 
     id: str
     outcome: str
-    where: str
+    where: str  # the program that raised what ended it; empty for a failed assertion
     message: str
 
 
 @dataclass(frozen=True)
 class Oracle:
-    """How the oracle fared once."""
+    """How the robot fared in one episode."""
 
     outcome: str  # e.g. `step_limit`
-    steps: int  # actions taken
     most: int  # actions allowed
+    published: float  # the reward that the program paid
+    strict: float  # what held at the end, 0..1
     detail: str  # the sentence that explains it
     objects: tuple[str, ...]  # asset names concerned
+    moved: tuple[str, ...]  # asset names of what was moved
+
+    @property
+    def has_solved(self) -> bool:
+        """Whether everything that the program asks for was reached, for a reward of 1."""
+        return self.outcome == "success" and self.strict >= _SOLVED and abs(self.published - 1) <= 1 - _SOLVED
 
 
 @dataclass(frozen=True)
 class Evidence:
     """What a report says."""
 
-    text: str  # the whole report
+    text: str  # the whole of it
+    static: tuple[tuple[str, str], ...]  # (program, message) of what was found without running it
     cases: tuple[Case, ...]  # the tests that did not pass
-    oracles: tuple[Oracle, ...]  # the oracle's episodes that fell short
-    solved: int  # how many episodes reached success
+    oracles: tuple[Oracle, ...]  # each distinct episode
     errors: tuple[tuple[str, str], ...]  # (type, message) of each exception, in order
-    where: str  # the program that the first failure came from: `simulation`, `tests`, `library` or empty
+    where: str  # the program that an import of it ended in; empty where tests ran
     findings: dict[str, str]  # failed checks of the audit and what they measured
+
+    @property
+    def shortfalls(self) -> tuple[Oracle, ...]:
+        """The episodes in which the oracle itself fell short."""
+        return tuple(oracle for oracle in self.oracles if not oracle.has_solved and oracle.outcome != "stopped")
 
 
 def parse_report_evidence(text: str) -> Evidence:
-    """Take a report apart; whatever it does not hold is left empty."""
-    cases: list[Case] = []
-    oracles: list[Oracle] = []
-    errors: list[tuple[str, str]] = []
-    findings: dict[str, str] = {}
-    for line in text.splitlines():
-        if oracle := _ORACLE.search(line):
-            oracles.append(_parse_oracle_line(oracle))
-        elif finding := _FINDING.match(line):
-            findings[finding["check"]] = finding["detail"]
-        elif (case := _CASE.match(line)) and case["outcome"] != "passed":
-            cases.append(Case(*(case[name] or "" for name in ("id", "outcome", "where", "message"))))
-        elif error := _ERROR.match(line):
-            errors.append((error["type"], error["message"]))
-    raised = re.search(r"raised in:? (\w+)", text)
-    short = tuple(oracle for oracle in oracles if oracle.outcome != "success")
-    where = raised[1] if raised else ""
-    return Evidence(text, tuple(cases), short, len(oracles) - len(short), tuple(errors), where, findings)
+    """Take the evidence apart; whatever it does not hold is left empty."""
+    lines = text.splitlines()
+    raised = re.search(r"^raised in: (\w+)", text, re.MULTILINE)
+    return Evidence(
+        text=text,
+        static=tuple((found["program"], found["message"]) for found in map(_STATIC.match, lines) if found),
+        cases=tuple(_make_case(found) for found in map(_CASE.match, lines) if found),
+        oracles=tuple(
+            map(_parse_episode, re.findall(r"^== oracle episode.*\n((?:(?!== ).*\n?)*)", text, re.MULTILINE))
+        ),
+        errors=tuple((found["type"], found["message"]) for found in map(_ERROR.match, lines) if found),
+        where=raised[1] if raised else "",
+        findings={found["check"]: found["detail"] for found in map(_FINDING.match, lines) if found},
+    )
 
 
-def _parse_oracle_line(line: re.Match[str]) -> Oracle:
-    assets = tuple(re.findall(r"[\"']([^\"']+)[\"']", line["objects"] or ""))
-    return Oracle(line["outcome"], int(line["steps"]), int(line["most"]), line["detail"], assets)
+def _make_case(found: re.Match[str]) -> Case:
+    return Case(*(found[name] or "" for name in ("id", "outcome", "where", "message")))
+
+
+def _parse_episode(section: str) -> Oracle:
+    """The episode that a section with the heading ``== oracle episode`` tells of."""
+    pairs = (line.partition(": ") for line in section.splitlines() if not line.startswith(" "))
+    values = {key: value for key, _, value in pairs}
+    score = _SCORE.search(section)
+    return Oracle(
+        outcome=values.get("outcome", ""),
+        most=int(score["most"]) if score else 0,
+        published=float(score["published"]) if score else 0.0,
+        strict=float(score["strict"]) if score else 0.0,
+        detail=values.get("detail", ""),
+        objects=tuple(filter(None, values.get("concerns", "").split(", "))),
+        moved=tuple(found["asset"] for found in map(_MOVED.match, section.splitlines()) if found),
+    )

@@ -1,68 +1,96 @@
 """The router: which of the two programs the evidence speaks against."""
 
-from grs_agents.models.offline.prompt_text import PromptText
-from grs_agents.models.offline.report_evidence import Evidence, parse_report_evidence
+import re
+from dataclasses import replace
 
-_REMEDIES = {
-    "step_limit": "allow more steps, or move fewer objects",
-    "unreachable": "move the target or the object into reach, or leave the object out",
-    "target_too_small": "make the target area larger",
-    "target_occupied": "move the target to a free place",
-    "no_free_space": "use smaller targets or fewer objects",
-    "toppled": "leave the unsteady object out",
-    "dropped": "leave out the object that the cup cannot hold",
-    "nothing_to_do": "move the target away from where the objects start",
-    "partial": "give the objects more room",
-    "error": "mend the call that the simulator refuses",
-}
+from grs_agents.models.offline import program_edits
+from grs_agents.models.offline.prompt_text import PromptText, parse_scene_objects
+from grs_agents.models.offline.report_evidence import Case, Evidence, parse_report_evidence
+from grs_agents.models.offline.task_reading import UnplannableTaskError, parse_clauses
+
+_NO_CHECK = frozenset({"no_assertion", "skipped", "expected_failure"})
 
 
 def decide_what_to_fix(prompt: PromptText) -> str:
-    """Reply to the ``decide_what_to_fix`` prompt: an explanation, then the verdict in a fenced block."""
-    verdict, explanation = judge_evidence(
-        parse_report_evidence(prompt.section_body("test report")), prompt.section_body("history")
-    )
+    """Reply to the ``route`` prompt: an explanation, then the verdict in a fenced block."""
+    evidence = _blame_program_for_its_class(parse_report_evidence(prompt.section_body("test report")), prompt)
+    verdict, explanation = judge_evidence(evidence, _find_neglected_assets(prompt, evidence))
+    allowed = re.findall(r"\bfix_\w+", prompt.section_body("verdicts")) or [verdict]
+    if verdict not in allowed:
+        verdict, explanation = allowed[0], f"{explanation} As {verdict} was tried in vain, the other program is next."
     return f"{explanation}\n\n```\n{verdict}\n```"
 
 
-def judge_evidence(evidence: Evidence, history: str = "") -> tuple[str, str]:
+def judge_evidence(evidence: Evidence, neglected: tuple[str, ...] = ()) -> tuple[str, str]:
     """The verdict and why.
 
-    What the tests themselves raise while the oracle solved the task, or never ran, speaks against the tests; all
-    else against the program. After three fixes of the tests in a row it is the program's turn.
+    Against the tests speaks what is wrong in them as they stand, and what they miss where the oracle solved the
+    program and the program does what the task says. All else speaks against the program.
+
+    Args:
+        evidence: what was found out.
+        neglected: the assets that the task's words move and the program does not.
     """
-    recent = [line for line in history.splitlines() if "fix_" in line][-3:]
-    if len(recent) == 3 and all("fix_test" in line for line in recent):
-        return "fix_code", "Three fixes of the tests in a row did not help, so the program is at fault: simplify it."
-    fault = _explain_test_fault(evidence)
-    return ("fix_test", f"{fault} Mend the tests.") if fault else ("fix_code", _explain_program_fault(evidence))
+    return _judge_without_running(evidence) or _judge_the_run(evidence, neglected)
 
 
-def _explain_test_fault(evidence: Evidence) -> str:
-    """What speaks against the tests; empty where the oracle fell short or nothing was raised in them."""
-    if any(oracle.outcome != "stopped" for oracle in evidence.oracles):
-        return ""
+def _judge_without_running(evidence: Evidence) -> tuple[str, str] | None:
+    against = dict(reversed(evidence.static))
+    for program, verdict in (("simulation", "fix_code"), ("tests", "fix_test")):
+        if program in against:
+            return verdict, f"A check of the {program} that needs no run finds: {against[program]}."
+        if evidence.where == program:
+            return verdict, f"No test ran, the fault lies in the {program}: {_last_error_text(evidence)}."
+    return None
+
+
+def _judge_the_run(evidence: Evidence, neglected: tuple[str, ...]) -> tuple[str, str]:
+    raised = [case for case in evidence.cases if case.where or case.outcome in _NO_CHECK]
+    if raised:
+        case = raised[0]
+        verdict = "fix_code" if case.where not in ("tests", "") else "fix_test"
+        return verdict, f"{case.id} ended as {case.outcome}: {case.message or 'it checks nothing'}."
+    if neglected:
+        return "fix_code", f"The task's words move {', '.join(neglected)}, which the robot did not: the goals lack it."
+    for oracle in evidence.shortfalls[:1]:
+        return "fix_code", f"The oracle ended in {oracle.outcome}, strict score {oracle.strict:.2f}: {oracle.detail}."
+    for case in evidence.cases[:1]:
+        return (
+            "fix_test",
+            f"The oracle solved what the task asks for; {case.id} expects something else: {case.message}.",
+        )
+    if re.search(r"^(?:no_tests|load_tests): ", evidence.text, re.MULTILINE):
+        return "fix_test", "There are no tests that count."
+    findings = "; ".join(f"{check}: {detail}" for check, detail in evidence.findings.items())
+    return "fix_code", f"The audit fails: {findings or 'see the report'}."
+
+
+def _blame_program_for_its_class(evidence: Evidence, prompt: PromptText) -> Evidence:
+    """The evidence with errors of the tests blamed on the program where its class lacks what the tests do not name.
+
+    So it is where ``__init__`` does not call the base: the first who uses the object is in the tests, or below them.
+    """
+    title, tests = program_edits.find_task_class_name(prompt.section_body("program")), prompt.section_body("tests")
+    cases: list[Case] = []
     for case in evidence.cases:
-        if case.where == "tests":
-            return f"{case.id} ended as {case.outcome}: {case.message or 'no message'}. It was raised in the tests."
-    if any(case.outcome in ("no_assertion", "skipped", "expected_failure") for case in evidence.cases):
-        return "Some tests check nothing."
-    if evidence.text.startswith("no_tests"):
-        return "There are no tests."
-    if evidence.text.startswith("load_tests"):
-        return "The tests choose among themselves by a load_tests of their own."
-    return f"The test file itself cannot be run: {_last_error_text(evidence)}." if evidence.where == "tests" else ""
+        lacking = re.search(rf"'{title}' object has no attribute '(\w+)'", case.message)
+        blamed = lacking is not None and lacking[1] not in tests
+        cases.append(replace(case, where="simulation") if blamed else case)
+    return replace(evidence, cases=tuple(cases))
 
 
-def _explain_program_fault(evidence: Evidence) -> str:
-    if evidence.oracles:
-        first = evidence.oracles[0]
-        remedy = _REMEDIES.get(first.outcome, "simplify the task")
-        return f"The oracle ended in {first.outcome}: {first.detail}. The easiest fix: {remedy}."
-    if evidence.findings:
-        findings = "; ".join(f"{check}: {detail}" for check, detail in evidence.findings.items())
-        return f"The tests pass but the audit does not ({findings}). The program has to change."
-    return f"The program is at fault: {_last_error_text(evidence)}. Mend the program."
+def _find_neglected_assets(prompt: PromptText, evidence: Evidence) -> tuple[str, ...]:
+    """The assets that the task's words move and that the program does not name, or no episode moved."""
+    task, used = prompt.section_json("task"), program_edits.find_asset_names(prompt.section_body("program"))
+    assets = {str(asset) for asset in task.get("assets-used", [])}
+    objects = [obj for obj in parse_scene_objects(prompt.section_json("scene")) if obj.asset in assets]
+    try:
+        wanted = {obj.asset for clause in parse_clauses(task, objects) for obj in clause.moved}
+    except UnplannableTaskError:
+        wanted = set[str]()
+    moved = {asset for oracle in evidence.oracles for asset in oracle.moved}
+    solved = any(oracle.has_solved for oracle in evidence.oracles)
+    return tuple(sorted((assets - used) | (wanted - moved if solved else set[str]())))
 
 
 def _last_error_text(evidence: Evidence) -> str:

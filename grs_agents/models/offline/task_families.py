@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Literal
 
 from grs_agents.models.offline.plan import WALL, ZONE_HEIGHT, Family, Move, Plan, Rows, Table, Target, arrange_in_rows
@@ -19,31 +19,34 @@ class TaskRequest:
     containers: tuple[SceneObject, ...] = ()  # hollow objects of the scene that may serve as containers
     criterion: str = ""  # how to tell objects apart, where that matters
     margin: float = 1.0  # factor on the free space inside containers and zones
+    support: SceneObject | None = None  # the object of the scene that a stack is built on, where it stands
+    ordered: bool = False  # whether a stack keeps the order in which the objects are given
+    taken: tuple[Rect, ...] = ()  # what else stands on the table
 
 
 def plan_pack_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     """Everything into one container: one of the scene's where one fits, else a new one."""
+    footprints = [obj.size[:2] for obj in objects]
     rows = _arrange_object_rows(objects, request)
-    target = _find_fitting_container(objects, request, rows.width, rows.depth) or _place_new_container(
-        objects, request, rows.width, rows.depth
-    )
-    if target is None:
-        return None
-    floor = WALL if target.kind == "container" else 0.01
-    return Plan("pack", (target,), _make_moves_to_rows(objects, target, rows, floor))
+    options = [rows, *(arrange_in_rows(footprints, count, GAP * request.margin) for count in range(1, len(objects)))]
+    for container, fitting in product(request.containers, options):
+        if _is_fitting_container(container, objects, fitting):
+            target = _target_of_object(container)
+            return Plan("pack", (target,), _make_moves_to_rows(objects, target, fitting, 0.01))
+    target = _place_new_container(objects, request, rows.width, rows.depth)
+    return None if target is None else Plan("pack", (target,), _make_moves_to_rows(objects, target, rows, WALL))
 
 
-def _find_fitting_container(
-    objects: Sequence[SceneObject], request: TaskRequest, width: float, depth: float
-) -> Target | None:
-    for container in request.containers:
-        inside = container.size[0] - 0.04 >= width and container.size[1] - 0.04 >= depth
-        free = not any(container.footprint_rect.overlaps(obj.footprint_rect, GAP) for obj in objects)
-        square = abs(container.orientation[2] * container.orientation[3]) < 0.04 or abs(container.orientation[2]) > 0.68
-        if inside and free and square and container.size[2] <= 0.12:
-            name = make_identifier(container.name)
-            return Target(name, "object", container.size, container.position[:2], container.color, False, container)
-    return None
+def _is_fitting_container(container: SceneObject, objects: Sequence[SceneObject], rows: Rows) -> bool:
+    inside = container.size[0] - 0.04 >= rows.width and container.size[1] - 0.04 >= rows.depth
+    free = not any(container.footprint_rect.overlaps(obj.footprint_rect, GAP) for obj in objects)
+    square = abs(container.orientation[2] * container.orientation[3]) < 0.04 or abs(container.orientation[2]) > 0.68
+    return inside and free and square and container.size[2] <= 0.12
+
+
+def _target_of_object(obj: SceneObject) -> Target:
+    """An object of the scene as a place where it stands."""
+    return Target(make_identifier(obj.name), "object", obj.size, obj.position[:2], obj.color, False, obj)
 
 
 def _place_new_container(
@@ -53,30 +56,39 @@ def _place_new_container(
     height = round(min(0.08, max(0.04, 0.6 * min(obj.size[2] for obj in objects))), 3)
     size = (_round_up_to_cm(width + border), _round_up_to_cm(depth + border), height)
     return _place_new_target(
-        f"{request.color}_container", "container", size, request.color, _table_with_objects(objects)
+        f"{request.color}_container", "container", size, request.color, _table_with_objects(objects, request)
     )
 
 
 def plan_stack_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
-    """One upon the other on a zone, the larger below the smaller."""
-    order = sorted(objects, key=lambda obj: (-obj.size[0] * obj.size[1], obj.name))
-    for below, above in pairwise(order):
+    """One upon the other on a zone, or on an object that stays where it is; the larger below the smaller."""
+    said = [obj.label for obj in objects]
+    order = sorted(
+        objects, key=lambda obj: (request.ordered * said.index(obj.label), -obj.size[0] * obj.size[1], obj.name)
+    )
+    base = [] if request.support is None else [request.support]
+    for below, above in pairwise([*base, *order]):
         wider = all(b >= a - 0.004 for a, b in zip(above.size[:2], below.size[:2], strict=True))
         if not wider or not below.is_flat_topped:
             return None
-    tall = sum(obj.size[2] for obj in order)
-    if len(order) < 2 or tall > 0.26 or any(obj.size[2] > 2.5 * min(obj.size[:2]) for obj in order):
+    tall = sum(obj.size[2] for obj in [*base, *order])
+    if len(base) + len(order) < 2 or tall > 0.26 or any(obj.size[2] > 2.5 * min(obj.size[:2]) for obj in order):
         return None
     side = _round_up_to_cm(max(order[0].size[:2]) + 0.03 * request.margin)
-    zone = _place_new_zone(f"{request.color}_zone", side, side, request.color, _table_with_objects(objects))
-    if zone is None:
+    table = _table_with_objects(objects, request)
+    target = (
+        _target_of_object(base[0])
+        if base
+        else _place_new_zone(f"{request.color}_zone", side, side, request.color, table)
+    )
+    if target is None:
         return None
     moves: list[Move] = []
-    height = 0.0
+    height = sum(obj.size[2] for obj in base)
     for obj in order:
-        moves.append(Move(obj, zone, (0.0, 0.0, height + obj.size[2] / 2)))
+        moves.append(Move(obj, target, (0.0, 0.0, height + obj.size[2] / 2)))
         height += obj.size[2]
-    return Plan("stack", (zone,), tuple(moves), exact=True)
+    return Plan("stack", (target,), tuple(moves), exact=True)
 
 
 def plan_sort_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
@@ -95,7 +107,7 @@ def plan_sort_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan
 def _plan_zone_per_group(
     objects: Sequence[SceneObject], groups: dict[str, list[SceneObject]], criterion: str, request: TaskRequest
 ) -> Plan | None:
-    table, targets, moves = _table_with_objects(objects), list[Target](), list[Move]()
+    table, targets, moves = _table_with_objects(objects, request), list[Target](), list[Move]()
     spare = [color for color in PALETTE if color not in groups]
     for index, name in enumerate(sorted(groups)):
         color = name if name in COLORS else spare[index % len(spare)]
@@ -114,7 +126,9 @@ def plan_line_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan
         return None
     rows = arrange_in_rows([obj.size[:2] for obj in order], 1, GAP * 1.5 * request.margin)
     width, depth = _round_up_to_cm(rows.width + 2 * GAP), _round_up_to_cm(rows.depth + 2 * GAP)
-    strip = _place_new_zone(f"{request.color}_strip", width, depth, request.color, _table_with_objects(objects))
+    strip = _place_new_zone(
+        f"{request.color}_strip", width, depth, request.color, _table_with_objects(objects, request)
+    )
     return (
         None if strip is None else Plan("line", (strip,), _make_moves_to_rows(order, strip, rows), "height", exact=True)
     )
@@ -123,7 +137,7 @@ def plan_line_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan
 def plan_place_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     """Everything onto one zone."""
     layout = _place_zone_with_rows(
-        objects, f"{request.color}_zone", request.color, _table_with_objects(objects), request
+        objects, f"{request.color}_zone", request.color, _table_with_objects(objects, request), request
     )
     return None if layout is None else Plan("place", (layout[0],), layout[1])
 
@@ -132,7 +146,7 @@ def plan_distribute_task(objects: Sequence[SceneObject], request: TaskRequest) -
     """Each onto a mark of its own."""
     if not 2 <= len(objects) <= 4:
         return None
-    table, targets, moves = _table_with_objects(objects), list[Target](), list[Move]()
+    table, targets, moves = _table_with_objects(objects, request), list[Target](), list[Move]()
     start = PALETTE.index(request.color) if request.color in PALETTE else 0
     for index, obj in enumerate(objects):
         color = PALETTE[(start + index) % len(PALETTE)]
@@ -151,7 +165,7 @@ def plan_clear_task(objects: Sequence[SceneObject], request: TaskRequest) -> Pla
         return None
     size = (_round_up_to_cm(area.width), _round_up_to_cm(area.depth), ZONE_HEIGHT)
     spot = Target(f"{request.color}_area", "zone", size, (area.x, area.y), request.color, moves=False)
-    table = Table([area])
+    table = Table([*request.taken, area])
     rows = _arrange_object_rows(objects, request)
     size = (
         _round_up_to_cm(rows.width + 2 * GAP),
@@ -168,6 +182,19 @@ def _bounding_rect(rects: Sequence[Rect]) -> Rect:
     return Rect((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, high[0] - low[0], high[1] - low[1])
 
 
+def plan_exchange_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
+    """Two objects, each to where the other one stands; the oracle moves the first aside."""
+    if len(objects) != 2:
+        return None
+    places = [
+        Target(f"place_of_{make_identifier(obj.name)}", "free", obj.size, obj.position[:2], moves=False)
+        for obj in objects
+    ]
+    pairs = zip(objects, reversed(places), strict=True)
+    moves = tuple(Move(obj, place, (0.0, 0.0, obj.size[2] / 2)) for obj, place in pairs)
+    return Plan("exchange", tuple(places), moves, exact=True)
+
+
 FAMILIES: dict[Family, Callable[[Sequence[SceneObject], TaskRequest], Plan | None]] = {
     "pack": plan_pack_task,
     "stack": plan_stack_task,
@@ -176,6 +203,7 @@ FAMILIES: dict[Family, Callable[[Sequence[SceneObject], TaskRequest], Plan | Non
     "clear": plan_clear_task,
     "match": plan_distribute_task,
     "place": plan_place_task,
+    "exchange": plan_exchange_task,
 }
 
 
@@ -213,8 +241,8 @@ def _place_new_target(
     return None if spot is None else Target(name, kind, size, spot, color)
 
 
-def _table_with_objects(objects: Sequence[SceneObject]) -> Table:
-    return Table([obj.footprint_rect for obj in objects])
+def _table_with_objects(objects: Sequence[SceneObject], request: TaskRequest) -> Table:
+    return Table([*request.taken, *(obj.footprint_rect for obj in objects)])
 
 
 def _round_up_to_cm(length: float) -> float:

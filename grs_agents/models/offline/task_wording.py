@@ -4,10 +4,11 @@ import re
 from collections.abc import Sequence
 
 from grs_agents.models.offline.plan import Family, Plan
-from grs_agents.models.offline.prompt_text import COLORS, SceneObject
+from grs_agents.models.offline.prompt_text import COLORS, Rect, SceneObject
 from grs_agents.models.offline.task_families import PALETTE, TaskRequest
 
 _FAMILY_WORDS: tuple[tuple[Family, str], ...] = (
+    ("exchange", r"swap|exchange|(change|switch|trade) (their )?places"),
     ("sort", r"sort|group|categor|separat"),
     ("stack", r"stack|pile|tower|on top of"),
     ("line", r"\bline\b|\brow\b|\border\b|shortest|tallest|arrange|align"),
@@ -24,6 +25,7 @@ _VERBS: dict[Family, str] = {
     "clear": "clear-away",
     "match": "distribute",
     "place": "place",
+    "exchange": "exchange",
 }
 
 
@@ -48,6 +50,7 @@ def task_description(plan: Plan) -> str:
         "sort": "Sort the objects by {note}: put {placements}.",
         "match": "Put each object on a mark of its own: {placements}.",
         "place": "Put {what} on the {where}.",
+        "exchange": "Let {what} exchange their places.",
     }
     what = format_label_list([obj.label for obj in plan.moved_objects])
     where, placements = plan.targets[0].label, _describe_placements(plan)
@@ -67,16 +70,23 @@ def infer_task_family(name: str, description: str) -> Family:
 
 
 def parse_task_request(
-    name: str, description: str, containers: Sequence[SceneObject], margin: float = 1.0
+    name: str, text: str, support: SceneObject | None = None, margin: float = 1.0, taken: Sequence[Rect] = ()
 ) -> TaskRequest:
-    """The colour and the order that a task's words ask for."""
-    text = f"{description} {name.replace('-', ' ')}".lower()
+    """The colour and the order that a task's words ask for, beside what is known of the table."""
+    text = f"{text} {name.replace('-', ' ')}".lower()
     colors = "|".join(COLORS)
     color = re.search(rf"\b({colors}) (?:container|zone|strip|area|mark|place|square)\b", text)
     color = color or re.search(rf"\b({colors}) box\b", text)  # a box may also be one of the objects
     by_kind = "kind" if re.search(r"by (kind|category|type)", text) else ""
-    criterion = "color" if re.search(r"by colou?r", text) else by_kind
-    return TaskRequest(color.group(1) if color else PALETTE[0], tuple(containers), criterion, margin)
+    return TaskRequest(
+        color=color.group(1) if color else PALETTE[0],
+        containers=() if support is None else (support.snap_to_table(),),
+        criterion="color" if re.search(r"by colou?r", text) else by_kind,
+        margin=margin,
+        support=None if support is None else support.snap_to_table(),
+        ordered="order" in text,
+        taken=tuple(taken),
+    )
 
 
 def format_label_list(labels: Sequence[str]) -> str:
