@@ -4,6 +4,7 @@ from grs_agents.models.offline import program_edits
 from grs_agents.models.offline.code_fixer import fix_python_error
 from grs_agents.models.offline.prompt_text import PromptText
 from grs_agents.models.offline.report_evidence import parse_report_evidence
+from grs_agents.models.offline.task_reading import find_assets_said_to_move
 
 _TEMPLATE = '''import unittest
 
@@ -22,9 +23,10 @@ class Test{title}(unittest.TestCase):
         self.env.set_task(self.task)
 
     def run_oracle(self):
-        """Run one episode; gives the total reward, whether it is done, the actions and the final state."""
+        """Run one episode; gives the total reward, whether it is done, the actions, and where each object began."""
         obs = self.env.reset()
         info = self.env.info
+        start = {{item: np.array(info[item][0]) for item in self.env.obj_ids["rigid"]}}
         agent = self.task.oracle(self.env)
         total, done, actions = 0.0, False, []
         for _ in range(self.task.max_steps):
@@ -36,28 +38,34 @@ class Test{title}(unittest.TestCase):
             total += reward
             if done:
                 break
-        return total, done, actions, info
+        return total, done, actions, start
 
     def test_oracle_succeeds(self):
         total, done, actions, _ = self.run_oracle()
         used = f"{{len(actions)}} of {{self.task.max_steps}} steps used, reward {{total:.2f}}"
         self.assertTrue(done, f"the oracle did not finish: {{used}}")
         self.assertAlmostEqual(total, 1.0, delta=0.01, msg=f"the oracle missed part of the reward: {{used}}")
+        for goal in self.task.goals_met(self.env):
+            self.assertTrue(goal.met, f"{{goal.goal}}: {{'; '.join(goal.shortfalls)}}")
 
     def test_oracle_picks_and_places_objects(self):
         total, _, actions, _ = self.run_oracle()
         moves = [act for act in actions if "pose0" in act and "pose1" in act]
-        self.assertGreater(len(moves), 0, f"the oracle moved nothing, reward {{total:.2f}}")
         self.assertEqual(len(moves), len(actions), "an action is not a pick and a place")
+        self.assertGreater(len(moves), 0, f"the oracle moved nothing, reward {{total:.2f}}")
+        place = np.asarray(moves[-1]["pose1"][0])[:2]
+        ends = [np.asarray(self.env.get_object_pose(item)[0])[:2] for item in self.env.obj_ids["rigid"]]
+        nearest = min(float(np.linalg.norm(end - place)) for end in ends)
+        self.assertLess(nearest, {tolerance}, f"nothing rests within {{nearest:.3f}} m of {{place}}")
 
-    def test_objects_end_where_they_were_put(self):
-        total, done, actions, info = self.run_oracle()
-        self.assertTrue(done, f"the oracle did not finish, reward {{total:.2f}}")
-        final = [np.asarray(info[item][0])[:2] for item in self.env.obj_ids["rigid"]]
-        for act in actions:
-            place = np.asarray(act["pose1"][0])[:2]
-            nearest = min(float(np.linalg.norm(position - place)) for position in final)
-            self.assertLess(nearest, {tolerance}, f"nothing rests within {{nearest:.3f}} m of {{place}}")
+    def test_the_objects_that_the_task_names_are_moved(self):
+        total, _, _, start = self.run_oracle()
+        self.assertTrue(start, "nothing on the table can be moved")
+        for asset in {moved}:
+            items = [item for item in self.env.find(asset) if item in start]
+            self.assertTrue(items, f"{{asset}} is not on the table, or cannot be moved")
+            far = max(float(np.linalg.norm(self.env.get_object_pose(item)[0] - start[item])) for item in items)
+            self.assertGreater(far, 0.01, f"{{asset}} was not moved, reward {{total:.2f}}")
 
 
 if __name__ == "__main__":
@@ -68,7 +76,7 @@ _TOLERANCE = 0.06
 
 
 def author_tests(prompt: PromptText) -> str:
-    """Reply to the ``tests`` prompt: three tests of the oracle's behaviour."""
+    """Reply to the ``tests`` prompt: three tests of what the oracle does's behaviour."""
     return f"```python\n{_fill_test_template(prompt, _TOLERANCE)}```"
 
 
@@ -83,6 +91,7 @@ def fix_tests(prompt: PromptText) -> str:
 
 
 def _fill_test_template(prompt: PromptText, tolerance: float) -> str:
-    title = program_edits.find_task_class_name(prompt.section_body("program"))
-    description = str(prompt.section_json("task").get("task-description", "")).replace("\\", "").replace('"', "'")
-    return _TEMPLATE.format(title=title, description=" ".join(description.split()), tolerance=tolerance)
+    title, task = program_edits.find_task_class_name(prompt.section_body("program")), prompt.section_json("task")
+    description = str(task.get("task-description", "")).replace("\\", "").replace('"', "'")
+    moved = find_assets_said_to_move(task)
+    return _TEMPLATE.format(title=title, description=" ".join(description.split()), tolerance=tolerance, moved=moved)
