@@ -5,21 +5,6 @@ import itertools
 import re
 from collections.abc import Iterable, Sequence
 
-KNOWN_NAMES = {
-    "np": "import numpy as np",
-    "numpy": "import numpy",
-    "math": "import math",
-    "random": "import random",
-    "itertools": "import itertools",
-    "unittest": "import unittest",
-    "os": "import os",
-    "Task": "from grs_agents.sim import Task",
-    "Environment": "from grs_agents.sim import Environment",
-    "utils": "from grs_agents.sim import utils",
-    "p": "from grs_agents.sim import p",
-}
-"""The import that defines each name programs commonly forget."""
-
 
 def parse_syntax_tree(source: str) -> ast.Module | None:
     """The syntax tree, or None for text that is not Python."""
@@ -42,25 +27,6 @@ def find_task_class_name(source: str) -> str:
 def find_asset_names(source: str) -> set[str]:
     """The URDF names that ``source`` spells out."""
     return set(re.findall(r"[\"']([\w./-]+\.urdf)[\"']", source))
-
-
-def add_import(source: str, name: str) -> str | None:
-    """``source`` with the import that defines ``name``; None where it is not a known one or is there already."""
-    line = KNOWN_NAMES.get(name)
-    if line is None or re.search(rf"^{re.escape(line)}$", source, re.MULTILINE):
-        return None
-    tree = parse_syntax_tree(source)
-    body = tree.body if tree else []
-    has_docstring = bool(body) and isinstance(body[0], ast.Expr) and isinstance(body[0].value, ast.Constant)
-    after = (body[0].end_lineno or 0) if has_docstring else 0
-    lines = source.splitlines()
-    return "\n".join([*lines[:after], line, *lines[after:]]) + "\n"
-
-
-def set_max_steps(source: str, steps: int) -> str | None:
-    """``source`` with another number of steps; None where it assigns none."""
-    assignments = [node for node in _find_assignments(source) if _assigned_name(node.targets[0]) == "max_steps"]
-    return replace_nodes(source, ((node.value, str(steps)) for node in assignments)) if assignments else None
 
 
 def scale_target_sizes(source: str, factor: float) -> str | None:

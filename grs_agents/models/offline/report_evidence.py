@@ -10,7 +10,7 @@ _CASE = re.compile(
 )
 _STATIC = re.compile(r"^(?P<program>simulation|tests) line \d+: (?P<message>\w+: .*)$")
 _SCORE = re.compile(
-    r"^published: (?P<published>-?\d+(?:\.\d+)?)  strict: (?P<strict>\d+(?:\.\d+)?)  steps: \d+/(?P<most>\d+)$",
+    r"^published: (?P<published>-?\d+(?:\.\d+)?)  strict: (?P<strict>\d+(?:\.\d+)?)  steps: ",
     re.MULTILINE,
 )
 _MOVED = re.compile(r"^  (?P<asset>\S+) \(\d+\) \([^)]*\) -> ")
@@ -35,7 +35,6 @@ class Oracle:
     """How the robot fared in one episode."""
 
     outcome: str  # e.g. `step_limit`
-    most: int  # actions allowed
     published: float  # the reward that the program paid
     strict: float  # what held at the end, 0..1
     detail: str  # the sentence that explains it
@@ -94,7 +93,6 @@ def _parse_episode(section: str) -> Oracle:
     score = _SCORE.search(section)
     return Oracle(
         outcome=values.get("outcome", ""),
-        most=int(score["most"]) if score else 0,
         published=float(score["published"]) if score else 0.0,
         strict=float(score["strict"]) if score else 0.0,
         detail=values.get("detail", ""),
