@@ -1,8 +1,8 @@
 """The roles that invent: the task author and the simulation author."""
 
 import json
-from collections.abc import Iterator, Sequence
-from itertools import combinations, islice, product
+from collections.abc import Iterator, Sequence, Set
+from itertools import chain, combinations, islice, product
 
 import numpy as np
 
@@ -74,24 +74,26 @@ def revise_task(prompt: PromptText) -> str:
     """Reply to the ``fix_task`` prompt: the task with a new container, or else without the object that hinders it."""
     task, objects = prompt.section_json("task"), parse_scene_objects(prompt.section_json("scene"))
     evidence = parse_report_evidence(prompt.section_body("test report"))
-    named = _objects_for_assets(objects, task.get("assets-used", []))
+    hindering = {asset for oracle in evidence.shortfalls for asset in oracle.objects}
     try:
-        clauses = parse_clauses(task, named)
+        clauses = parse_clauses(task, _objects_for_assets(objects, task.get("assets-used", [])))
     except UnplannableTaskError as error:
         return f"I cannot revise this task: {error}."
+    for plan, given_up in _list_revisions(clauses, hindering):
+        revised = describe_plan_as_task(plan)
+        if revised["assets-used"] != task["assets-used"] and is_plannable(revised, objects):
+            return _format_task({**revised, "given-up": f"{given_up}: the task could not be done as it was."})
+    return "I cannot revise this task: no family does it with fewer objects."
+
+
+def _list_revisions(clauses: Sequence[Clause], hindering: Set[str]) -> Iterator[tuple[Plan, str]]:
+    """Plans of the family of the first clause: for all objects, then without one, the ``hindering`` first."""
     moved = [obj for clause in clauses for obj in clause.moved]
-    hindering = {asset for oracle in evidence.shortfalls for asset in oracle.objects}
     for left_out in [None, *sorted(moved, key=lambda obj: obj.asset not in hindering)]:
         rest = relocate_misplaced_objects([obj for obj in moved if obj is not left_out])
-        request = parse_task_request("", clauses[0].text)
-        plan = FAMILIES[clauses[0].family](rest, request) if len(rest) > 1 else None
-        revised = None if plan is None else describe_plan_as_task(plan)
-        if revised is not None and revised["assets-used"] != task["assets-used"] and is_plannable(revised, objects):
-            what = (
-                f"The {left_out.label} stays where it is" if left_out else "Other targets take the place of those named"
-            )
-            return _format_task({**revised, "given-up": f"{what}: the task could not be done as it was."})
-    return "I cannot revise this task: no family does it with fewer objects."
+        plan = FAMILIES[clauses[0].family](rest, parse_task_request(clauses[0].text)) if len(rest) > 1 else None
+        if plan is not None:
+            yield plan, f"The {left_out.label} stays" if left_out else "Another target takes the place of the old one"
 
 
 def author_simulation(prompt: PromptText) -> str:
@@ -119,16 +121,13 @@ def plan_task(task: Json, objects: Sequence[SceneObject], margin: float = 1.0) -
     assets = [str(asset) for asset in task.get("assets-used", [])]
     clauses = parse_clauses(task, _objects_for_assets(objects, assets))
     unlike = ""
-    options: list[Iterator[list[SceneObject]]] = [
-        _candidate_object_sets(clause.moved, clause.text) for clause in clauses
-    ]
+    options = (_candidate_object_sets(clause.moved, clause.text) for clause in clauses)
     for chosen in islice(product(*options), _MOST_READINGS):
-        plans = _plan_clauses(task, clauses, chosen, margin)
-        used = {asset for plan in plans or () for asset in plan.asset_names}
+        plans = _plan_clauses(clauses, chosen, margin)
+        used = {asset for plan in plans for asset in plan.asset_names}
         if plans and used == {*assets}:
             return plans
-        if plans:
-            unlike = f", which would use {sorted(used)} and not {sorted(assets)}"
+        unlike = f", which would use {sorted(used)} and not {sorted(assets)}" if plans else unlike
     families = " and ".join(clause.family for clause in clauses)
     raise UnplannableTaskError(f"these objects do not suit a task of the family {families}{unlike}")
 
@@ -137,30 +136,28 @@ _MOST_READINGS = 50
 """How many ways of choosing among objects that are called alike are tried."""
 
 
-def _plan_clauses(
-    task: Json, clauses: Sequence[Clause], chosen: Sequence[Sequence[SceneObject]], margin: float
-) -> list[Plan] | None:
-    """A plan for each clause with the objects chosen for it, or None; what one uses, no other stands on."""
-    everything = [obj for objects in chosen for obj in objects]
-    ready = {obj.name: obj for obj in relocate_misplaced_objects(everything)}
-    if not everything or len(everything) > MAX_OBJECTS or len(ready) < len(everything):
-        return None
-    supports = [clause.support.snap_to_table() for clause in clauses if clause.support]
-    if any(obj.name in ready or not is_reachable_object(obj) for obj in supports):
-        return None
+def _plan_clauses(clauses: Sequence[Clause], chosen: Sequence[Sequence[SceneObject]], margin: float) -> list[Plan]:
+    """A plan for each clause with the objects chosen for it, each on what the others leave free; none if one fails."""
+    supports = [clause.support for clause in clauses if clause.support]
+    ready = _objects_apart(list(chain.from_iterable(chosen)), supports)
     taken = [obj.footprint_rect for obj in (*ready.values(), *supports)]
-    name, plans = str(task.get("task-name", "")) if len(clauses) == 1 else "", list[Plan]()
-    for clause, objects in zip(clauses, chosen, strict=True):
-        moved = [ready[obj.name] for obj in objects]
-        others = [rect for rect in taken if rect not in [obj.footprint_rect for obj in moved]]
-        request = parse_task_request(name, clause.text, clause.support, margin, others)
-        plan = FAMILIES[clause.family](moved, request)
-        places = {target.name for earlier in plans for target in earlier.targets}
-        if plan is None or places & {target.name for target in plan.targets}:
-            return None
+    plans: list[Plan] = []
+    for clause, objects in zip(clauses, chosen, strict=True) if ready else ():
+        request = parse_task_request(clause.text, clause.support, margin, taken)
+        plan = FAMILIES[clause.family]([ready[obj.name] for obj in objects], request)
+        if plan is None:
+            return []
         plans.append(plan)
         taken += [target.footprint_rect for target in plan.targets]
-    return plans
+    places = [target.name for plan in plans for target in plan.targets]
+    return plans if len({*places}) == len(places) else []
+
+
+def _objects_apart(objects: Sequence[SceneObject], supports: Sequence[SceneObject]) -> dict[str, SceneObject]:
+    """The objects by their names, each where none is in its way; none of them if that, or a support, cannot be."""
+    ready = {obj.name: obj for obj in relocate_misplaced_objects(objects)}
+    usable = all(is_reachable_object(obj) and obj.name not in ready for obj in supports)
+    return ready if usable and len(ready) == len(objects) <= MAX_OBJECTS else {}
 
 
 def _objects_for_assets(objects: Sequence[SceneObject], assets: Sequence[str]) -> list[SceneObject]:

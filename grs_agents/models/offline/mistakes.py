@@ -102,19 +102,22 @@ def _forget_last_goal(source: str, generator: random.Random) -> str | None:
 
 def _want_two_places_at_once(source: str, generator: random.Random) -> str | None:
     """An object that has to be in two places in the end."""
-    rows = _find_move_rows(source)
-    if rows and len(rows[0].elts) > 3:
-        row = generator.choice(rows)
-        elsewhere = [_source_text_of(source, part) for part in row.elts]
-        elsewhere[3] = "((0.45, -0.42, 0.05), (0, 0, 0, 1))"
-        return program_edits.replace_nodes(source, [(row, f"{_source_text_of(source, row)}, ({', '.join(elsewhere)})")])
+    rows = [row for row in _find_move_rows(source) if len(row.elts) > 3]
+    if not rows:
+        return _add_last_object_to_first_goal(source)
+    row = generator.choice(rows)
+    elsewhere = [_source_text_of(source, part) for part in row.elts]
+    elsewhere[3] = "((0.45, -0.42, 0.05), (0, 0, 0, 1))"
+    return program_edits.replace_nodes(source, [(row, f"{_source_text_of(source, row)}, ({', '.join(elsewhere)})")])
+
+
+def _add_last_object_to_first_goal(source: str) -> str | None:
     goals = [node.value for node in _find_call_statements(source) if _called_method(node.value) == "add_goal"]
-    lists = [[part for part in ast.walk(goal) if isinstance(part, ast.List)] for goal in goals]
-    if len(lists) < 2 or not lists[0] or not lists[-1]:
+    lists = [part for goal in goals for part in ast.walk(goal) if isinstance(part, ast.List) and part.elts]
+    if len(goals) < 2 or len(lists) < 2:
         return None
-    first, last = lists[0][0], lists[-1][0].elts[-1:]
-    texts = [_source_text_of(source, part) for part in [*first.elts, *last]]
-    return program_edits.replace_nodes(source, [(first, f"[{', '.join(texts)}]")])
+    texts = [_source_text_of(source, part) for part in [*lists[0].elts, lists[-1].elts[-1]]]
+    return program_edits.replace_nodes(source, [(lists[0], f"[{', '.join(texts)}]")])
 
 
 def _shrink_container(source: str, generator: random.Random) -> str | None:

@@ -3,7 +3,7 @@
 import ast
 import itertools
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 
 def parse_syntax_tree(source: str) -> ast.Module | None:
@@ -58,21 +58,19 @@ def remove_variable(source: str, name: str) -> str | None:
         return None
     edits: list[tuple[ast.expr, str]] = []
     for node in ast.walk(tree):
-        if isinstance(node, ast.List) and any(name in _collect_identifiers(part) for part in node.elts):
-            kept = [part for part in node.elts if name not in _collect_identifiers(part)]
-            if not kept:
-                return None
-            edits.append((node, _list_text(source, node, kept)))
-    gone = [node for node in _find_assignments(source) if name in map(_assigned_name, node.targets)]
-    changed = replace_nodes(source, [*edits, *((node, "") for node in gone)])
-    left = parse_syntax_tree(changed)
-    return changed if left is not None and name not in _collect_identifiers(left) else None
+        if isinstance(node, ast.List) and name in _collect_identifiers(node):
+            edits.append((node, _list_without(source, node, name)))
+    gone = [(node, "") for node in _find_assignments(source) if name in map(_assigned_name, node.targets)]
+    changed = replace_nodes(source, [*edits, *gone])
+    left = _collect_identifiers(parse_syntax_tree(changed) or tree)
+    return None if name in left or "[]" in [text for _, text in edits] else changed
 
 
-def _list_text(source: str, node: ast.List, kept: Sequence[ast.expr]) -> str:
-    """The text of a list of ``kept`` entries, one a line where ``node`` has them so."""
+def _list_without(source: str, node: ast.List, name: str) -> str:
+    """The text of a list without the entries that use ``name``, one a line where ``node`` has them so."""
+    kept = [part for part in node.elts if name not in _collect_identifiers(part)]
     texts = [ast.get_source_segment(source, part) or "" for part in kept]
-    if node.lineno == node.end_lineno:
+    if node.lineno == node.end_lineno or not kept:
         return f"[{', '.join(texts)}]"
     indent = " " * kept[0].col_offset
     return "[\n" + "".join(f"{indent}{text},\n" for text in texts) + f"{indent[4:]}]"

@@ -2,6 +2,7 @@
 
 import keyword
 from collections.abc import Sequence
+from itertools import chain
 
 from grs_agents.models.offline.plan import CONTAINER, MAX_ZONE_HEIGHT, ZONE, Move, Plan, Target
 from grs_agents.models.offline.prompt_text import GAP, SceneObject, make_identifier, split_words
@@ -24,15 +25,13 @@ def write_program(plans: Sequence[Plan], title: str, description: str, spots: bo
     ``spots`` gives each object a spot of its own inside its container or zone, instead of the whole of it.
     """
     names = _assign_variable_names(plans)
-    objects = [obj for plan in plans for obj in plan.moved_objects]
-    targets = [target for plan in plans for target in plan.targets]
+    objects = list(chain.from_iterable(plan.moved_objects for plan in plans))
+    targets = list(chain.from_iterable(plan.targets for plan in plans))
     lines = [*_head_code_lines(plans, title, description), *_object_code_lines(objects, names)]
     for target in targets:
         lines += ["", *_target_code_lines(target, names)]
-    steps = sum(len(plan.moves) for plan in plans)
     for plan in plans:
-        exact = plan.exact or any(obj.size[2] > MAX_ZONE_HEIGHT for obj in plan.moved_objects)
-        lines += ["", *_goal_code_lines(plan, names, "pose" if exact else "zone", spots and not exact, steps)]
+        lines += ["", *_goal_code_lines(plan, names, spots, sum(len(every.moves) for every in plans))]
     if any(target.moves for target in targets) or any(obj.relocated for obj in objects):
         lines += ["", *_FIND_PLACE]
     return "\n".join(lines) + "\n"
@@ -111,7 +110,9 @@ def _target_code_lines(target: Target, names: dict[str, str]) -> list[str]:
     return lines
 
 
-def _goal_code_lines(plan: Plan, names: dict[str, str], metric: str, spots: bool, steps: int) -> list[str]:
+def _goal_code_lines(plan: Plan, names: dict[str, str], spots: bool, steps: int) -> list[str]:
+    exact = plan.exact or any(obj.size[2] > MAX_ZONE_HEIGHT for obj in plan.moved_objects)
+    metric, spots = "pose" if exact else "zone", spots and not exact
     extent = "spot" if spots else "size"
     lines = [
         "        # One goal for each object, in the order in which the robot moves them:",

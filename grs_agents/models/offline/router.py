@@ -31,7 +31,7 @@ def judge_evidence(evidence: Evidence, neglected: tuple[str, ...] = ()) -> tuple
         evidence: what was found out.
         neglected: the assets that the task's words move and the program does not.
     """
-    return _judge_without_running(evidence) or _judge_the_run(evidence, neglected)
+    return _judge_without_running(evidence) or _judge_errors(evidence) or _judge_the_run(evidence, neglected)
 
 
 def _judge_without_running(evidence: Evidence) -> tuple[str, str] | None:
@@ -44,17 +44,22 @@ def _judge_without_running(evidence: Evidence) -> tuple[str, str] | None:
     return None
 
 
+def _judge_errors(evidence: Evidence) -> tuple[str, str] | None:
+    case = next((case for case in evidence.cases if case.where or case.outcome in _NO_CHECK), None)
+    if case is None:
+        return None
+    verdict = "fix_test" if case.where in ("tests", "") else "fix_code"
+    return verdict, f"{case.id} ended as {case.outcome}: {case.message or 'it checks nothing'}."
+
+
 def _judge_the_run(evidence: Evidence, neglected: tuple[str, ...]) -> tuple[str, str]:
-    raised = [case for case in evidence.cases if case.where or case.outcome in _NO_CHECK]
-    if raised:
-        case = raised[0]
-        verdict = "fix_code" if case.where not in ("tests", "") else "fix_test"
-        return verdict, f"{case.id} ended as {case.outcome}: {case.message or 'it checks nothing'}."
     if neglected:
         return "fix_code", f"The task's words move {', '.join(neglected)}, which the robot did not: the goals lack it."
-    for oracle in evidence.shortfalls[:1]:
+    if evidence.shortfalls:
+        oracle = evidence.shortfalls[0]
         return "fix_code", f"The oracle ended in {oracle.outcome}, strict score {oracle.strict:.2f}: {oracle.detail}."
-    for case in evidence.cases[:1]:
+    if evidence.cases:
+        case = evidence.cases[0]
         return (
             "fix_test",
             f"The oracle solved what the task asks for; {case.id} expects something else: {case.message}.",

@@ -62,25 +62,16 @@ def _place_new_container(
 
 def plan_stack_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     """One upon the other on a zone, or on an object that stays where it is; the larger below the smaller."""
-    said = [obj.label for obj in objects]
+    said, base = [obj.label for obj in objects], [request.support] if request.support else []
     order = sorted(
         objects, key=lambda obj: (request.ordered * said.index(obj.label), -obj.size[0] * obj.size[1], obj.name)
     )
-    base = [] if request.support is None else [request.support]
-    for below, above in pairwise([*base, *order]):
-        wider = all(b >= a - 0.004 for a, b in zip(above.size[:2], below.size[:2], strict=True))
-        if not wider or not below.is_flat_topped:
-            return None
-    tall = sum(obj.size[2] for obj in [*base, *order])
-    if len(base) + len(order) < 2 or tall > 0.26 or any(obj.size[2] > 2.5 * min(obj.size[:2]) for obj in order):
+    if not _is_steady_stack([*base, *order]) or any(obj.size[2] > 2.5 * min(obj.size[:2]) for obj in order):
         return None
     side = _round_up_to_cm(max(order[0].size[:2]) + 0.03 * request.margin)
     table = _table_with_objects(objects, request)
-    target = (
-        _target_of_object(base[0])
-        if base
-        else _place_new_zone(f"{request.color}_zone", side, side, request.color, table)
-    )
+    zone = None if base else _place_new_zone(f"{request.color}_zone", side, side, request.color, table)
+    target = _target_of_object(base[0]) if base else zone
     if target is None:
         return None
     moves: list[Move] = []
@@ -89,6 +80,15 @@ def plan_stack_task(objects: Sequence[SceneObject], request: TaskRequest) -> Pla
         moves.append(Move(obj, target, (0.0, 0.0, height + obj.size[2] / 2)))
         height += obj.size[2]
     return Plan("stack", (target,), tuple(moves), exact=True)
+
+
+def _is_steady_stack(order: Sequence[SceneObject]) -> bool:
+    """Whether each object can rest on the one before it, and the cup gets over the last."""
+    for below, above in pairwise(order):
+        wider = all(b >= a - 0.004 for a, b in zip(above.size[:2], below.size[:2], strict=True))
+        if not wider or not below.is_flat_topped:
+            return False
+    return len(order) > 1 and sum(obj.size[2] for obj in order) <= 0.26
 
 
 def plan_sort_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:

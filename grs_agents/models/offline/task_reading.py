@@ -4,7 +4,7 @@ Words that no family covers are refused, never taken for something else.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from grs_agents.errors import GrsError
@@ -56,26 +56,52 @@ def parse_clauses(task: Json, objects: Sequence[SceneObject]) -> list[Clause]:
     ]
 
 
-def _parse_clause(name: str, text: str, mentions: dict[SceneObject, str], unnamed: Sequence[SceneObject]) -> Clause:
-    ends = [obj for obj, pattern in mentions.items() if re.search(f"{_WHERETO}{pattern}", text)]
-    ends = [obj for obj in ends if obj.hollow] or ends
-    plain = text
-    for obj, pattern in sorted(mentions.items(), key=lambda item: -len(item[1])):
-        plain = re.sub(pattern, "container" if obj in ends and obj.hollow else "it", plain)
+def _parse_clause(name: str, text: str, mentions: Mapping[SceneObject, str], unnamed: Sequence[SceneObject]) -> Clause:
+    ends = _find_places_for_others(text, mentions)
+    plain = _without_labels(text, mentions, ends)
     family = infer_task_family(name, plain)
-    uncovered = _NOT_COVERED.search(plain) or (family in ("sort", "line") and _ORDER_NOT_COVERED.search(plain))
-    if uncovered:
-        raise UnplannableTaskError(f"the words {uncovered[0]!r} of the task ask for what no task family here does")
-    if family in ("sort", "match", "clear", "line", "exchange"):
-        ends = []
-    if family == "pack" and not ends:
-        ends = [obj for obj in unnamed if obj.hollow and obj.asset not in {other.asset for other in mentions}][:1]
+    _refuse_uncovered_words(plain, family)
+    support = _choose_support(family, ends, mentions, unnamed)
+    if family == "place" and support:
+        family = "pack" if support.hollow else "stack"
+    moved = tuple(obj for obj in mentions if obj is not support) or tuple(unnamed)
+    return Clause(family, text, tuple(obj for obj in moved if obj is not support), support)
+
+
+def _find_places_for_others(text: str, mentions: Mapping[SceneObject, str]) -> list[SceneObject]:
+    """The objects that ``text`` puts others into or onto; hollow ones alone where there are such."""
+    ends = [obj for obj, pattern in mentions.items() if re.search(f"{_WHERETO}{pattern}", text)]
+    return [obj for obj in ends if obj.hollow] or ends
+
+
+def _refuse_uncovered_words(text: str, family: Family) -> None:
+    order = _ORDER_NOT_COVERED.search(text) if family in ("sort", "line") else None
+    if found := _NOT_COVERED.search(text) or order:
+        raise UnplannableTaskError(f"the words {found[0]!r} of the task ask for what no task family here does")
+
+
+def _without_labels(text: str, mentions: Mapping[SceneObject, str], ends: Sequence[SceneObject]) -> str:
+    """``text`` with what it calls the objects replaced, so that no label passes for a word about the family."""
+    for obj, pattern in sorted(mentions.items(), key=lambda item: -len(item[1])):
+        text = re.sub(pattern, "container" if obj in ends and obj.hollow else "it", text)
+    return text
+
+
+def _choose_support(
+    family: Family, ends: Sequence[SceneObject], mentions: Iterable[SceneObject], unnamed: Sequence[SceneObject]
+) -> SceneObject | None:
+    """The object that others are put into or onto: one that the words put there, or a container that they only call so.
+
+    Raises:
+        UnplannableTaskError: there are several.
+    """
+    if family not in ("pack", "stack", "place"):
+        return None
     if len(ends) > 1:
-        raise UnplannableTaskError(f"{text!r} names more than one place to put things: one is known for each sentence")
-    if family == "place" and ends:
-        family = "pack" if ends[0].hollow else "stack"
-    moved = [obj for obj in mentions if obj not in ends] or [obj for obj in unnamed if obj not in ends]
-    return Clause(family, text, tuple(moved), ends[0] if ends else None)
+        raise UnplannableTaskError(f"{ends[0].label} and {ends[1].label} are both places for things in one sentence")
+    spoken = {obj.asset for obj in mentions}
+    containers = [obj for obj in unnamed if obj.hollow and obj.asset not in spoken] if family == "pack" else []
+    return next(iter([*ends, *containers]), None)
 
 
 def find_assets_said_to_move(task: Json) -> tuple[str, ...]:

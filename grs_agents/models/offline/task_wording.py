@@ -70,10 +70,9 @@ def infer_task_family(name: str, description: str) -> Family:
 
 
 def parse_task_request(
-    name: str, text: str, support: SceneObject | None = None, margin: float = 1.0, taken: Sequence[Rect] = ()
+    text: str, support: SceneObject | None = None, margin: float = 1.0, taken: Sequence[Rect] = ()
 ) -> TaskRequest:
     """The colour and the order that a task's words ask for, beside what is known of the table."""
-    text = f"{text} {name.replace('-', ' ')}".lower()
     colors = "|".join(COLORS)
     color = re.search(rf"\b({colors}) (?:container|zone|strip|area|mark|place|square)\b", text)
     color = color or re.search(rf"\b({colors}) box\b", text)  # a box may also be one of the objects
