@@ -30,7 +30,8 @@ def extract_fenced_block(text: str, language: str) -> str:
         return cast(str, blocks[-1])
     if "```" in text:
         raise ReplyError(f"found no closed block fenced with ```{language}")
-    raise ReplyError(f"the reply has no block fenced with ```{language}")
+    said = " ".join(text.split())[:300]  # a refusal gives its reason here
+    raise ReplyError(f"the reply has no block fenced with ```{language}; it says {said!r}")
 
 
 def parse_json(text: str, model: type[Model]) -> Model:
