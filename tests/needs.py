@@ -116,6 +116,16 @@ NEEDS = {
     "real scenes": Need(REAL_SCENES.is_dir, f"put them into {REAL_SCENES.parent.name}/{REAL_SCENES.name} beside"),
     "torch": _package("torch", 'pip install "grs-agents[sam2]"'),
     "transformers": _package("transformers", 'pip install "grs-agents[sam2]"'),
+    **{
+        package: _package(package, f'pip install "grs-agents[{extra}]"')
+        for package, extra in (
+            ("langchain_openai", "openai"),
+            ("langchain_anthropic", "anthropic"),
+            ("langchain_aws", "bedrock"),
+            ("langchain_google_genai", "google"),
+            ("langchain_ollama", "ollama"),
+        )
+    },
     "objaverse": _package("objaverse", 'pip install "grs-agents[objaverse]"'),
     "langgraph_api": _package("langgraph_api", 'pip install "langgraph-cli[inmem]"'),
     "HOPE meshes": Need(

@@ -16,7 +16,7 @@ PACKAGE = ROOT / "grs_agents"
 
 FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"errors", "base", "lazy_exports", "__version__"}),
-    frozenset({"files", "metrics", "mujoco_import", "foreign", "interrupts", "terminal"}),
+    frozenset({"files", "metrics", "mujoco_import", "foreign", "interrupts", "plugins", "terminal"}),
     frozenset({"trace", "config", "content", "geometry"}),
     frozenset({"library"}),
     frozenset({"sim", "sandbox", "models"}),

@@ -22,7 +22,7 @@ from grs_agents.agents.reply import ReplyError
 from grs_agents.agents.types import NoReply
 from grs_agents.config import Config, ModelConfig
 from grs_agents.foreign import read_picture, resolve_member_file
-from grs_agents.models import Answer, ReplyProblem, Retries, invoke_with_retries, is_offline, make_chat_model
+from grs_agents.models import Answer, ReplyProblem, invoke_with_retries, make_chat_model, retries_for
 from grs_agents.trace import Event, EventLog, NodeStarted, Note, Prompt, Reply
 
 Parsed = TypeVar("Parsed")
@@ -32,7 +32,7 @@ IMAGE_SIDES = (256, 1024)
 
 def hash_model_request(role: str, model: ModelConfig, messages: Sequence[BaseMessage]) -> str:
     """SHA-256 of all that a reply depends on: role, model, its settings, and every message with its pictures."""
-    settings = model.model_dump(mode="json", include={"model", "base_url", "temperature", "max_tokens"})
+    settings = model.model_dump(mode="json", include={"model", "base_url", "temperature", "max_tokens", "arguments"})
     contents = [(message.type, message.content) for message in messages]
     return hashlib.sha256(json.dumps([role, settings, contents], sort_keys=True).encode()).hexdigest()
 
@@ -130,9 +130,9 @@ class Agents:
         begin = time.perf_counter()
         answer, error, answered = Answer(""), "", True
         try:
-            answer = invoke_with_retries(
-                self.chat_model_for_role(role), messages, Retries(deadline=call_timeout_seconds(spec))
-            )
+            answer = invoke_with_retries(self.chat_model_for_role(role), messages, retries_for(spec))
+            for failed in answer.failed:
+                self.log.append(Note(level="warning", text=f"{answer.model} is asked in place of {failed}"))
         except ReplyProblem as problem:
             answer, error = problem.answer or answer, str(problem)
             return None, error
@@ -144,7 +144,7 @@ class Agents:
                 Reply(
                     call=call,
                     role=role,
-                    model=spec.model,
+                    model=answer.model or spec.model,
                     text=answer.text,
                     input_tokens=answer.input_tokens,
                     output_tokens=answer.output_tokens,
@@ -157,11 +157,6 @@ class Agents:
                 )
             )
         return answer.text, ""
-
-
-def call_timeout_seconds(spec: ModelConfig) -> float | None:
-    """The seconds that one call of a model may take; the offline model, which asks nobody, has as long as it needs."""
-    return None if is_offline(spec.model) else spec.timeout
 
 
 def image_block_from_file(path: Path) -> dict[str, str]:

@@ -18,6 +18,7 @@ from grs_agents.agents.agent import image_block_from_array
 from grs_agents.agents.prompt_template import render_prompt_template
 from grs_agents.agents.reply import ReplyError, parse_json
 from grs_agents.base import Frozen
+from grs_agents.config import ModelConfig
 from grs_agents.files import write_json
 from grs_agents.library import (
     Asset,
@@ -28,7 +29,7 @@ from grs_agents.library import (
     random_view_directions,
     render_asset_views,
 )
-from grs_agents.models import ReplyProblem, invoke_with_retries
+from grs_agents.models import ReplyProblem, invoke_with_retries, retries_for
 
 PROMPT = "describe_asset"
 VIEWS, SIDE = 3, 384
@@ -94,11 +95,16 @@ def plan_descriptions(root: Path, assets: Sequence[Asset], model: str, again: bo
 
 
 def describe_assets(
-    root: Path, library: Library, todo: Sequence[Asset], model: BaseChatModel, name: str, warn: Callable[[str], None]
+    root: Path,
+    library: Library,
+    todo: Sequence[Asset],
+    model: BaseChatModel,
+    spec: ModelConfig,
+    warn: Callable[[str], None],
 ) -> Iterator[tuple[Asset, DescribedAsset | None]]:
     """Describe assets, each kept on disk before the next is asked for; None where the model gave no usable reply."""
     for asset in todo:
-        described = _describe_asset(library, asset, model, name, warn)
+        described = _describe_asset(library, asset, model, spec, warn)
         if described is None:
             yield asset, None
             continue
@@ -128,7 +134,7 @@ def read_saved_description(root: Path, name: str) -> DescribedAsset | None:
 
 
 def _describe_asset(
-    library: Library, asset: Asset, model: BaseChatModel, name: str, warn: Callable[[str], None]
+    library: Library, asset: Asset, model: BaseChatModel, spec: ModelConfig, warn: Callable[[str], None]
 ) -> DescribedAsset | None:
     seed = int.from_bytes(hashlib.sha256(asset.name.encode()).digest()[:8], "big")
     views = render_asset_views(
@@ -147,7 +153,7 @@ def _describe_asset(
     message = HumanMessage(content=[*blocks, {"type": "text", "text": text}])
     for _ in range(_TRIES):
         try:
-            answer = invoke_with_retries(model, [message])
+            answer = invoke_with_retries(model, [message], retries_for(spec))
             words = parse_json(answer.text, AssetWords)
         except (ReplyProblem, ReplyError) as error:
             warn(f"{asset.name}: {error}")
@@ -155,7 +161,7 @@ def _describe_asset(
         return DescribedAsset(
             asset=asset.name,
             words=words,
-            model=name,
+            model=spec.model,
             prompt=_prompt_hash(),
             content=_asset_content_hash(asset),
             date=datetime.now(UTC).isoformat(timespec="seconds"),

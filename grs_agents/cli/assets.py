@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from grs_agents.cli.options import ConfigFile, Json, Settings, load_effective_config
+from grs_agents.cli.options import ConfigFile, Json, Models, Settings, add_model_setting, load_effective_config
 
 assets_app = typer.Typer(
     name="assets",
@@ -98,6 +98,7 @@ def describe_assets(
     library: LibraryFolder = None,
     config: ConfigFile = None,
     settings: Settings = None,
+    models: Models = None,
     again: Annotated[bool, typer.Option("--again", help="Those described before, too.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before a model that may cost money is used.")] = False,
     json: Json = False,
@@ -105,7 +106,8 @@ def describe_assets(
     """Describe three random views of each asset with the configured model, once; what it may cost is said first."""
     from grs_agents.cli.assets_describe import describe_library
 
-    sys.exit(describe_library(library, names or [], load_effective_config(config, settings).config, again, yes, json))
+    chosen = load_effective_config(config, add_model_setting(settings, models)).config
+    sys.exit(describe_library(library, names or [], chosen, again, yes, json))
 
 
 @assets_app.command("index")

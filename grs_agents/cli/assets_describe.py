@@ -50,7 +50,7 @@ def describe_library(
     unanswered = 0
     try:
         for asset, described in describe_assets(
-            root, known, todo.todo, model, spec.model, partial(print_escaped, error=True)
+            root, known, todo.todo, model, spec, partial(print_escaped, error=True)
         ):
             entries.append(asset)
             if described is None:

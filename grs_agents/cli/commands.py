@@ -11,6 +11,7 @@ from grs_agents.cli.assets import assets_app
 from grs_agents.cli.options import (
     ConfigFile,
     Json,
+    Models,
     Otel,
     Out,
     Resume,
@@ -18,6 +19,7 @@ from grs_agents.cli.options import (
     Settings,
     Unsafe,
     View,
+    add_model_setting,
     check_graph_is_scene,
     load_effective_config,
     refuse_config_on_resume,
@@ -74,6 +76,7 @@ def run(
     scene: Scene,
     config: ConfigFile = None,
     settings: Settings = None,
+    models: Models = None,
     seed: Seed = None,
     out: Out = None,
     resume: Resume = False,
@@ -85,6 +88,7 @@ def run(
     """Make a validated task of a photo with depth. Exit status: 0 accepted, 1 rejected, 2 bad input, 3 our error."""
     from grs_agents.cli.run import run_graph
 
+    settings = add_model_setting(settings, models)
     refuse_config_on_resume(resume, config, settings, seed, unsafe)
     chosen = load_effective_config(config, settings, seed, unsafe).config
     sys.exit(run_graph("run", scene, chosen, out, resume, json, view, otel))
@@ -95,6 +99,7 @@ def scene(
     scene: Scene,
     config: ConfigFile = None,
     settings: Settings = None,
+    models: Models = None,
     seed: Seed = None,
     out: Out = None,
     json: Json = False,
@@ -102,8 +107,9 @@ def scene(
     """Comprehend a photo alone: its objects, their boxes and assets."""
     from grs_agents.cli.run import run_graph
 
+    settings = add_model_setting(settings, models)
     check_graph_is_scene(load_effective_config(config, settings, seed))
-    chosen = load_effective_config(config, [*(settings or []), "graph=scene"], seed).config
+    chosen = load_effective_config(config, [*settings, "graph=scene"], seed).config
     sys.exit(run_graph("scene", scene, chosen, out, False, json))
 
 

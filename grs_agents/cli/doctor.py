@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 from dataclasses import asdict, dataclass
-from importlib.metadata import PackageNotFoundError, metadata, requires, version
+from importlib.metadata import PackageNotFoundError, entry_points, metadata, requires, version
 from typing import Literal
 
 from packaging.requirements import Requirement
@@ -13,8 +13,11 @@ from rich.text import Text
 
 from grs_agents import terminal
 from grs_agents.config import UNSAFE, Config, Limits
+from grs_agents.errors import ConfigError
 from grs_agents.library import Library
+from grs_agents.models import ENTRY_POINTS as MODEL_ENTRY_POINTS
 from grs_agents.models import PROVIDERS, is_provider_installed
+from grs_agents.plugins import load_named_class
 from grs_agents.run import installed_versions, open_sandbox
 from grs_agents.sandbox import BACKEND_REMEDIES, BackendChoice, SandboxError, backend_candidates
 from grs_agents.terminal import print_json
@@ -41,7 +44,8 @@ def diagnose_installation(as_json: bool) -> int:
     """Look at the sandbox, GL, the models and the versions; 0 if all that GRS needs works, 3 if not."""
     diagnoses = [Diagnosis("models offline", "works", "embedded, no key")]
     with show_activity_status("looking at models and packages") as show:
-        diagnoses += [*(_diagnose_model_provider(name) for name in PROVIDERS), *_diagnose_all_extras()]
+        diagnoses += [*(_diagnose_model_provider(name) for name in PROVIDERS), *_diagnose_own_models()]
+        diagnoses += _diagnose_all_extras()
         show("attacking the sandboxes")
         diagnoses += _diagnose_all_sandboxes()
         show("drawing with OpenGL")
@@ -106,14 +110,29 @@ def _diagnose_model_provider(name: str) -> Diagnosis:
     provider = PROVIDERS[name]
     key = provider.key_variable
     key_state = (f", {key} is set" if os.environ.get(key) else f", {key} is not set") if key else ", needs no key"
+    if key and not provider.key_argument:
+        key_state += f"; a profile in {name}'s own files will do, too"
     if not is_provider_installed(name):
-        remedy = _pip_install_command(name)
+        remedy = _pip_install_command(provider.extra)
         return Diagnosis(
             f"models {name}", "not installed", f"the package {provider.module} is missing{key_state}", remedy
         )
-    if key and not os.environ.get(key):
+    if provider.key_argument and not os.environ.get(key):
         return Diagnosis(f"models {name}", "no key", f"the package is installed{key_state}", f"export {key}=...")
     return Diagnosis(f"models {name}", "works", f"the package is installed{key_state}")
+
+
+def _diagnose_own_models() -> list[Diagnosis]:
+    """The models that other packages offer, and whether they can be imported."""
+    diagnoses: list[Diagnosis] = []
+    for entry in entry_points(group=MODEL_ENTRY_POINTS):
+        subject = f"models {entry.name}"
+        try:
+            load_named_class("model", entry.name, MODEL_ENTRY_POINTS, ())
+            diagnoses.append(Diagnosis(subject, "works", entry.value))
+        except ConfigError as error:
+            diagnoses.append(Diagnosis(subject, "absent", error.message, "mend or remove the package that offers it"))
+    return diagnoses
 
 
 def _diagnose_all_extras() -> list[Diagnosis]:

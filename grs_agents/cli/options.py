@@ -1,5 +1,6 @@
 """Options that several verbs share. The configuration is imported when it is asked for: ``--help`` needs none."""
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,6 +17,15 @@ Settings = Annotated[
     typer.Option("--set", help="Override one key, e.g. --set max_fixes=5. Repeatable.", metavar="KEY=VALUE"),
 ]
 Seed = Annotated[int | None, typer.Option("--seed", help="The seed of everything random.", metavar="N")]
+Models = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--model",
+        help="The chat model of every role without one of its own: offline, PROVIDER:NAME or package.module:Class. "
+        "Repeat it to name those to ask where it fails.",
+        metavar="NAME",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON alone on stdout.")]
 Out = Annotated[Path | None, typer.Option("--out", help="The run folder; runs/<id> by default.", metavar="DIR")]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with the run in --out where it stopped.")]
@@ -34,6 +44,11 @@ def load_effective_config(
     return load_config(file, [*(settings or []), *extra], unsafe=unsafe)
 
 
+def add_model_setting(settings: list[str] | None, models: list[str] | None) -> list[str]:
+    """The settings with those of ``--model``: ``--model NAME`` is ``--set models.default=NAME``."""
+    return [*(settings or []), *([f"models.default={json.dumps(models)}"] if models else [])]
+
+
 def check_graph_is_scene(chosen: "Effective") -> None:
     """Refuse another graph than ``scene``, the only one that comprehends a photo alone."""
     if chosen.sources.get("graph") == "--set" and chosen.config.graph != "scene":
@@ -49,5 +64,5 @@ def refuse_config_on_resume(
     if resume and (file is not None or settings or seed is not None or unsafe):
         raise ConfigError(
             "--resume goes on with the configuration in run.json",
-            "leave --config, --set, --seed and --unsafe-no-sandbox out",
+            "leave --config, --set, --model, --seed and --unsafe-no-sandbox out",
         )

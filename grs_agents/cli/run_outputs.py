@@ -109,5 +109,6 @@ def _write_recording_and_report(copy: Path, show: Callable[[str], None]) -> list
 def _api_key_variables(config: dict[str, Any]) -> list[str]:
     """The environment variables from which the run's models take their keys."""
     models = cast("dict[str, dict[str, Any]]", config.get("models") or {})
-    named = [str(model.get("key_variable") or "") for model in models.values()]
+    choices = [choice for model in models.values() for choice in (model, *(model.get("fallbacks") or ()))]
+    named = [str(choice.get("key_variable") or "") for choice in choices]
     return [name for name in (*named, *(provider.key_variable for provider in PROVIDERS.values())) if name]

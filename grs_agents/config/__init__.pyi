@@ -8,6 +8,7 @@ from .schema import ROLES as ROLES
 from .schema import AuditConfig as AuditConfig
 from .schema import Config as Config
 from .schema import Limits as Limits
+from .schema import ModelChoice as ModelChoice
 from .schema import ModelConfig as ModelConfig
 from .schema import PromptsConfig as PromptsConfig
 from .schema import TableChoice as TableChoice

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 from pydantic import ValidationError
 
-from grs_agents.config.schema import ROLE_ALIASES, ROLES, Config
+from grs_agents.config.schema import ROLE_ALIASES, ROLES, Config, ModelChoice
 from grs_agents.errors import ConfigError, InputError, UnknownNameError
 from grs_agents.foreign import read_text
 
@@ -17,7 +17,7 @@ Tree = dict[str, Any]
 ENVIRONMENT_PREFIX = "GRS_"
 UNSAFE = "--unsafe-no-sandbox"
 """The only way to run generated code without a sandbox, so that no file brings it along unseen."""
-SECRET = ("key_variable", "base_url")
+SECRET = ("key_variable", "base_url", "arguments")
 """Keys of a model whose wrong values may hold a secret: an error names them without the value."""
 
 
@@ -116,15 +116,15 @@ def _expand_shorthands(layer: Tree) -> Tree:
         raise ConfigError(f"config models = {layer['models']!r}: not a model by role", "e.g. models.default=offline")
     models: Tree = {}
     for key, value in cast(Tree, layer["models"]).items():
-        if key in ("base_url", "key_variable", "temperature", "timeout", "max_tokens", "concurrency"):
+        if key in ModelChoice.model_fields.keys() - {"model"}:
             models.setdefault("default", {})[key] = value
             continue
         role = ROLE_ALIASES.get(key, key)
         if role not in ROLES:
             raise UnknownNameError("model role", key, ROLES)
-        if not isinstance(value, str | dict):
+        if not isinstance(value, str | dict | list):
             raise ConfigError(f"config models.{key} = {value!r}: not a model", f"e.g. models.{key}=openai:NAME")
-        models.setdefault(role, {}).update({"model": value} if isinstance(value, str) else value)
+        models.setdefault(role, {}).update(value if isinstance(value, dict) else {"model": value})
     return {**layer, "models": models}
 
 

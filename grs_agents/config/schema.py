@@ -3,10 +3,11 @@
 ``Limits``, what one sandbox call may cost, is the one definition that configuration, sandbox and simulation share.
 """
 
+import json
 import re
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, cast
 
-from pydantic import Field, field_validator
+from pydantic import Field, JsonValue, field_validator, model_validator
 
 from grs_agents.base import Frozen
 
@@ -39,16 +40,21 @@ ROLES = ("default", "describe", "match", "task", "simulation", "tests", "route",
 ROLE_ALIASES = {"router": "route", "describer": "describe", "matcher": "match", "task_author": "task"}
 
 
-class ModelConfig(Frozen):
-    """Which chat model serves a role."""
+class ModelChoice(Frozen):
+    """One chat model, and how it is made and asked."""
 
-    model: str  # `offline` or `provider:name` (providers: openai, anthropic, google, ollama)
+    # `offline`; `provider:name` (providers: openai, azure, anthropic, bedrock, google, ollama); a class of one's own
+    # (`package.module:Class`); or an entry point in the group `grs_agents.models`
+    model: str
     base_url: str | None = None  # another endpoint that speaks the provider's protocol
     key_variable: str | None = None  # the NAME of the environment variable that holds the key, never the key
     temperature: float | None = Field(default=None, ge=0, le=2)  # passed on where given
-    timeout: float = Field(default=120.0, gt=0)  # seconds for one call, from the request to the last byte of the reply
+    # seconds for one reply, from the first request to its last byte, all tries and the waits between them together
+    timeout: float = Field(default=300.0, gt=0)
     max_tokens: int | None = Field(default=None, gt=0)  # the longest reply
     concurrency: int = Field(default=8, ge=1, le=64)  # how many segments it is asked about at once
+    # further arguments of the class that is made
+    arguments: dict[str, JsonValue] = Field(default_factory=dict[str, JsonValue])
 
     @field_validator("key_variable")
     @classmethod
@@ -64,6 +70,33 @@ class ModelConfig(Frozen):
         if "@" in host:
             raise ValueError("a user or password in the URL would be recorded; give the key by key_variable")
         return value
+
+    @field_validator("arguments")
+    @classmethod
+    def _refuse_keys_in_arguments(cls, value: dict[str, JsonValue]) -> dict[str, JsonValue]:
+        found = re.search(r'"([^"]*(key|token|secret|password|authorization))":', json.dumps(value), re.IGNORECASE)
+        if found:
+            raise ValueError(f"{found.group(1)} would be recorded; give the key by key_variable")
+        return value
+
+
+class ModelConfig(ModelChoice):
+    """Which chat model serves a role, and which are asked in its place where it fails."""
+
+    # in this order; each has what it does not state itself of `temperature`, `timeout` and `max_tokens` from the first
+    fallbacks: tuple[ModelChoice, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _spell_out_fallbacks(cls, values: Any) -> Any:
+        """``model`` may be a list: the first, and its fallbacks, each a name or a table."""
+        named = cast("dict[str, Any]", values) if isinstance(values, dict) else {}
+        if not isinstance(named.get("model"), list) or not named["model"]:
+            return cast(Any, values)
+        first, *others = cast("list[Any]", named["model"])
+        shared = {key: named[key] for key in ("temperature", "timeout", "max_tokens") if key in named}
+        told = [{**shared, **(other if isinstance(other, dict) else {"model": other})} for other in others]
+        return {**named, "model": first, "fallbacks": told}
 
 
 class ToolsConfig(Frozen):

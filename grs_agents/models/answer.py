@@ -10,15 +10,35 @@ from langchain_core.messages import AIMessage
 from grs_agents.errors import GrsError
 from grs_agents.models.key_redaction import redact_keys
 
-_SPELLINGS = ("finish_reason", "stop_reason", "done_reason", "status")
-"""Why a reply ended: OpenAI and Google, Anthropic, Ollama, OpenAI's Responses API."""
+_SPELLINGS = ("finish_reason", "stop_reason", "done_reason", "stopReason", "status")
+"""Why a reply ended: OpenAI and Google, Anthropic, Ollama, Bedrock, OpenAI's Responses API."""
 _COMPLETE = frozenset({"stop", "end_turn", "stop_sequence", "eos", "completed"})
-_CUT_OFF = frozenset({"length", "max_tokens"})
-_REFUSED = frozenset({"refusal", "content_filter", "safety", "prohibited_content", "blocklist"})
+_CUT_OFF = frozenset({"length", "max_tokens", "model_context_window_exceeded"})
+_REFUSED = frozenset(
+    {"refusal", "content_filter", "content_filtered", "guardrail_intervened", "safety", "prohibited_content"}
+    | {"blocklist", "recitation", "spii"}
+)
 _MOST_TOKENS = 2**53
+ASKED = "grs_asked"
+"""Where a message's metadata tell which of several models answered, and which had failed."""
 
-Kind = Literal["empty", "refusal", "length", "unfinished", "malformed", "too_long"]
-"""``unfinished``: no finish reason, the stream was cut off; ``malformed``: not what the provider's protocol says."""
+ReplyKind = Literal["empty", "refusal", "length", "unfinished", "malformed"]
+"""``unfinished``: no finish reason, the stream was cut off; ``malformed``: what was written is no text."""
+FailureKind = Literal[
+    "unreachable",  # no connection could be made
+    "broken_off",  # the connection ended in the middle of an answer
+    "deadline",  # no whole reply in time
+    "rate_limit",  # asked too often
+    "server_error",  # the provider's own trouble
+    "credentials",  # the key is not accepted, or may not use this model
+    "quota",  # nothing is left of what was paid for
+    "not_found",  # no such model or endpoint
+    "prompt_too_long",
+    "refused_request",  # for another reason
+    "malformed",  # the answer is not what the provider's protocol says
+    "too_long",  # the answer is larger than any reply
+    "client_error",  # the client's package failed before anything was asked
+]
 
 
 @dataclass(frozen=True)
@@ -34,14 +54,33 @@ class Answer:
     output_tokens: int = 0
     cached_tokens: int = 0
     cost: float | None = None  # US dollars; None where the provider does not tell
+    model: str = ""  # which of several models answered; empty where there is one
+    failed: tuple[str, ...] = ()  # those asked before it, each with what went wrong
+
+
+class ProviderFailure(GrsError):
+    """No reply arrived: the provider, not the model, is at fault, so telling the model what is wrong cannot help."""
+
+    def __init__(
+        self,
+        kind: FailureKind,
+        message: str,
+        remedy: str = "",
+        retryable: bool = False,
+        retry_after: float | None = None,
+    ) -> None:
+        super().__init__(message, remedy)
+        self.kind: FailureKind = kind
+        self.retryable = retryable  # whether the same may go well a little later
+        self.retry_after = retry_after  # seconds that the provider wants to be left alone; None where it says nothing
 
 
 class ReplyProblem(GrsError):
     """A reply that arrived but cannot be used; asking again may help. ``answer`` is what could be read of it."""
 
-    def __init__(self, kind: Kind, message: str, remedy: str = "", answer: Answer | None = None) -> None:
+    def __init__(self, kind: ReplyKind, message: str, remedy: str = "", answer: Answer | None = None) -> None:
         super().__init__(message, remedy)
-        self.kind = kind
+        self.kind: ReplyKind = kind
         self.answer = answer
 
 
@@ -50,6 +89,7 @@ def answer_from_message(message: AIMessage) -> Answer:
     text, usage = str(message.text), message.usage_metadata
     metadata: Mapping[str, Any] = message.response_metadata
     reason = next((metadata[name] for name in _SPELLINGS if metadata.get(name)), "")
+    asked: Mapping[str, Any] = metadata.get(ASKED, {})
     return Answer(
         text=redact_keys(text),
         finish_reason=redact_keys(str(reason)),
@@ -59,6 +99,8 @@ def answer_from_message(message: AIMessage) -> Answer:
         output_tokens=_valid_token_count(usage["output_tokens"]) if usage else 0,
         cached_tokens=_valid_token_count(usage.get("input_token_details", {}).get("cache_read", 0)) if usage else 0,
         cost=_cost_from_metadata(metadata),
+        model=asked.get("model", ""),
+        failed=tuple(asked.get("failed", ())),
     )
 
 

@@ -1,93 +1,165 @@
-"""Make the chat model that a configuration names: ``offline`` or ``provider:name``."""
+"""Make the chat model that a configuration names: ``offline``, ``provider:name`` or a class of the user's own."""
 
 import ipaddress
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
+from math import ceil
 from operator import attrgetter
 from typing import Any, cast
 from urllib.parse import urlsplit
 
 from langchain_core.language_models.chat_models import BaseChatModel
 
-from grs_agents.config import ModelConfig
-from grs_agents.errors import ConfigError, UnknownNameError
+from grs_agents.config import ModelChoice, ModelConfig
+from grs_agents.errors import ConfigError
+from grs_agents.models.fallbacks import FallbackChatModel
 from grs_agents.models.key_redaction import redact_keys, register_key_variable
-from grs_agents.models.reply_limits import limit_response_size
+from grs_agents.models.reply_limits import watch_http_client
+from grs_agents.models.retry import Retries
+from grs_agents.plugins import broken_class_error, load_named_class
 
 OFFLINE = "offline"
+ENTRY_POINTS = "grs_agents.models"
+"""The group of entry points for models of other packages."""
 PLACEHOLDER_KEY = "not-needed"
 """Stands for the key where a server on this machine needs none."""
 
 
 @dataclass(frozen=True)
 class Provider:
-    """How one provider's LangChain client is made; the extra of ``grs-agents`` that installs it has its name."""
+    """How one provider's LangChain client is made."""
 
     module: str  # the package to import
     model_class: str  # the chat model in it
-    # where the model holds its HTTP client, so that the length of replies can be bounded. Only two of the four packages
-    # take a client or hooks when a model is made.
+    # where the model holds its HTTP client, so that it can be watched. Only two of the packages take a client or hooks
+    # when a model is made.
     http_client: str
     key_variable: str  # the environment variable that holds the key by default; empty where none is needed
-    key_argument: str = "api_key"  # the constructor's name for the key
-    length_argument: str = "max_tokens"  # the constructor's name for the longest reply
+    extra: str  # of `grs-agents`, which installs the package
+    # the constructor's names for the key (empty where the client finds it by itself), the model, the endpoint, and the
+    # longest reply
+    key_argument: str = "api_key"
+    model_argument: str = "model"
+    url_argument: str = "base_url"
+    length_argument: str = "max_tokens"
     # further arguments; the client's own retries are switched off, ours are in `retry`
     defaults: Mapping[str, Any] = field(default_factory=lambda: {"max_retries": 0})
+    by_line: bool = False  # whether each line of a reply is a JSON document of its own
 
 
 PROVIDERS: Mapping[str, Provider] = {
-    "openai": Provider("langchain_openai", "ChatOpenAI", "root_client._client", "OPENAI_API_KEY"),
+    "openai": Provider("langchain_openai", "ChatOpenAI", "root_client._client", "OPENAI_API_KEY", "openai"),
+    "azure": Provider(
+        "langchain_openai",
+        "AzureChatOpenAI",
+        "root_client._client",
+        "AZURE_OPENAI_API_KEY",
+        "openai",
+        model_argument="azure_deployment",
+        url_argument="azure_endpoint",
+    ),
     "anthropic": Provider(
         "langchain_anthropic",
         "ChatAnthropic",
         "_client._client",
         "ANTHROPIC_API_KEY",
+        "anthropic",
         defaults={"max_retries": 0, "max_tokens": 8192},
     ),
+    "bedrock": Provider("langchain_aws", "ChatBedrockConverse", "client", "AWS_SECRET_ACCESS_KEY", "bedrock", ""),
     "google": Provider(
         "langchain_google_genai",
         "ChatGoogleGenerativeAI",
         "client._api_client._httpx_client",
         "GOOGLE_API_KEY",
+        "google",
         "google_api_key",
-        "max_output_tokens",
+        length_argument="max_output_tokens",
     ),
-    "ollama": Provider("langchain_ollama", "ChatOllama", "_client._client", "", "", "num_predict", {}),
+    "ollama": Provider(
+        "langchain_ollama",
+        "ChatOllama",
+        "_client._client",
+        "",
+        "ollama",
+        "",
+        length_argument="num_predict",
+        defaults={},
+        by_line=True,
+    ),
 }
 
 
 def make_chat_model(config: ModelConfig, seed: int) -> BaseChatModel:
-    """The chat model that ``config`` names; ``seed`` is for the ``offline`` model's choices.
+    """The chat model that ``config`` names, with its fallbacks; ``seed`` is for the ``offline`` model's choices.
 
     Raises:
-        UnknownNameError: no such provider.
-        ConfigError: the provider's package is not installed, or its key is not set.
+        UnknownNameError: no such provider, entry point or module.
+        ConfigError: the provider's package is not installed, its key is not set, or a class of the user's own cannot
+            be imported or made.
     """
-    if is_offline(config.model):
+    choices = (config, *config.fallbacks)
+    models = tuple(_make_single_model(choice, seed) for choice in choices)
+    if len(models) == 1:
+        return models[0]
+    names = tuple(choice.model for choice in choices)
+    return FallbackChatModel(names=names, models=models, retries=tuple(retries_for(choice) for choice in choices))
+
+
+def retries_for(choice: ModelChoice) -> Retries:
+    """How long to keep trying: the offline model, which asks nobody, and fallbacks together have no deadline."""
+    endless = is_offline(choice.model) or (isinstance(choice, ModelConfig) and choice.fallbacks)
+    return Retries(deadline=None if endless else choice.timeout)
+
+
+def _make_single_model(choice: ModelChoice, seed: int) -> BaseChatModel:
+    if is_offline(choice.model):
         from grs_agents.models.offline import make_offline_model
 
-        return make_offline_model(config.model, seed)
-    name, colon, model = config.model.partition(":")
+        return make_offline_model(choice.model, seed)
+    name, colon, model = choice.model.partition(":")
     if name not in PROVIDERS:
-        raise UnknownNameError("model", config.model, [OFFLINE, *(f"{provider}:NAME" for provider in PROVIDERS)])
+        return _make_own_model(choice)
     if not colon or not model.strip():
-        raise ConfigError(f"model {config.model!r} names no model of {name}", f"write {name}:NAME")
+        raise ConfigError(f"model {choice.model!r} names no model of {name}", f"write {name}:NAME")
     provider = PROVIDERS[name]
-    make = _import_client_class(name, config.model)
-    arguments = {
+    make = _import_client_class(provider, choice.model)
+    ours = {
         **provider.defaults,
-        "model": model.strip(),
-        **_api_key_argument(provider, config),
-        **_request_settings(name, config),
+        provider.model_argument: model.strip(),
+        **_api_key_argument(provider, choice),
+        **_request_settings(name, choice),
     }
+    if taken := sorted(choice.arguments.keys() & ours.keys()):
+        raise ConfigError(f"models.<role>.arguments holds {taken[0]}, which GRS sets itself", "leave it out")
     try:
-        made = cast(BaseChatModel, make(**arguments))
-        limit_response_size(attrgetter(provider.http_client)(made))
-    except (ValueError, TypeError, AttributeError) as error:
+        made = cast(BaseChatModel, make(**ours, **choice.arguments))
+        watch_http_client(attrgetter(provider.http_client)(made), provider.by_line)
+    except Exception as error:  # each package raises its own
         first = redact_keys(str(error)).splitlines()[0] if str(error) else type(error).__name__
-        raise ConfigError(f"model {config.model!r} cannot be made: {first}", "see `grs doctor`") from error
+        raise ConfigError(f"model {choice.model!r} cannot be made: {first}", "see `grs doctor`") from error
+    return made
+
+
+def _make_own_model(choice: ModelChoice) -> BaseChatModel:
+    """A model of the user's own class, made with the arguments that the configuration holds."""
+    name = choice.model
+    make = load_named_class("model", name, ENTRY_POINTS, [OFFLINE, *(f"{provider}:NAME" for provider in PROVIDERS)])
+    for key in ("base_url", "temperature", "max_tokens"):
+        if getattr(choice, key) is not None:
+            raise ConfigError(
+                f"models.<role>.{key} is not passed on to {name!r}", "put it into models.<role>.arguments"
+            )
+    if choice.key_variable:
+        register_key_variable(choice.key_variable)
+    try:
+        made = make(**choice.arguments)
+    except Exception as error:  # whatever the user's own code raises
+        raise broken_class_error("model", name, error) from error
+    if not isinstance(made, BaseChatModel):
+        raise ConfigError(f"model {name!r} is no LangChain chat model", "derive it from BaseChatModel")
     return made
 
 
@@ -114,20 +186,20 @@ def is_loopback_url(url: str | None) -> bool:
         return False
 
 
-def _import_client_class(name: str, model: str) -> Any:
-    provider = PROVIDERS[name]
+def _import_client_class(provider: Provider, model: str) -> Any:
     try:
         return getattr(import_module(provider.module), provider.model_class)
     except ImportError as error:
         what = f"model {model!r} needs the package {provider.module}, which is not installed"
-        raise ConfigError(what, f'run: pip install "grs-agents[{name}]"') from error
+        raise ConfigError(what, f'run: pip install "grs-agents[{provider.extra}]"') from error
 
 
-def _api_key_argument(provider: Provider, config: ModelConfig) -> dict[str, str]:
+def _api_key_argument(provider: Provider, config: ModelChoice) -> dict[str, str]:
     variable = config.key_variable or provider.key_variable
+    if variable:
+        register_key_variable(variable)
     if not variable or not provider.key_argument:
         return {}
-    register_key_variable(variable)
     key = os.environ.get(variable, "")
     if not key and is_loopback_url(config.base_url):
         key = PLACEHOLDER_KEY
@@ -139,14 +211,17 @@ def _api_key_argument(provider: Provider, config: ModelConfig) -> dict[str, str]
     return {provider.key_argument: key}
 
 
-def _request_settings(name: str, config: ModelConfig) -> dict[str, Any]:
-    bounds: dict[str, Any] = {"timeout": config.timeout}
+def _request_settings(name: str, config: ModelChoice) -> dict[str, Any]:
+    provider = PROVIDERS[name]
+    settings: dict[str, Any] = {"timeout": config.timeout}
     if name == "ollama":
-        bounds = {"client_kwargs": {"timeout": config.timeout}}
+        settings = {"client_kwargs": {"timeout": config.timeout}}
+    if name == "bedrock":
+        settings = {"timeout": ceil(config.timeout)}  # whole seconds
     if config.base_url:
-        bounds["base_url"] = config.base_url
+        settings[provider.url_argument] = config.base_url
     if config.temperature is not None:
-        bounds["temperature"] = config.temperature
+        settings["temperature"] = config.temperature
     if config.max_tokens is not None:
-        bounds[PROVIDERS[name].length_argument] = config.max_tokens
-    return bounds
+        settings[provider.length_argument] = config.max_tokens
+    return settings

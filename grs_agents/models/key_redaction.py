@@ -6,7 +6,7 @@ REMOVED = "[removed]"
 _SHORTEST = 8
 """Characters. A shorter value, such as the ``none`` that a local server is content with, is no secret, and would be
 found in any program."""
-_variables = {"OLLAMA_API_KEY"}  # the Ollama client reads it by itself
+_variables = {"OLLAMA_API_KEY", "AWS_SESSION_TOKEN", "AWS_BEARER_TOKEN_BEDROCK"}  # clients read these by themselves
 
 
 def register_key_variable(variable: str) -> None:

@@ -1,4 +1,4 @@
-"""How much a provider may send, and how long it may take over one reply."""
+"""How much a provider may send, how long it may take over one reply, and what was seen of it on the wire."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -10,46 +10,83 @@ from threading import Thread
 from typing import Any, TypeVar
 
 from grs_agents.interrupts import is_interrupt_requested
-from grs_agents.models.answer import ReplyProblem
+from grs_agents.models.answer import ProviderFailure
 
 Result = TypeVar("Result")
 _LOOK = 0.2
 """Seconds between two looks at whether the run was asked to end."""
 LONGEST = 16 * 2**20
 """Bytes of one HTTP body, decoded. The longest context windows hold some 4 MB of text; JSON doubles that at worst."""
+MOST_MARKS = 200_000
+"""Braces, brackets and commas of one JSON document, those in its texts included. Clients make an object of every entry:
+4 MB of empty ones cost a client 1 GB and 47 s. The longest replies hold half as many marks."""
 
 
 @dataclass
-class _Call:
-    """A call that is under way."""
+class WireCall:
+    """A call that is under way, and what its client's HTTP traffic showed; nothing where that cannot be watched."""
 
+    server: str = ""  # whom the last request went to: scheme, host and port
+    status: int | None = None  # of its response; None before one arrives
+    retry_after: str = ""  # that header
     over: bool = False  # whether nobody waits for it any more
-    problem: ReplyProblem | None = None  # why its body was not read to the end
+    problem: ProviderFailure | None = None  # why its body was not read to the end
 
 
-_call: ContextVar[_Call | None] = ContextVar("call", default=None)
+_call: ContextVar[WireCall | None] = ContextVar("call", default=None)
 
 
-def limit_response_size(client: Any) -> None:
-    """Let ``client``, of httpx or its successor httpx2, read at most ``LONGEST`` bytes of a body."""
+def watch_http_client(client: Any, by_line: bool = False) -> None:
+    """Note what ``client`` (of httpx, its successor httpx2, or botocore) sends and gets, and bound what it reads.
+
+    Args:
+        by_line: each line of a body is a JSON document of its own.
+    """
+    if hasattr(client, "meta"):
+        client.meta.events.register("before-send", partial(_send_botocore_request, client), unique_id="grs")
+        return
     client.headers["accept-encoding"] = "gzip, deflate"  # these grow at most 1000 times, so a chunk stays small
     hooks: dict[str, list[Any]] = client.event_hooks
-    if _limit_response_hook not in hooks["response"]:  # LangChain shares a client among models
-        client.event_hooks = {**hooks, "response": [*hooks["response"], _limit_response_hook]}
+    if _note_request not in hooks["request"]:  # LangChain shares a client among models
+        watch = partial(_watch_response, by_line)
+        client.event_hooks = {"request": [*hooks["request"], _note_request], "response": [*hooks["response"], watch]}
 
 
-def _limit_response_hook(response: Any) -> None:
-    response.iter_bytes = partial(_read_limited_chunks, response.iter_bytes)
+def _note_request(request: Any) -> None:
+    if (call := _call.get()) is not None:
+        call.server, call.status, call.retry_after = f"{request.url.scheme}://{request.url.netloc.decode()}", None, ""
 
 
-def _read_limited_chunks(read: Callable[..., Iterator[bytes]], *sizes: int, **named: int) -> Iterator[bytes]:
+def _watch_response(by_line: bool, response: Any) -> None:
+    if (call := _call.get()) is not None:
+        call.status, call.retry_after = response.status_code, response.headers.get("retry-after") or ""
+    response.iter_bytes = partial(_read_limited_chunks, response.iter_bytes, by_line)
+
+
+def _send_botocore_request(client: Any, request: Any, **_: Any) -> Any:
+    """Send in botocore's place: it reads a body as a whole, however long, before it tells anyone."""
+    call = _call.get() or WireCall()
+    call.server, call.status, call.retry_after = client.meta.endpoint_url, None, ""
+    request.stream_output = True
+    response = client._endpoint.http_session.send(request)
+    call.status, call.retry_after = response.status_code, response.headers.get("retry-after") or ""
+    response._content = b"".join(_read_limited_chunks(response.raw.stream, False))
+    return response
+
+
+def _read_limited_chunks(
+    read: Callable[..., Iterator[bytes]], by_line: bool, *sizes: int, **named: int
+) -> Iterator[bytes]:
     call = _call.get()
-    length = 0
+    length = marks = 0
     for chunk in read(*sizes, **named):
         length += len(chunk)
-        if length > LONGEST:
-            message = f"the provider sends more than {LONGEST / 2**20:.0f} MB in one reply"
-            problem = ReplyProblem("too_long", message, "check base_url")
+        line = chunk.rfind(b"\n") if by_line else -1
+        marks = (marks if line < 0 else 0) + sum(chunk.count(mark, line + 1) for mark in (b"{", b"[", b","))
+        if length > LONGEST or marks > MOST_MARKS:
+            most = f"{LONGEST / 2**20:.0f} MB" if length > LONGEST else f"{MOST_MARKS:,} JSON entries"
+            message = f"the model's server {call.server if call else ''} sends more than {most} in one reply"
+            problem = ProviderFailure("too_long", message, "check models.<role>.base_url, or use another model")
             if call is not None:
                 call.problem = problem
             raise problem
@@ -58,17 +95,20 @@ def _read_limited_chunks(read: Callable[..., Iterator[bytes]], *sizes: int, **na
         yield chunk
 
 
-def call_with_timeout(seconds: float | None, ask: Callable[[], Result]) -> Result:
+def call_with_timeout(seconds: float | None, ask: Callable[[], Result], call: WireCall) -> Result:
     """What ``ask`` returns, waiting at most so many seconds in all; None waits as long as it takes.
 
     A client's own time-out holds for each read, so a server that sends a byte now and then never meets it. The call
     runs in a thread; after a time-out that thread ends with the next bytes that arrive.
 
+    Args:
+        call: filled in with what was seen of it.
+
     Raises:
         TimeoutError: it took longer.
-        ReplyProblem: the body was too long, whatever the client made of that.
+        ProviderFailure: the body was too long, whatever the client made of that.
     """
-    call, future = _Call(), Future[Result]()
+    future = Future[Result]()
     context = copy_context()
     context.run(_call.set, call)
 
@@ -80,16 +120,16 @@ def call_with_timeout(seconds: float | None, ask: Callable[[], Result]) -> Resul
             if not isinstance(error, Exception):
                 raise
 
-    if seconds is None:
-        return ask()
-    Thread(target=work, name="model-call", daemon=True).start()
     try:
+        if seconds is None:
+            return context.run(ask)
+        Thread(target=work, name="model-call", daemon=True).start()
         return _wait_for_result(future, seconds)
     except Exception as error:
         if call.problem is not None:
             raise call.problem from error
-        if not future.done():
-            raise TimeoutError(f"no whole reply in {seconds:g} s") from error
+        if seconds is not None and not future.done():
+            raise TimeoutError(f"no whole reply in {seconds:.3g} s") from error
         raise
     finally:
         call.over = True

@@ -12,7 +12,8 @@ from grs_agents import trace
 from grs_agents.errors import ConfigError
 from grs_agents.views.common import summarise_event
 
-_PROVIDERS = {"openai": "openai", "anthropic": "anthropic", "google": "gcp.gemini", "ollama": "ollama"}
+_PROVIDERS = {"google": "gcp.gemini", "azure": "azure.ai.openai", "bedrock": "aws.bedrock", "offline": "grs"}
+"""OpenTelemetry's names, where they are not ours."""
 _SCOPE = "grs_agents"
 
 
@@ -104,11 +105,11 @@ class SpanView:
     def _record_model_call(self, event: trace.Reply) -> None:
         """A model call: one span from its prompt to its reply."""
         asked = self._prompts.pop(event.call, None)
-        provider, _, name = event.model.rpartition(":")
+        provider, _, name = event.model.partition(":")
         attributes: dict[str, Any] = {
             "gen_ai.operation.name": "chat",
-            "gen_ai.provider.name": _PROVIDERS.get(provider, provider or "grs"),
-            "gen_ai.request.model": name,
+            "gen_ai.provider.name": _PROVIDERS.get(provider, provider),
+            "gen_ai.request.model": name or provider,
             "gen_ai.agent.name": event.role,
             "gen_ai.usage.input_tokens": event.input_tokens,
             "gen_ai.usage.output_tokens": event.output_tokens,

@@ -41,7 +41,7 @@ def test_a_missing_key_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("provider", PROVIDERS)
 def test_a_missing_package_is_named_with_its_extra(provider: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, PROVIDERS[provider].module, None)
-    with pytest.raises(ConfigError, match=rf'pip install "grs-agents\[{provider}\]"'):
+    with pytest.raises(ConfigError, match=rf'pip install "grs-agents\[{PROVIDERS[provider].extra}\]"'):
         make_chat_model(ModelConfig(model=f"{provider}:any"), seed=0)
 
 

@@ -13,7 +13,15 @@ from langchain_core.messages import AIMessage, HumanMessage
 
 from grs_agents.config import ModelConfig
 from grs_agents.errors import GrsError
-from grs_agents.models import LONGEST, Answer, ReplyProblem, Retries, invoke_with_retries, make_chat_model
+from grs_agents.models import (
+    LONGEST,
+    Answer,
+    ProviderFailure,
+    ReplyProblem,
+    Retries,
+    invoke_with_retries,
+    make_chat_model,
+)
 
 pytest.importorskip("langchain_openai")
 Send = Callable[[BaseHTTPRequestHandler], None]
@@ -89,7 +97,7 @@ def test_a_body_without_end_is_read_up_to_a_bound(provider: Callable[[Send], str
             to.wfile.write(b" " * 2**16)
             sent.append(2**16)
 
-    with pytest.raises(ReplyProblem, match="16 MB") as caught:
+    with pytest.raises(ProviderFailure, match="16 MB") as caught:
         ask(provider(send))
     assert caught.value.kind == "too_long"
     assert sum(sent) < 2 * LONGEST
@@ -102,8 +110,16 @@ def test_a_packed_body_is_bounded_as_it_is_unpacked(provider: Callable[[Send], s
         start_body(to, Content_Encoding="gzip", Content_Length=str(len(body)))
         to.wfile.write(body)
 
-    with pytest.raises(ReplyProblem) as caught:
+    with pytest.raises(ProviderFailure) as caught:
         ask(provider(send))
+    assert caught.value.kind == "too_long"
+
+
+@pytest.mark.parametrize("entry", [b"{}", b"[]", b"0"])
+def test_a_body_of_many_entries_is_not_made_into_objects(provider: Callable[[Send], str], entry: bytes) -> None:
+    body = b'{"id": "x", "choices": [' + b",".join([entry] * 1_000_000) + b"]}"
+    with pytest.raises(ProviderFailure, match="200,000 JSON entries") as caught:
+        ask(provider(whole(body)))
     assert caught.value.kind == "too_long"
 
 
@@ -140,7 +156,7 @@ NO_REPLIES = {
 
 @pytest.mark.parametrize("name", NO_REPLIES)
 def test_what_is_no_reply_is_an_unusable_reply(provider: Callable[[Send], str], name: str) -> None:
-    with pytest.raises(ReplyProblem) as caught:
+    with pytest.raises((ProviderFailure, ReplyProblem)) as caught:
         ask(provider(whole(NO_REPLIES[name])))
     assert caught.value.kind in ("malformed", "empty")
     str(caught.value).encode()

@@ -7,7 +7,7 @@ from langchain_core.messages import HumanMessage
 
 from grs_agents.config import ModelConfig
 from grs_agents.errors import GrsError
-from grs_agents.models import Answer, ReplyProblem, Retries, invoke_with_retries, make_chat_model
+from grs_agents.models import Answer, ProviderFailure, ReplyProblem, Retries, invoke_with_retries, make_chat_model
 from tests.models.conftest import Scripted
 
 FAILURE = {"error": {"message": "told so", "type": "api_error", "code": None}}
@@ -52,15 +52,21 @@ def test_retryable_errors_are_tried_again_with_growing_waits(
     assert len(script.requests) == 3
 
 
-@pytest.mark.parametrize(("asked", "waited"), [("2", 2.0), ("3600", 30.0), ("0", 0.0)])
-def test_retry_after_is_honoured_up_to_the_cap(
-    server: tuple[Scripted, str], clock: Clock, asked: str, waited: float
-) -> None:
+@pytest.mark.parametrize(("asked", "waited"), [("2", 2.0), ("60", 60.0), ("0", 0.0)])
+def test_retry_after_is_honoured(server: tuple[Scripted, str], clock: Clock, asked: str, waited: float) -> None:
     script, url = server
     script.say(429, FAILURE, Retry_After=asked)
     script.complete()
     ask(url, clock)
     assert clock.waits == [waited]
+
+
+def test_nobody_waits_longer_than_the_deadline(server: tuple[Scripted, str], clock: Clock) -> None:
+    script, url = server
+    script.say(429, FAILURE, Retry_After="3600")
+    with pytest.raises(ProviderFailure, match=r"3600 s, beyond the deadline of 300 s") as caught:
+        ask(url, clock)
+    assert (caught.value.kind, clock.waits, len(script.requests)) == ("rate_limit", [], 1)
 
 
 @pytest.mark.parametrize("status", [400, 401, 403, 404])
@@ -100,8 +106,9 @@ def test_a_malformed_answer_is_retried_then_reported(server: tuple[Scripted, str
 
 
 def test_nobody_listens(clock: Clock) -> None:
-    with pytest.raises(GrsError, match="3 tries"):
+    with pytest.raises(ProviderFailure, match=r"http://127\.0\.0\.1:9 cannot be reached in 3 tries.*refused") as caught:
         ask("http://127.0.0.1:9/v1", clock)
+    assert caught.value.kind == "unreachable"
 
 
 @pytest.mark.parametrize(
