@@ -54,6 +54,18 @@ def classify_provider_error(error: Exception, call: WireCall, tries: int) -> Pro
     after = f" in {tries} tries" if tries > 1 else ""
     if status is not None:
         return _classify_status(status, f"{server} answers {status}{after}: {_redacted_error_text(error)}", error, call)
+    failure = _classify_transport(error, server, after)
+    if failure is not None:
+        return failure
+    said = f"{type(error).__name__}: {_redacted_error_text(error)}"
+    if isinstance(error, _MALFORMED):
+        what = f"{server} sends what is no reply, malformed{after} ({said})"
+        return ProviderFailure("malformed", what, "check models.<role>.base_url", retryable=True)
+    return ProviderFailure("client_error", f"the model cannot be asked ({said})", "see the provider's documentation")
+
+
+def _classify_transport(error: Exception, server: str, after: str) -> ProviderFailure | None:
+    """The failure where the connection is at fault; None where it is not."""
     chain = list(_error_chain(error))
     names = {type(one).__name__ for one in chain}
     said = _redacted_error_text(chain[-1])
@@ -66,11 +78,7 @@ def classify_provider_error(error: Exception, call: WireCall, tries: int) -> Pro
         return ProviderFailure("deadline", what, remedy, retryable=True)
     if isinstance(error, OSError) or any(word in name for name in kinds for word in _TRANSPORT):
         return ProviderFailure("broken_off", f"{server} breaks off its answer{after}: {said}", _LATER, retryable=True)
-    said = f"{type(error).__name__}: {_redacted_error_text(error)}"
-    if isinstance(error, _MALFORMED):
-        what = f"{server} sends what is no reply, malformed{after} ({said})"
-        return ProviderFailure("malformed", what, "check models.<role>.base_url", retryable=True)
-    return ProviderFailure("client_error", f"the model cannot be asked ({said})", "see the provider's documentation")
+    return None
 
 
 def _classify_status(status: int, what: str, error: Exception, call: WireCall) -> ProviderFailure | ReplyProblem:
