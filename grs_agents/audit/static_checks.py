@@ -41,6 +41,11 @@ def check_programs(simulation: str, tests: str, task: TaskDefinition, library: L
 def _check_task_class(source: ProgramSource) -> Iterator[StaticFinding]:
     if not defines_task_class(source.tree):
         yield source.finding(1, "class_missing", "no class derives from Task")
+    tasks = [node for node in source.nodes_of(ast.ClassDef) if "Task" in map(ast.unparse, node.bases)]
+    for node in (statement for task in tasks for statement in task.body):
+        name = node.name if isinstance(node, ast.FunctionDef) else ""
+        if name in ("__init__", "reset") and f".{name}(" not in ast.unparse(node):
+            yield source.finding(node.lineno, "base_call_missing", f"{name} has to call super().{name}")
 
 
 def _check_assets(source: ProgramSource, task: TaskDefinition, library: Library) -> Iterator[StaticFinding]:

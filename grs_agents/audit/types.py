@@ -49,6 +49,7 @@ StaticFindingKind = Literal[
     "object_without_goal",
     "reward_sum",
     "class_missing",
+    "base_call_missing",
     "no_tests",
     "no_assertion",
 ]

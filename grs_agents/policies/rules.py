@@ -20,7 +20,8 @@ from grs_agents.sandbox import TestCase
 from grs_agents.sim import Episode
 
 _BROKEN_SOURCE = (
-    *("syntax", "import", "unknown_name", "unknown_asset", "wrong_arguments", "class_missing", "endless_loop"),
+    *("syntax", "import", "unknown_name", "unknown_asset", "wrong_arguments", "endless_loop"),
+    *("class_missing", "base_call_missing"),
 )
 _OTHER_TASK = ("asset_not_in_task", "asset_unused", "object_without_goal")
 """Static findings by which a program is not that of the task, however well it runs."""

@@ -76,6 +76,7 @@ def test_right_programs_show_nothing() -> None:
         ("HOPE/Tuna.urdf", "HOPE/Corn.urdf", "asset_unused", 1),
         ("inside([tuna], box)", "inside([corn], box)", "object_without_goal", 9),
         ("step_max_reward=0.5", "step_max_reward=0.25", "reward_sum", 11),
+        ("super().reset(env)", "pass", "base_call_missing", 5),
         ("class PackTwoCans(Task)", "class PackCans(Task)", "class_missing", 4),
         ("PackTwoCans(Task)", "PackTwoCans(object)", "class_missing", 1),
     ],
