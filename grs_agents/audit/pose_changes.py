@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from grs_agents.audit.types import Change
-from grs_agents.base import Quat
+from grs_agents.base import Pose, Quat
 from grs_agents.perception import SceneDescription, SceneObject
 from grs_agents.sim import InstanceObject, TaskInstance
 
@@ -41,8 +41,13 @@ def _find_instance_changes(instance: TaskInstance, scene: SceneDescription) -> l
 
 
 def _has_photo_pose(item: InstanceObject, place: SceneObject) -> bool:
-    near = math.dist(place.position, item.pose[0]) <= SAME_PLACE
-    cosine = sum(a * b for a, b in zip(_object_up_axis(item.pose[1]), _object_up_axis(place.orientation), strict=True))
+    """Whether an object stands as the photo shows it, or as that comes to rest, which is what the authors are told."""
+    return any(_is_same_pose(item.pose, pose) for pose in ((place.position, place.orientation), place.settled) if pose)
+
+
+def _is_same_pose(one: Pose, other: Pose) -> bool:
+    near = math.dist(one[0], other[0]) <= SAME_PLACE
+    cosine = sum(a * b for a, b in zip(_object_up_axis(one[1]), _object_up_axis(other[1]), strict=True))
     return near and math.acos(max(-1.0, min(1.0, cosine))) <= SAME_TILT
 
 
