@@ -80,10 +80,18 @@ def all_content_paths(kind: Kind, name: str) -> list[Path]:
 
 
 def sample_scenes() -> dict[str, Path]:
-    """The sample scenes by name, first match wins."""
-    folders = [root / "assets" / "scenes" for root in reversed(content_search_roots())]
-    entries = [entry for folder in folders if folder.is_dir() for entry in sorted(folder.iterdir()) if entry.is_dir()]
-    return {entry.name: entry for entry in entries}
+    """The folders of the sample scenes by name, first match wins."""
+    return {entry.name: entry for entry in _list_sample_entries("scenes") if entry.is_dir()}
+
+
+def shipped_cassettes() -> dict[str, Path]:
+    """The files of the recorded runs by name, first match wins."""
+    return {entry.stem: entry for entry in _list_sample_entries("cassettes") if entry.suffix == ".json"}
+
+
+def _list_sample_entries(kind: str) -> list[Path]:
+    folders = [root / "assets" / kind for root in reversed(content_search_roots())]
+    return [entry for folder in folders if folder.is_dir() for entry in sorted(folder.iterdir())]
 
 
 def load_module(kind: Kind, name: str) -> ModuleType:

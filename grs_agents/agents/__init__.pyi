@@ -2,7 +2,6 @@ from . import examples as examples
 from . import roles as roles
 from .agent import IMAGE_SIDES as IMAGE_SIDES
 from .agent import Agents as Agents
-from .agent import EarlierReplies as EarlierReplies
 from .asset_describer import describe_assets as describe_assets
 from .asset_describer import plan_descriptions as plan_descriptions
 from .asset_describer import replace_asset_description as replace_asset_description
@@ -12,6 +11,13 @@ from .examples import select_nearest_examples as select_nearest_examples
 from .prompt_template import PromptTemplate as PromptTemplate
 from .prompt_template import read_prompt_template as read_prompt_template
 from .prompt_template import render_prompt_template as render_prompt_template
+from .recorded import Cassette as Cassette
+from .recorded import Exchange as Exchange
+from .recorded import MissingReply as MissingReply
+from .recorded import RecordedReplies as RecordedReplies
+from .recorded import collect_exchanges as collect_exchanges
+from .recorded import digest_prompt as digest_prompt
+from .recorded import read_cassette as read_cassette
 from .reply import ReplyError as ReplyError
 from .reply import extract_fenced_block as extract_fenced_block
 from .reply import extract_python_program as extract_python_program

@@ -1,13 +1,11 @@
 """An agent: a prompt, a chat model and a strict parser; every exchange is an event."""
 
 import base64
-import hashlib
-import json
 import time
-from collections import defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Lock
 from typing import Any, TypeVar
 from uuid import uuid4
 
@@ -18,49 +16,23 @@ from langchain_core.messages import AIMessage, BaseMessage, HumanMessage
 
 from grs_agents import content
 from grs_agents.agents.prompt_template import render_prompt_template
+from grs_agents.agents.recorded import (
+    RecordedReplies,
+    collect_last_node_replies,
+    digest_prompt,
+    explain_missing_reply,
+    read_cassette,
+)
 from grs_agents.agents.reply import ReplyError
 from grs_agents.agents.types import NoReply
 from grs_agents.config import Config, ModelConfig
 from grs_agents.foreign import read_picture, resolve_member_file
 from grs_agents.models import Answer, ReplyProblem, invoke_with_retries, make_chat_model, retries_for
-from grs_agents.trace import Event, EventLog, NodeStarted, Note, Prompt, Reply
+from grs_agents.trace import EventLog, Note, Prompt, Reply, read_events
 
 Parsed = TypeVar("Parsed")
 IMAGE_SIDES = (256, 1024)
 """Pictures whose longer side has fewer or more pixels are enlarged or reduced before they are sent."""
-
-
-def hash_model_request(role: str, model: ModelConfig, messages: Sequence[BaseMessage]) -> str:
-    """SHA-256 of all that a reply depends on: role, model, its settings, and every message with its pictures."""
-    settings = model.model_dump(mode="json", include={"model", "base_url", "temperature", "max_tokens", "arguments"})
-    contents = [(message.type, message.content) for message in messages]
-    return hashlib.sha256(json.dumps([role, settings, contents], sort_keys=True).encode()).hexdigest()
-
-
-class EarlierReplies:
-    """The replies to the node at work when the log ends, over all its visits in a row; each is given out once.
-
-    Replies to nodes before it are not among them: a prompt that comes again in a later visit, such as that of a fix
-    which changed nothing, is meant to be answered anew.
-    """
-
-    def __init__(self, events: Sequence[Event] = ()) -> None:
-        self._replies: dict[str, deque[Reply]] = defaultdict(deque)
-        digests: dict[str, str] = {}
-        node = ""
-        for event in events:
-            if isinstance(event, NodeStarted) and event.node != node:
-                node = event.node
-                self._replies.clear()
-            elif isinstance(event, Prompt):
-                digests[event.call] = event.digest
-            elif isinstance(event, Reply) and event.answered and digests.get(event.call):
-                self._replies[digests[event.call]].append(event)
-
-    def pop_reply_by_digest(self, prompt: str) -> Reply | None:
-        """The next reply to the prompt with this digest; None if it has to be asked for."""
-        replies = self._replies.get(prompt)
-        return replies.popleft() if replies else None
 
 
 @dataclass
@@ -71,16 +43,26 @@ class Agents:
     log: EventLog
     folder: Path  # the run folder; images are given relative to it
     # replies that were paid for before the run was interrupted
-    earlier: EarlierReplies = field(default_factory=EarlierReplies)
+    earlier: RecordedReplies = field(default_factory=RecordedReplies)
+    cassette: RecordedReplies | None = None  # a recorded run's replies, given instead of asking
     _models: dict[str, BaseChatModel] = field(default_factory=dict[str, BaseChatModel])
+    _lock: Lock = field(default_factory=Lock)
+
+    @classmethod
+    def from_log(cls, config: Config, log: EventLog, folder: Path) -> "Agents":
+        """Agents that go on where the log ends: what its last node was told already is not asked again."""
+        events = read_events(log.path)
+        cassette = read_cassette(config.cassette).remaining_replies(events) if config.cassette else None
+        return cls(config, log, folder, collect_last_node_replies(events), cassette)
 
     def chat_model_for_role(self, role: str) -> BaseChatModel:
         """The chat model that serves ``role``, made once."""
         spec = self.config.model_for_role(role)
         key = spec.model_dump_json()
-        if key not in self._models:
-            self._models[key] = make_chat_model(spec, self.config.seed)
-        return self._models[key]
+        with self._lock:  # roles are asked from several threads
+            if key not in self._models:
+                self._models[key] = make_chat_model(spec, self.config.seed)
+            return self._models[key]
 
     def ask_role(
         self, role: str, values: Mapping[str, str], parse: Callable[[str], Parsed], images: Sequence[str] = ()
@@ -102,7 +84,7 @@ class Agents:
         problem = ""
         tries = self.config.reply_retries + 1
         for _ in range(tries):
-            reply, problem = self._request_or_reuse_reply(role, messages, text, images)
+            reply, problem = self._request_or_reuse_reply(role, messages, tuple(images))
             if reply is not None:
                 try:
                     return parse(reply)
@@ -113,20 +95,31 @@ class Agents:
             if isinstance(messages[-1], HumanMessage):
                 messages.append(AIMessage("(no usable reply)"))
             messages.append(HumanMessage(text))
-            images = ()
         return NoReply(role=role, tries=tries, problem=problem)
 
     def _request_or_reuse_reply(
-        self, role: str, messages: list[BaseMessage], text: str, images: Sequence[str]
+        self, role: str, messages: Sequence[BaseMessage], pictures: tuple[str, ...]
     ) -> tuple[str | None, str]:
-        """The text of the reply, or None and why there is none that can be used."""
-        spec = self.config.model_for_role(role)
-        prompt = hash_model_request(role, spec, messages)
-        if (earlier := self.earlier.pop_reply_by_digest(prompt)) is not None:
-            self.log.append(Note(level="info", text=f"the reply to {earlier.call} was paid for and is used again"))
-            return (None, earlier.error) if earlier.error else (earlier.text, "")
-        call = f"{role}-{uuid4().hex[:8]}"
-        self.log.append(Prompt(call=call, role=role, model=spec.model, text=text, images=tuple(images), digest=prompt))
+        """The text of the reply, or None and why there is none that can be used; pictures are in the first message."""
+        digest, text = digest_prompt(role, messages, pictures), str(messages[-1].text)
+        reply = self.earlier.take_reply(digest)
+        if reply is not None:
+            self.log.append(Note(level="info", text=f"the reply to {reply.call} was paid for and is used again"))
+        else:
+            recorded = self.cassette.take_reply(digest) if self.cassette else None
+            if recorded is None and self.config.cassette and not self.config.record:
+                raise explain_missing_reply(self.config.cassette, role, text)
+            call, spec = f"{role}-{uuid4().hex[:8]}", self.config.model_for_role(role)
+            shown = pictures if len(messages) == 1 else ()
+            self.log.append(Prompt(call=call, role=role, model=spec.model, text=text, images=shown, digest=digest))
+            if recorded is None:
+                reply = self._request_reply(role, spec, messages, call)
+            else:
+                reply = self._append_reply(recorded.model_copy(update={"call": call}))
+        return (None, reply.error) if reply.error else (reply.text, "")
+
+    def _request_reply(self, role: str, spec: ModelConfig, messages: Sequence[BaseMessage], call: str) -> Reply:
+        """What the model answers, usable or not; it is in the log, as is why there is none."""
         begin = time.perf_counter()
         answer, error, answered = Answer(""), "", True
         try:
@@ -135,12 +128,11 @@ class Agents:
                 self.log.append(Note(level="warning", text=f"{answer.model} is asked in place of {failed}"))
         except ReplyProblem as problem:
             answer, error = problem.answer or answer, str(problem)
-            return None, error
         except BaseException as problem:
             error, answered = f"{type(problem).__name__}: {problem}", False
             raise
         finally:
-            self.log.append(
+            reply = self._append_reply(
                 Reply(
                     call=call,
                     role=role,
@@ -156,7 +148,11 @@ class Agents:
                     answered=answered,
                 )
             )
-        return answer.text, ""
+        return reply
+
+    def _append_reply(self, reply: Reply) -> Reply:
+        self.log.append(reply)
+        return reply
 
 
 def image_block_from_file(path: Path) -> dict[str, str]:

@@ -9,11 +9,13 @@ import typer
 from grs_agents import content
 from grs_agents.cli.assets import assets_app
 from grs_agents.cli.options import (
+    Cassette,
     ConfigFile,
     Json,
     Models,
     Otel,
     Out,
+    Record,
     Resume,
     Seed,
     Settings,
@@ -23,6 +25,8 @@ from grs_agents.cli.options import (
     check_graph_is_scene,
     load_effective_config,
     refuse_config_on_resume,
+    scene_of_cassette,
+    settings_of_recording,
 )
 from grs_agents.errors import InputError
 from grs_agents.terminal import print_escaped, print_json
@@ -36,13 +40,11 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.add_typer(assets_app)
-Scene = Annotated[
-    Path,
-    typer.Argument(
-        help="A folder (photo, depth or point cloud, camera.json), bop:ROOT/SPLIT/SCENE/IMAGE, .npz or photo; "
-        "or a sample scene by its name, such as groceries."
-    ),
-]
+SCENE = typer.Argument(
+    help="A folder (photo, depth or point cloud, camera.json), bop:ROOT/SPLIT/SCENE/IMAGE, .npz or photo; "
+    "or a sample scene by its name, such as groceries."
+)
+Scene = Annotated[Path, SCENE]
 RunFolder = Annotated[Path, typer.Argument(help="A run folder.")]
 Seeds = Annotated[
     int | None,
@@ -73,7 +75,7 @@ def apply_global_options(
 
 @app.command()
 def run(
-    scene: Scene,
+    scene: Annotated[Path | None, SCENE] = None,
     config: ConfigFile = None,
     settings: Settings = None,
     models: Models = None,
@@ -82,16 +84,18 @@ def run(
     resume: Resume = False,
     json: Json = False,
     unsafe: Unsafe = False,
+    record: Record = None,
+    cassette: Cassette = None,
     view: View = False,
     otel: Otel = False,
 ) -> None:
     """Make a validated task of a photo with depth. Exit status: 0 accepted, 1 rejected, 2 bad input, 3 our error."""
     from grs_agents.cli.run import run_graph
 
-    settings = add_model_setting(settings, models)
+    settings = [*settings_of_recording(record, cassette), *add_model_setting(settings, models)]
     refuse_config_on_resume(resume, config, settings, seed, unsafe)
     chosen = load_effective_config(config, settings, seed, unsafe).config
-    sys.exit(run_graph("run", scene, chosen, out, resume, json, view, otel))
+    sys.exit(run_graph("run", scene or scene_of_cassette(cassette), chosen, out, resume, json, view, otel))
 
 
 @app.command()

@@ -25,6 +25,7 @@ def list_content(as_json: bool) -> None:
     }
     listed["assets"] = {asset.name: asset.description for asset in Library().assets()}
     listed["scenes"] = {name: "a sample scene: grs run " + name for name in content.sample_scenes()}
+    listed["cassettes"] = {name: "a recorded run: grs run --cassette " + name for name in content.shipped_cassettes()}
     listed["policies"] = {name: _first_line(policy.__doc__) for name, policy in POLICIES.items()}
     listed["policies"].update({entry.name: entry.value for entry in entry_points(group="grs_agents.policies")})
     if as_json:

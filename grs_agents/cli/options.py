@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from grs_agents.errors import ConfigError
+from grs_agents.errors import ConfigError, InputError
 
 if TYPE_CHECKING:
     from grs_agents.config import Effective
@@ -29,6 +29,11 @@ Models = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print JSON alone on stdout.")]
 Out = Annotated[Path | None, typer.Option("--out", help="The run folder; runs/<id> by default.", metavar="DIR")]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with the run in --out where it stopped.")]
+Record = Annotated[Path | None, typer.Option("--record", help="Write every exchange with the models.", metavar="FILE")]
+Cassette = Annotated[
+    str | None,
+    typer.Option("--cassette", help="Repeat a recorded run without models: its file or name.", metavar="FILE"),
+]
 View = Annotated[bool, typer.Option("--view", help="Open the rerun viewer and watch the run live.")]
 Otel = Annotated[bool, typer.Option("--otel", help="Send OpenTelemetry spans to where the OTEL_* variables say.")]
 Unsafe = Annotated[bool, typer.Option("--unsafe-no-sandbox", help="Run generated code without isolation.")]
@@ -49,6 +54,30 @@ def add_model_setting(settings: list[str] | None, models: list[str] | None) -> l
     return [*(settings or []), *([f"models.default={json.dumps(models)}"] if models else [])]
 
 
+def scene_of_cassette(cassette: str | None) -> Path:
+    """The scene of a recorded run, for a command that names none."""
+    from grs_agents.agents import read_cassette
+
+    if cassette is None:
+        raise InputError("grs run needs a scene", "name one, such as groceries, or a recorded run with --cassette")
+    return Path(read_cassette(cassette).scene)
+
+
+def settings_of_recording(record: Path | None, cassette: str | None) -> list[str]:
+    """The settings that ``--record`` and ``--cassette`` make: a run is repeated with those it was recorded with."""
+    from grs_agents.agents import read_cassette
+    from grs_agents.run import select_repeatable_settings
+
+    values: dict[str, object] = {}
+    if cassette is not None:
+        values = select_repeatable_settings(read_cassette(cassette).settings)
+        values["cassette"] = str(Path(cassette).resolve()) if Path(cassette).exists() else cassette
+    if record is not None:  # models may be asked, and then the user says which
+        values = {key: value for key, value in values.items() if not key.startswith("models.")}
+        values["record"] = str(record.resolve())
+    return [f"{key}={json.dumps(value)}" for key, value in values.items()]
+
+
 def check_graph_is_scene(chosen: "Effective") -> None:
     """Refuse another graph than ``scene``, the only one that comprehends a photo alone."""
     if chosen.sources.get("graph") == "--set" and chosen.config.graph != "scene":
@@ -64,5 +93,5 @@ def refuse_config_on_resume(
     if resume and (file is not None or settings or seed is not None or unsafe):
         raise ConfigError(
             "--resume goes on with the configuration in run.json",
-            "leave --config, --set, --model, --seed and --unsafe-no-sandbox out",
+            "leave --config, --set, --model, --seed, --record, --cassette and --unsafe-no-sandbox out",
         )

@@ -205,6 +205,11 @@ class Config(Frozen):
     prompts: PromptsConfig = PromptsConfig()
     limits: Limits = Limits()
     audit: AuditConfig = AuditConfig()
+    # the file that every exchange with the models is written to when the run ends, and the recorded run whose replies
+    # are given instead of asking models (a file, or the name of one that is shipped). With both, models are asked for
+    # what the recorded run has no reply to
+    record: str | None = Field(default=None, max_length=4096)
+    cassette: str | None = Field(default=None, max_length=4096)
 
     def model_for_role(self, role: str) -> ModelConfig:
         """The model that serves ``role``."""

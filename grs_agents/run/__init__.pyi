@@ -21,6 +21,7 @@ from .record import collect_run_counts as collect_run_counts
 from .record import installed_versions as installed_versions
 from .record import read_record as read_record
 from .record import seconds_by_stage as seconds_by_stage
+from .recording import select_repeatable_settings as select_repeatable_settings
 from .run_opening import GIVEN as GIVEN
 from .run_opening import Order as Order
 from .run_opening import load_graph as load_graph

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from grs_agents import interrupts
-from grs_agents.agents import Agents, EarlierReplies
+from grs_agents.agents import Agents
 from grs_agents.config import Config
 from grs_agents.errors import ConfigError, GrsError, InputError
 from grs_agents.files import unwritable_error
@@ -18,6 +18,7 @@ from grs_agents.nodes import Services
 from grs_agents.policies import load_policy
 from grs_agents.run.checkpoint import FILE, check_checkpoint_file, check_restored_state
 from grs_agents.run.record import EXIT_STATUS, RunRecord, collect_run_counts, seconds_by_stage
+from grs_agents.run.recording import compare_with_recording, write_cassette
 from grs_agents.run.run_opening import Order, load_graph, open_run
 from grs_agents.run.sandbox_setup import open_sandbox
 from grs_agents.sandbox import Sandbox
@@ -61,6 +62,8 @@ def _execute_with_log(order: Order, views: Views, folder: Path, record: RunRecor
         with EventLog(folder / "events.jsonl") as log, views(folder, log):
             log.subscribe(_block_nodes_on_interrupt)
             record, problem = _run_graph_and_record(order, config, folder, log, record, state)
+            if config.record:
+                write_cassette(Path(config.record), config, record, folder)
     except (Exception, KeyboardInterrupt) as error:  # the log or a view could not be opened or closed
         if record.status == "running":
             record, problem = _mark_record_failed(record, error, folder)
@@ -78,6 +81,8 @@ def _run_graph_and_record(
     try:
         _invoke_graph(order, config, folder, log, record, state)
         record = _mark_record_with_verdict(order, record, state)
+        if config.cassette and not config.record:
+            record = compare_with_recording(config.cassette, record, folder)
     except (Exception, KeyboardInterrupt) as error:
         record, problem = _mark_record_failed(record, error, folder)
     return _add_record_figures(record, log, state).write(folder), problem
@@ -195,12 +200,11 @@ def _open_checkpointer(order: Order, folder: Path) -> Generator["BaseCheckpointS
 
 def _make_services(config: Config, folder: Path, log: EventLog, sandbox: Sandbox) -> Services:
     """What the nodes work with."""
-    events = read_events(log.path)
-    visits = Counter(event.node for event in events if event.kind == "node_started")
+    visits = Counter(event.node for event in read_events(log.path) if event.kind == "node_started")
     return Services(
         config=config,
         log=log,
-        agents=Agents(config=config, log=log, folder=folder, earlier=EarlierReplies(events)),
+        agents=Agents.from_log(config, log, folder),
         policy=load_policy(config.policy),
         sandbox=sandbox,
         folder=folder.resolve(),

@@ -15,9 +15,11 @@ from types import ModuleType
 from typing import Any
 
 from grs_agents import content
+from grs_agents.agents import read_cassette
 from grs_agents.config import Config, validate_config
 from grs_agents.errors import ConfigError, InputError
-from grs_agents.files import unwritable_error
+from grs_agents.files import check_output_path, unwritable_error
+from grs_agents.foreign import path_exists
 from grs_agents.models import make_chat_model
 from grs_agents.perception import check_scene_source, short_scene_name
 from grs_agents.policies import load_policy
@@ -173,7 +175,7 @@ def open_run(order: Order) -> Generator[tuple[Path, RunRecord, Config]]:
 
 
 def check_configured_names(config: Config, command: str, given: Mapping[str, Any]) -> None:
-    """See that every graph, policy, tool, prompt and model that ``config`` names can be had."""
+    """See that every graph, policy, tool, prompt, recording and model that ``config`` names can be had."""
     graph = load_graph(config.graph)
     needs: Sequence[str] = getattr(graph, "NEEDS", ())
     missing = [name for name in needs if name not in GIVEN and name not in given]
@@ -189,7 +191,18 @@ def check_configured_names(config: Config, command: str, given: Mapping[str, Any
         load_tool(name)
     for name in config.prompts.model_dump().values():
         content.content_path("prompts", name)
-    for spec in config.models.values():
+    _check_models_or_recording(config)
+
+
+def _check_models_or_recording(config: Config) -> None:
+    """See that the models can be asked, or that the recording which stands for them can be read."""
+    if config.record:
+        check_output_path(Path(config.record))
+        if path_exists(Path(config.record)):
+            read_cassette(config.record)  # nothing else is replaced
+    if config.cassette:
+        read_cassette(config.cassette)
+    for spec in config.models.values() if config.record or not config.cassette else ():
         make_chat_model(spec, config.seed)
 
 

@@ -234,7 +234,8 @@ class NodeEnded(Stamped):
 class Prompt(Stamped):
     """What an agent sent to its model; ``call`` joins it to its :class:`Reply`, of which there is one.
 
-    ``text`` is the last message; ``digest`` is the SHA-256 of the whole conversation, pictures and model settings.
+    ``text`` is the last message; ``digest`` is of the whole conversation: 32 digits of the role, the words and the
+    pictures' names, then 32 of these with the numbers and the pixels.
     """
 
     kind: Literal["prompt"] = "prompt"

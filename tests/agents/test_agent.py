@@ -1,6 +1,7 @@
 """An agent asks its model, reads the reply strictly, and asks again when the reply cannot be used."""
 
 import base64
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
@@ -92,6 +93,16 @@ def test_a_model_that_gives_no_usable_reply_is_an_outcome(tmp_path: Path, retrie
     assert (outcome.role, outcome.tries) == ("route", retries + 1)
     assert "fix_code or fix_test" in outcome.problem
     assert len(agents.script.asked) == len(exchanges(agents)) == retries + 1
+
+
+def test_roles_are_asked_from_several_threads(tmp_path: Path) -> None:
+    agents = scripted(tmp_path, [BAD, GOOD] * 40)
+    with ThreadPoolExecutor(8) as threads:
+        outcomes = list(threads.map(lambda _: ask(agents), range(20)))
+    assert all(isinstance(outcome, RouterReply | NoReply) for outcome in outcomes)
+    assert len(exchanges(agents)) == len(agents.script.asked)
+    events = read_events(agents.log.path)
+    assert [event.sequence for event in events] == list(range(2 * len(agents.script.asked)))
 
 
 def test_a_provider_that_refuses_the_key_ends_it_at_once(tmp_path: Path) -> None:

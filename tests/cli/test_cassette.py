@@ -1,0 +1,139 @@
+"""A recorded run repeats without network and keys; what its recording does not hold is an error or asked for."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from grs_agents import content
+from grs_agents.agents import read_cassette
+from grs_agents.trace import Prompt, Reply, read_events
+from tests.cli.command import grs
+
+BROKEN = "```python\nimport unittest\n\nclass T(unittest.TestCase):\n    def test_a(self):\n        nowhere()\n```"
+KEY = "sk-0123456789-of-mine"
+MADE = ("task.json", "simulation.py", "test_simulation.py", "audit.json", "scene.json", "instances/seed_0.json")
+
+
+def exchanges(run: Path) -> list[tuple[object, ...]]:
+    """What was asked and answered, whichever candidate was described first."""
+    events = read_events(run / "events.jsonl")
+    replies = {event.call: event for event in events if isinstance(event, Reply)}
+    told = {"role", "model", "text", "input_tokens", "output_tokens", "cached_tokens", "cost", "finish_reason", "error"}
+    return sorted(
+        (event.digest, *replies[event.call].model_dump(include=told).values())
+        for event in events
+        if isinstance(event, Prompt)
+    )
+
+
+@pytest.fixture
+def recorded(
+    tmp_path: Path, small_scene: Path, scripted_server: Any, monkeypatch: pytest.MonkeyPatch
+) -> tuple[Path, list[str]]:
+    """The cassette of an accepted run with an unusable reply and a fix, and the options that made it."""
+    pytest.importorskip("langchain_openai")
+    monkeypatch.setenv("OPENAI_API_KEY", KEY)
+    scripted_server.spoilt = {"describe": ["none of your business"], "tests": [BROKEN]}
+    asking = ["--set", "models.default=openai:some/model", "--set", f"models.base_url={scripted_server.url}"]
+    options = ["run", str(small_scene), "--set", "policy=rules", *asking]
+    done = grs(*options, "--out", "first", "--record", "cassette.json", "--json", folder=tmp_path)
+    assert json.loads(done.stdout)["status"] == "accepted", done.stderr
+    monkeypatch.delenv("OPENAI_API_KEY")
+    return tmp_path / "cassette.json", options
+
+
+def test_a_recorded_run_repeats_without_network_and_keys(
+    recorded: tuple[Path, list[str]], small_scene: Path, scripted_server: Any, tmp_path: Path
+) -> None:
+    asked = len(scripted_server.bodies)
+    done = grs("run", str(small_scene), "--cassette", "cassette.json", "--out", "again", "--json", folder=tmp_path)
+    record = json.loads(done.stdout)
+    assert record["status"] == "accepted" and record["reason"].endswith("; equal to the recording"), done.stderr
+    assert (record["config"]["policy"], record["counts"]["test_fixes"]) == ("rules", 1)
+    assert len(scripted_server.bodies) == asked
+    assert exchanges(tmp_path / "again") == exchanges(tmp_path / "first")
+    for file in MADE:
+        assert (tmp_path / "again" / file).read_bytes() == (tmp_path / "first" / file).read_bytes()
+
+
+def test_a_cassette_is_readable_and_holds_no_keys_and_paths(recorded: tuple[Path, list[str]], tmp_path: Path) -> None:
+    text = recorded[0].read_text("utf-8")
+    assert '\n    "class T(unittest.TestCase):",\n' in text
+    assert max(map(len, text.splitlines())) < 1_000
+    assert not [word for word in (KEY, str(tmp_path), str(Path.home()), "127.0.0.1") if word in text]
+    cassette = read_cassette(str(recorded[0]))
+    assert cassette.settings == {"policy": "rules", "models.default.model": "openai:some/model"}
+
+
+def test_a_prompt_that_was_not_recorded_ends_the_run_or_is_asked(
+    recorded: tuple[Path, list[str]], small_scene: Path, scripted_server: Any, tmp_path: Path
+) -> None:
+    (tmp_path / "mine" / "prompts").mkdir(parents=True)
+    prompt = tmp_path / "mine" / "prompts" / "tests.md"
+    shutil.copy(content.content_path("prompts", "tests"), prompt)
+    prompt.write_text(prompt.read_text("utf-8").replace("## Rules\n", "## Rules\n\n- Be brief.\n"))
+    mine = ["--content", str(prompt.parent.parent)]
+    done = grs(*mine, "run", str(small_scene), "--cassette", "cassette.json", "--out", "other", folder=tmp_path)
+    number = [item.role for item in read_cassette(str(recorded[0])).exchanges].index("tests") + 1
+    assert done.returncode == 2
+    assert f"role tests; the nearest, exchange {number}, differs in Rules; " in done.stderr
+    assert "grs run SCENE --record FILE" in done.stderr
+    asked = len(scripted_server.roles)
+    again = ["--cassette", "cassette.json", "--record", "second.json", "--out", "second", "--json"]
+    done = grs(*mine, *recorded[1], *again, folder=tmp_path)
+    assert json.loads(done.stdout)["status"] == "accepted", done.stderr
+    assert scripted_server.roles[asked:] == ["tests"]
+    before, after = (read_cassette(str(tmp_path / name)).exchanges for name in ("cassette.json", "second.json"))
+    assert {item.digest for item in before} - {item.digest for item in after}
+    done = grs(*mine, "run", str(small_scene), "--cassette", "second.json", "--out", "third", "--json", folder=tmp_path)
+    assert json.loads(done.stdout)["reason"].endswith("; equal to the recording"), done.stdout
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("{}", "is not a cassette: version"),
+        ("[1]", "is not a JSON object"),
+        (None, "unknown cassette"),
+    ],
+)
+def test_what_is_no_cassette_is_refused(tmp_path: Path, text: str | None, told: str) -> None:
+    if text is not None:
+        (tmp_path / "tape").write_text(text)
+    done = grs("run", "groceries", "--cassette", "tape", "--out", "run", folder=tmp_path)
+    assert done.returncode == 2 and told in done.stderr
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_recording_replaces_no_other_file(tmp_path: Path) -> None:
+    (tmp_path / "notes.json").write_text('{"mine": 1}')
+    done = grs("run", "groceries", "--record", "notes.json", "--out", "run", folder=tmp_path)
+    assert done.returncode == 2 and "notes.json is not a cassette" in done.stderr
+    assert (tmp_path / "notes.json").read_text() == '{"mine": 1}' and not (tmp_path / "run").exists()
+
+
+def test_a_cassette_of_somebody_else_names_no_file_code_or_endpoint(tmp_path: Path) -> None:
+    told: dict[str, Any] = dict.fromkeys(("version", "scene", "status", "reason"), "groceries")
+    hostile = {"record": "notes.json", "sandbox": "none", "policy": "os:abort", "robot": "/etc/arm.xml"}
+    hostile |= {"models.default.base_url": "http://10.0.0.1", "max_fixes": 3}
+    cassette = told | {"settings": hostile, "files": {}, "exchanges": []}
+    (tmp_path / "tape.json").write_text(json.dumps(cassette))
+    done = grs("run", "--cassette", "tape.json", "--out", "run", folder=tmp_path)
+    assert done.returncode == 2 and "no reply to this prompt of the role describe, nor to any other" in done.stderr
+    config = json.loads((tmp_path / "run" / "run.json").read_text())["config"]
+    assert (config["record"], config["policy"], config["robot"], config["max_fixes"]) == (None, "llm", "ur5e", 3)
+    assert config["sandbox"] == "auto" and config["models"]["default"]["base_url"] is None
+
+
+@pytest.mark.parametrize("name", content.shipped_cassettes())
+def test_a_shipped_recording_repeats(tmp_path: Path, name: str) -> None:
+    done = grs("run", "--cassette", name, "--out", "run", "--json", folder=tmp_path)
+    record = json.loads(done.stdout)
+    assert record["status"] == "accepted", done.stderr
+    assert record["reason"].endswith("; equal to the recording")
+    replies = [event for event in read_events(tmp_path / "run" / "events.jsonl") if isinstance(event, Reply)]
+    assert len(replies) == len(read_cassette(name).exchanges)
+    assert not any(reply.model.startswith("offline") for reply in replies)
