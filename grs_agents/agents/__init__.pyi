@@ -5,6 +5,7 @@ from .agent import Agents as Agents
 from .asset_describer import describe_assets as describe_assets
 from .asset_describer import plan_descriptions as plan_descriptions
 from .asset_describer import replace_asset_description as replace_asset_description
+from .budget import BudgetReached as BudgetReached
 from .examples import Example as Example
 from .examples import read_examples as read_examples
 from .examples import select_nearest_examples as select_nearest_examples

@@ -15,6 +15,7 @@ from langchain_core.language_models.chat_models import BaseChatModel
 from langchain_core.messages import AIMessage, BaseMessage, HumanMessage
 
 from grs_agents import content
+from grs_agents.agents.budget import check_budget_left
 from grs_agents.agents.prompt_template import render_prompt_template
 from grs_agents.agents.recorded import (
     RecordedReplies,
@@ -106,6 +107,7 @@ class Agents:
         if reply is not None:
             self.log.append(Note(level="info", text=f"the reply to {reply.call} was paid for and is used again"))
         else:
+            check_budget_left(self.config.budget, self.log.path)
             recorded = self.cassette.take_reply(digest) if self.cassette else None
             if recorded is None and self.config.cassette and not self.config.record:
                 raise explain_missing_reply(self.config.cassette, role, text)
@@ -152,6 +154,9 @@ class Agents:
 
     def _append_reply(self, reply: Reply) -> Reply:
         self.log.append(reply)
+        if self.config.budget.cost is not None and reply.cost is None and not reply.model.startswith(OFFLINE):
+            text = f"{reply.model} tells no cost: budget.cost counts {reply.call} as nothing; budget.tokens holds"
+            self.log.append(Note(level="warning", text=text))
         return reply
 
 

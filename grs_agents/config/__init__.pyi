@@ -6,6 +6,7 @@ from .load import validate_config as validate_config
 from .schema import ROLE_ALIASES as ROLE_ALIASES
 from .schema import ROLES as ROLES
 from .schema import AuditConfig as AuditConfig
+from .schema import BudgetConfig as BudgetConfig
 from .schema import Config as Config
 from .schema import Limits as Limits
 from .schema import ModelChoice as ModelChoice

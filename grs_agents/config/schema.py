@@ -175,6 +175,14 @@ class AuditConfig(Frozen):
     reward: float = Field(default=0.99, gt=0, le=1)
 
 
+class BudgetConfig(Frozen):
+    """What a run may spend on its models; a run that reaches one of these ends as rejected, with the best it has."""
+
+    tokens: int | None = Field(default=None, gt=0)  # read and written together
+    cost: float | None = Field(default=None, gt=0)  # US dollars, as far as the providers tell
+    minutes: float | None = Field(default=None, gt=0)  # wall time of all its attempts
+
+
 class Config(Frozen):
     """Everything a run can be told."""
 
@@ -205,6 +213,7 @@ class Config(Frozen):
     prompts: PromptsConfig = PromptsConfig()
     limits: Limits = Limits()
     audit: AuditConfig = AuditConfig()
+    budget: BudgetConfig = BudgetConfig()
     # the file that every exchange with the models is written to when the run ends, and the recorded run whose replies
     # are given instead of asking models (a file, or the name of one that is shipped). With both, models are asked for
     # what the recorded run has no reply to

@@ -7,14 +7,16 @@ from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
+
+from langgraph.runtime import Runtime
 
 from grs_agents import interrupts
-from grs_agents.agents import Agents
+from grs_agents.agents import Agents, BudgetReached
 from grs_agents.config import Config
 from grs_agents.errors import ConfigError, GrsError, InputError
 from grs_agents.files import unwritable_error
-from grs_agents.nodes import Services
+from grs_agents.nodes import Services, conclude_run
 from grs_agents.policies import load_policy
 from grs_agents.run.checkpoint import FILE, check_checkpoint_file, check_restored_state
 from grs_agents.run.record import EXIT_STATUS, RunRecord, collect_run_counts, seconds_by_stage
@@ -22,6 +24,7 @@ from grs_agents.run.recording import compare_with_recording, write_cassette
 from grs_agents.run.run_opening import Order, load_graph, open_run
 from grs_agents.run.sandbox_setup import open_sandbox
 from grs_agents.sandbox import Sandbox
+from grs_agents.state import RunState
 from grs_agents.trace import Event, EventLog, Note, RunEnded, RunStarted, read_events
 
 if TYPE_CHECKING:
@@ -96,7 +99,7 @@ def _block_nodes_on_interrupt(event: Event) -> None:
 
 def _mark_record_with_verdict(order: Order, record: RunRecord, state: State) -> RunRecord:
     """What the graph decided; comprehension alone has nothing to decide."""
-    if order.command == "scene":
+    if order.command == "scene" and not state.get("problem"):
         return _mark_record_ended(record, "accepted", "the scene was comprehended", EXIT_STATUS["accepted"])
     status = state.get("status")
     if status not in EXIT_STATUS:
@@ -155,18 +158,22 @@ def _invoke_graph(order: Order, config: Config, folder: Path, log: EventLog, rec
         settings: dict[str, Any] = {"recursion_limit": 25 + 4 * config.max_fixes}
         given: State = {"scene_path": str(order.source), "max_fixes": config.max_fixes, "fixes": 0, "history": []}
         begin: State = {**order.given, **given}
-        if order.nested:
-            state.update(graph.invoke(begin, settings, context=services))
-            return
-        settings["configurable"] = {"thread_id": record.id}
-        resumed = order.resume and bool(_load_checkpoint_state(graph, settings, folder))
-        if resumed:
-            log.append(Note(level="info", text=f"resumed, attempt {record.attempts}"))
         try:
-            graph.invoke(None if resumed else begin, settings, context=services, durability="sync")
-        finally:
-            with suppress(sqlite3.Error):  # a full disk is reported by what it stopped
-                state.update(graph.get_state(settings).values)
+            if order.nested:
+                state.update(graph.invoke(begin, settings, context=services))
+                return
+            settings["configurable"] = {"thread_id": record.id}
+            resumed = order.resume and bool(_load_checkpoint_state(graph, settings, folder))
+            if resumed:
+                log.append(Note(level="info", text=f"resumed, attempt {record.attempts}"))
+            try:
+                graph.invoke(None if resumed else begin, settings, context=services, durability="sync")
+            finally:
+                with suppress(sqlite3.Error):  # a full disk is reported by what it stopped
+                    state.update(graph.get_state(settings).values)
+        except BudgetReached as reached:
+            state["problem"] = reached.message
+            state.update(conclude_run(cast(RunState, state), runtime=Runtime(context=services)))
 
 
 def _load_checkpoint_state(graph: Any, settings: dict[str, Any], folder: Path) -> State:

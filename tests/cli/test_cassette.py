@@ -92,6 +92,24 @@ def test_a_prompt_that_was_not_recorded_ends_the_run_or_is_asked(
     assert json.loads(done.stdout)["reason"].endswith("; equal to the recording"), done.stdout
 
 
+def test_a_run_that_reaches_its_budget_is_rejected_with_what_it_has(
+    tmp_path: Path, small_scene: Path, scripted_server: Any
+) -> None:
+    pytest.importorskip("langchain_openai")
+    scripted_server.spoilt = {"tests": [BROKEN]}
+    asking = ["--set", "models.default=openai:any", "--set", f"models.base_url={scripted_server.url}"]
+    options = ["run", str(small_scene), *asking, "--set", "budget.cost=1.75", "--out", "run", "--json"]
+    done = grs(*options, folder=tmp_path)
+    record = json.loads(done.stdout)
+    spent = 0.25 * len(scripted_server.bodies)
+    assert (done.returncode, record["status"]) == (1, "rejected"), done.stderr
+    assert record["reason"].startswith(f"budget: {spent:.2f} of 1.75 US dollars used") and spent == 1.75
+    assert (tmp_path / "run" / "simulation.py").is_file()
+    assert "nowhere" in (tmp_path / "run" / "test_simulation.py").read_text()
+    assert grs(*options[:2], "--out", "run", "--resume", "--json", folder=tmp_path).returncode == 1
+    assert len(scripted_server.bodies) == 7
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [

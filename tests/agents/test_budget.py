@@ -1,0 +1,54 @@
+"""What a run may spend, over all its attempts."""
+
+from pathlib import Path
+
+import pytest
+
+from grs_agents.agents import Agents, BudgetReached, NoReply, TaskDefinition, roles
+from grs_agents.config import BudgetConfig, Config, ModelConfig
+from grs_agents.trace import EventLog, Note, Reply, RunStarted, read_events
+from tests.scripted import scripted
+
+TASK = TaskDefinition.model_validate({"task-name": "t", "task-description": "d", "assets-used": ["a"]})
+REPLY = Reply(call="a", role="task", model="openai:any", text="", input_tokens=9_000, output_tokens=1_000, cost=0.5)
+
+
+@pytest.mark.parametrize(
+    ("budget", "reason"),
+    [
+        ({"tokens": 20_000}, "budget: 20,000 of 20,000 tokens used"),
+        ({"cost": 0.9, "tokens": 50_000}, "budget: 1.00 of 0.90 US dollars used"),
+        ({"minutes": 3}, "budget: 4.0 of 3 minutes used"),
+        ({"tokens": 20_001, "cost": 1.01, "minutes": 4.5}, ""),
+        ({}, ""),
+    ],
+)
+def test_earlier_attempts_count_and_the_time_between_them_does_not(
+    tmp_path: Path, budget: dict[str, float], reason: str
+) -> None:
+    start = RunStarted(run_id="r", graph="grs", seed=0)
+    events = [(start, 0), (REPLY, 60), (start, 9_000), (REPLY, 9_180)]  # seconds: two attempts of 1 and 3 minutes
+    lines = [
+        event.model_copy(update={"sequence": number, "time": float(time)}).model_dump_json() + "\n"
+        for number, (event, time) in enumerate(events)
+    ]
+    (tmp_path / "events.jsonl").write_text("".join(lines))
+    config = Config(budget=BudgetConfig.model_validate(budget))
+    log = EventLog(tmp_path / "events.jsonl")
+    log.append(start)
+    agents = Agents.from_log(config, log, tmp_path)
+    if reason:
+        with pytest.raises(BudgetReached, match=reason):
+            roles.decide_what_to_fix(agents, TASK, "failed", [])
+    else:
+        assert not isinstance(roles.decide_what_to_fix(agents, TASK, "failed", []), NoReply)
+
+
+def test_a_budget_ends_before_the_call_that_would_pass_it(tmp_path: Path) -> None:
+    config = Config(budget=BudgetConfig(tokens=30, cost=1), models={"default": ModelConfig(model="openai:any")})
+    agents = scripted(tmp_path, ["no", "no", "no"], config)
+    with pytest.raises(BudgetReached, match="32 of 30 tokens"):
+        roles.decide_what_to_fix(agents, TASK, "failed", [])
+    assert len(agents.script.asked) == 2
+    notes = [event.text for event in read_events(agents.log.path) if isinstance(event, Note)]
+    assert len(notes) == 2 and all("budget.cost" in note for note in notes)
