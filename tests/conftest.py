@@ -24,6 +24,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--hostile-programs", type=int, default=25, help="programs that attack the host's readers, six messages each"
     )
+    parser.addoption("--kills", type=int, default=1, help="moments of a run at which it is killed")
 
 
 @pytest.fixture(scope="session", autouse=True)

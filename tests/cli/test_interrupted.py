@@ -30,6 +30,27 @@ def build():
 """
 """A graph that gets a signal before its first node, and drops the exception that tells of it."""
 
+KILLED = """
+import os, pathlib, signal
+from grs_agents import content, trace
+
+def build():
+    written = trace.EventLog.append
+
+    def append(log, event):
+        event = written(log, event)
+        if event.sequence == MOMENT:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return event
+
+    marker = pathlib.Path(__file__).with_suffix(".done")
+    if not marker.exists():
+        marker.touch()
+        trace.EventLog.append = append
+    return content.load_module("graphs", "grs").build()
+"""
+"""A graph that is killed once its log holds so many events, and goes on when it is built again."""
+
 
 def command(*arguments: str) -> list[str]:
     return [sys.executable, "-m", "grs_agents", *arguments]
@@ -75,6 +96,7 @@ def test_a_killed_run_pays_for_no_reply_twice(tmp_path: Path, small_scene: Path,
     assert len(answered) == len(scripted_server.bodies) - 1
 
 
+<<<<<<< HEAD
 def test_what_was_answered_at_once_is_not_asked_again(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
     pytest.importorskip("langchain_openai")
     log = tmp_path / "run" / "events.jsonl"
@@ -126,6 +148,40 @@ def test_a_run_that_is_asked_to_end_does_not_wait_for_replies(
     assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "interrupted"
     replies = [event for event in read_events(tmp_path / "run" / "events.jsonl") if isinstance(event, Reply)]
     assert [reply.answered for reply in replies] == [False] * 3
+=======
+def test_whenever_a_run_is_killed_it_ends_alike_and_repeats_no_reply(
+    tmp_path: Path, small_scene: Path, scripted_server: Any, pytestconfig: pytest.Config
+) -> None:
+    pytest.importorskip("langchain_openai")
+    graphs = tmp_path / "content" / "graphs"
+    graphs.mkdir(parents=True)
+    broken = "```python\nimport unittest\n\nclass T(unittest.TestCase):\n    def test_a(self):\n        nowhere()\n```"
+
+    def run(name: str, moment: int) -> tuple[list[int], dict[str, bytes], Counter[str]]:
+        """Exit statuses of the run and its resumption, what it made, and what the server was asked."""
+        (graphs / f"{name}.py").write_text(KILLED.replace("MOMENT", str(moment)))
+        scripted_server.bodies.clear()
+        scripted_server.spoilt = {"task": ["none of your business"], "tests": [broken]}
+        settings = [*asking(scripted_server), "--set", f"graph={name}"]
+        order = command("--content", str(graphs.parent), "run", str(small_scene), "--out", str(tmp_path / name))
+        done = [subprocess.run([*order, *more], capture_output=True, check=False) for more in (settings, ["--resume"])]
+        patterns = ("task.json", "*simulation.py", "scene.json", "audit.json", "instances/*.json", "history/*.py")
+        files = [file for pattern in patterns for file in (tmp_path / name).glob(pattern)]
+        made = {str(file.relative_to(tmp_path / name)): file.read_bytes() for file in files}
+        return [one.returncode for one in done], made, Counter(scripted_server.bodies)
+
+    statuses, made, requests = run("whole", -1)
+    assert statuses == [0, 0] and len(made) > 8
+    events = len(read_events(tmp_path / "whole" / "events.jsonl"))
+    kills = int(pytestconfig.getoption("--kills") or 1)
+    for number in range(kills):
+        moment = events * (2 * number + 1) // (2 * kills)
+        statuses, again, asked = run(f"killed_{moment}", moment)
+        assert (statuses, again) == ([-9, 0], made), f"killed after event {moment} of {events}"
+        told = read_events(tmp_path / f"killed_{moment}" / "events.jsonl")
+        under_way = sum(event.kind == "prompt" for event in told) - sum(event.kind == "reply" for event in told)
+        assert not requests - asked and (asked - requests).total() <= under_way <= 8
+>>>>>>> a9d20bd (Runs are killed after any of their events, and repeat no request when they go on)
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
