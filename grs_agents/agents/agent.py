@@ -28,7 +28,7 @@ from grs_agents.agents.reply import ReplyError
 from grs_agents.agents.types import NoReply
 from grs_agents.config import Config, ModelConfig
 from grs_agents.foreign import read_picture, resolve_member_file
-from grs_agents.models import Answer, ReplyProblem, invoke_with_retries, make_chat_model, retries_for
+from grs_agents.models import Answer, ReplyProblem, invoke_with_retries, is_offline, make_chat_model, retries_for
 from grs_agents.trace import EventLog, Note, Prompt, Reply, read_events
 
 Parsed = TypeVar("Parsed")
@@ -154,7 +154,7 @@ class Agents:
 
     def _append_reply(self, reply: Reply) -> Reply:
         self.log.append(reply)
-        if self.config.budget.cost is not None and reply.cost is None and not reply.model.startswith(OFFLINE):
+        if self.config.budget.cost is not None and reply.cost is None and not is_offline(reply.model):
             text = f"{reply.model} tells no cost: budget.cost counts {reply.call} as nothing; budget.tokens holds"
             self.log.append(Note(level="warning", text=text))
         return reply

@@ -96,7 +96,6 @@ def test_a_killed_run_pays_for_no_reply_twice(tmp_path: Path, small_scene: Path,
     assert len(answered) == len(scripted_server.bodies) - 1
 
 
-<<<<<<< HEAD
 def test_what_was_answered_at_once_is_not_asked_again(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
     pytest.importorskip("langchain_openai")
     log = tmp_path / "run" / "events.jsonl"
@@ -148,7 +147,8 @@ def test_a_run_that_is_asked_to_end_does_not_wait_for_replies(
     assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "interrupted"
     replies = [event for event in read_events(tmp_path / "run" / "events.jsonl") if isinstance(event, Reply)]
     assert [reply.answered for reply in replies] == [False] * 3
-=======
+
+
 def test_whenever_a_run_is_killed_it_ends_alike_and_repeats_no_reply(
     tmp_path: Path, small_scene: Path, scripted_server: Any, pytestconfig: pytest.Config
 ) -> None:
@@ -181,7 +181,6 @@ def test_whenever_a_run_is_killed_it_ends_alike_and_repeats_no_reply(
         told = read_events(tmp_path / f"killed_{moment}" / "events.jsonl")
         under_way = sum(event.kind == "prompt" for event in told) - sum(event.kind == "reply" for event in told)
         assert not requests - asked and (asked - requests).total() <= under_way <= 8
->>>>>>> a9d20bd (Runs are killed after any of their events, and repeat no request when they go on)
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
