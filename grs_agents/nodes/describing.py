@@ -14,7 +14,7 @@ from langgraph.types import Send
 
 from grs_agents import interrupts
 from grs_agents.agents import Agents, Description, NoReply, roles
-from grs_agents.models import OFFLINE
+from grs_agents.models import is_offline
 from grs_agents.nodes.services import Photo, Services
 from grs_agents.perception import (
     ADJOINING,
@@ -126,7 +126,7 @@ def describe_segments(
     graph.add_conditional_edges("merge", describer.list_questions, ["ask", END])
     begin: Any = {"records": [one.model_dump(mode="json") for one in records], "asked": [one.id for one in records]}
     spec = services.config.model_for_role("describe")
-    at_once = 1 if spec.model == OFFLINE else spec.concurrency  # which asks nobody gains nothing by it
+    at_once = 1 if is_offline(spec.model) else spec.concurrency  # which asks nobody gains nothing by it
     end = graph.compile().invoke(begin, {"max_concurrency": at_once, "recursion_limit": 2 * len(records) + 5})
     said = {int(number): Description.model_validate(one) for number, one in end["descriptions"].items()}
     silent = [f"candidate {number}: {end['silent'][str(number)]}" for number in sorted(map(int, end["silent"]))]

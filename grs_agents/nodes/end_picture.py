@@ -8,7 +8,7 @@ import cv2
 
 from grs_agents.files import write_bytes
 from grs_agents.foreign import read_picture
-from grs_agents.models import OFFLINE
+from grs_agents.models import is_offline
 from grs_agents.nodes.services import Services
 from grs_agents.perception import SceneDescription
 from grs_agents.sim import Episode, Rollout, TaskInstance, parse_instance_json
@@ -26,7 +26,7 @@ def draw_end_of_episode(state: RunState, services: Services, role: str) -> list[
     if (
         not (config.end_picture and state.get("image"))
         or role == "fix_tests"
-        or config.model_for_role(role).model.startswith(OFFLINE)
+        or is_offline(config.model_for_role(role).model)
     ):
         return []
     path = f"history/end_{state.get('fixes', 0):03d}.png"

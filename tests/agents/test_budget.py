@@ -4,12 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.agents import Agents, BudgetReached, NoReply, TaskDefinition, roles
+from grs_agents.agents import Agents, BudgetReached, JudgedPrograms, NoReply, TaskDefinition, roles
 from grs_agents.config import BudgetConfig, Config, ModelConfig
 from grs_agents.trace import EventLog, Note, Reply, RunStarted, read_events
 from tests.scripted import scripted
 
 TASK = TaskDefinition.model_validate({"task-name": "t", "task-description": "d", "assets-used": ["a"]})
+JUDGED = JudgedPrograms(TASK, "{}", "", "", "failed: 0 of 1 tests passed", [])
 REPLY = Reply(call="a", role="task", model="openai:any", text="", input_tokens=9_000, output_tokens=1_000, cost=0.5)
 
 
@@ -39,16 +40,16 @@ def test_earlier_attempts_count_and_the_time_between_them_does_not(
     agents = Agents.from_log(config, log, tmp_path)
     if reason:
         with pytest.raises(BudgetReached, match=reason):
-            roles.decide_what_to_fix(agents, TASK, "failed", [])
+            roles.decide_what_to_fix(agents, JUDGED, ("fix_code", "fix_test"))
     else:
-        assert not isinstance(roles.decide_what_to_fix(agents, TASK, "failed", []), NoReply)
+        assert not isinstance(roles.decide_what_to_fix(agents, JUDGED, ("fix_code", "fix_test")), NoReply)
 
 
 def test_a_budget_ends_before_the_call_that_would_pass_it(tmp_path: Path) -> None:
     config = Config(budget=BudgetConfig(tokens=30, cost=1), models={"default": ModelConfig(model="openai:any")})
     agents = scripted(tmp_path, ["no", "no", "no"], config)
     with pytest.raises(BudgetReached, match="32 of 30 tokens"):
-        roles.decide_what_to_fix(agents, TASK, "failed", [])
+        roles.decide_what_to_fix(agents, JUDGED, ("fix_code", "fix_test"))
     assert len(agents.script.asked) == 2
     notes = [event.text for event in read_events(agents.log.path) if isinstance(event, Note)]
     assert len(notes) == 2 and all("budget.cost" in note for note in notes)

@@ -16,7 +16,7 @@ TASK = TaskDefinition.model_validate({"task-name": "t", "task-description": "<ta
 SCENE: dict[str, Any] = {"objects": [{"asset": "a", "name": "<scene>"}]}
 JUDGED = JudgedPrograms(TASK, "<scene>", "<code>", "<tests>", "<test_results>", ["<history>"], (), "<explanation>")
 ASKED: dict[str, Callable[[Agents], object]] = {
-    "describe": lambda agents: roles.describe_crop(agents, {"x": "<measurements>"}, []),
+    "describe": lambda agents: roles.describe_segments(agents, [{"id": 1, "x": "<segments>"}], [1], "<pictures>", []),
     "match": lambda agents: roles.match_asset(agents, {"x": "<candidate>"}, [{"name": "<assets>"}], []),
     "task": lambda agents: roles.author_task(agents, SCENE, [{"name": "<fixtures>"}], []),
     "simulation": lambda agents: roles.author_simulation(agents, TASK, SCENE, "<api>", "<examples>", []),

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from langchain_core.messages import HumanMessage
 
-from grs_agents.agents import Agents, TaskDefinition, roles
+from grs_agents.agents import Agents, JudgedPrograms, TaskDefinition, roles
 from grs_agents.config import Config, ModelConfig, load_config
 from grs_agents.errors import ConfigError, UnknownNameError
 from grs_agents.models import Answer, ProviderFailure, invoke_with_retries, make_chat_model, retries_for
@@ -118,7 +118,7 @@ def test_the_trace_says_who_answered(server: tuple[Scripted, str], tmp_path: Pat
     config = Config(models={"default": model('["openai:a", "offline"]', f"models.base_url={url}")})
     agents = Agents(config, EventLog(tmp_path / "events.jsonl"), tmp_path)
     task = TaskDefinition.model_validate({"task-name": "t", "task-description": "d", "assets-used": ["a"]})
-    roles.decide_what_to_fix(agents, task, "failed: 0 of 1 tests passed", [])
+    roles.decide_what_to_fix(agents, JudgedPrograms(task, "{}", "", "", "failed: 0 of 1", []), ("fix_code", "fix_test"))
     events = read_events(agents.log.path)
     assert {event.model for event in events if isinstance(event, Reply)} == {"offline"}
     [note] = [event for event in events if isinstance(event, Note)]
@@ -129,5 +129,7 @@ def test_a_server_that_cannot_be_reached_ends_the_question_at_once(tmp_path: Pat
     agents = scripted(tmp_path, [ProviderFailure("unreachable", "nobody listens"), "```\nfix_code\n```"])
     task = TaskDefinition.model_validate({"task-name": "t", "task-description": "d", "assets-used": ["a"]})
     with pytest.raises(ProviderFailure, match="nobody listens"):
-        roles.decide_what_to_fix(agents, task, "failed: 0 of 1 tests passed", [])
+        roles.decide_what_to_fix(
+            agents, JudgedPrograms(task, "{}", "", "", "failed: 0 of 1", []), ("fix_code", "fix_test")
+        )
     assert len(agents.script.asked) == 1
