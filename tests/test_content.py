@@ -52,7 +52,7 @@ def test_every_shipped_python_file_loads_once_and_says_what_it_is(kind: content.
 
 
 def test_content_files_do_not_know_each_other() -> None:
-    shared = re.compile(r"from evals\.(benchmark|synthesis)\b")  # of the experiments that only a checkout has
+    shared = re.compile(r"from evals\.(benchmark|faults|synthesis)\b")  # of the experiments that only a checkout has
     for kind in ("graphs", "tools", "evals"):
         for name in content.content_names(kind):
             text = shared.sub("", content.content_path(kind, name).read_text(encoding="utf-8"))

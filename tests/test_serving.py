@@ -50,7 +50,7 @@ def test_a_served_graph_leaves_a_run_and_streams_its_nodes(
             subgraphs=True,
         )
     )
-    assert [next(iter(update)) for _, update in steps] == [
+    assert [next(iter(update)) for where, update in steps if len(where) < 2] == [
         "read",
         "find_table",
         "segment",

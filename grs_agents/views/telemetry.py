@@ -127,7 +127,7 @@ class SpanView:
             )
         begin = round(asked.time * 1e9) if asked else self._last - round(event.seconds * 1e9)
         self._end_span(
-            self._start_span(f"chat {name}", self._node or self._run, attributes, begin, "CLIENT"), event.error
+            self._start_span(f"chat {name or provider}", self._node or self._run, attributes, begin, "CLIENT"), event.error
         )
 
     def _record_other_event(self, event: trace.Event) -> None:

@@ -26,7 +26,7 @@ ASKED: dict[str, Callable[[Agents], object]] = {
     "fix_tests": lambda agents: roles.fix_tests(agents, JUDGED, "<api>"),
     "fix_task": lambda agents: roles.fix_task(agents, JUDGED, ["a"], "<fixtures>"),
 }
-MOST_CHARACTERS = 18_500
+MOST_CHARACTERS = 18_600
 """Of the fixed text of all these prompts together."""
 
 
