@@ -1,7 +1,5 @@
 """An entry of the library's manifest, and the physical properties of an asset.
-
-Each property (mass, friction, restitution) says where its number comes from and how far off it may be.
-"""
+Each property (mass, friction, restitution) says where its number comes from and how far off it may be."""
 
 from pathlib import Path
 from typing import Any, Literal

@@ -47,9 +47,7 @@ class Mesh:
 
 def reconstruct_surface_mesh(frame: RGBDFrame, table: TableFrame, left: Mask, voxel: float) -> Mesh:
     """The surface that the pixels ``left``, (H, W), show; it is open where something hides what is behind.
-
-    The edge of the grid's cells is ``voxel`` metres, or larger where the grid would be too large.
-    """
+    The edge of the grid's cells is ``voxel`` metres, or larger where the grid would be too large."""
     measure = _import_skimage_measure()
     cloud = robot_frame_point_map(frame, table)[left]
     low, high = cloud.min(axis=0), cloud.max(axis=0)
@@ -268,9 +266,7 @@ def reconstruct_background(
 
 def background_pixel_mask(frame: RGBDFrame, points: Array, objects: Mask, boxes: Array, arm: Array) -> Mask:
     """(H, W) pixels of surfaces around the robot, neither objects nor table; arguments as of `reconstruct_background`.
-
-    The frame is smoothed, ``points`` are (H, W, 3) its points in the robot frame, ``boxes`` (N, 2, 3) corners.
-    """
+    The frame is smoothed, ``points`` are (H, W, 3) its points in the robot frame, ``boxes`` (N, 2, 3) corners."""
     size = 2 * max(2, frame.depth.shape[1] // CONFIG.edge) + 1
     near_objects = cv2.dilate(objects.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
     table = np.abs(np.nan_to_num(points[..., 2], nan=0.0)) < 2 * depth_tolerance(frame.depth.astype(np.float64))

@@ -57,9 +57,7 @@ def mask_outline_pixels(mask: Mask) -> npt.NDArray[np.int32]:
 
 def compute_percentiles(values: Array, shares: Sequence[float]) -> Array:
     """(K,) or (K, D) as `np.percentile` along the first axis, several times as fast on some thousand values.
-
-    ``values`` are (N,) or (N, D), all finite, at least one; ``shares`` (K,) per cent.
-    """
+    ``values`` are (N,) or (N, D), all finite, at least one; ``shares`` (K,) per cent."""
     ordered = np.sort(np.ascontiguousarray(values.T), axis=-1)
     place = np.asarray(shares) / 100 * (len(values) - 1)
     below = place.astype(np.intp)

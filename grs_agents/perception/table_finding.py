@@ -111,9 +111,7 @@ def describe_table_doubts(table: TableFrame) -> list[str]:
 
 def find_level_planes(points: Array, pose: Array | None, rng: np.random.Generator) -> list[Plane]:
     """The level planes with enough of (N, 3) points (camera frame, m), well above each other; the lowest is first.
-
-    The calibrated 4x4 ``pose`` to the robot frame says what is level; without it the plane with most points does.
-    """
+    The calibrated 4x4 ``pose`` to the robot frame says what is level; without it the plane with most points does."""
     up = None if pose is None else pose[:3, :3].T @ np.array([0.0, 0.0, 1.0])
     planes: list[Plane] = []
     rest, least = points, CONFIG.least_share
@@ -205,9 +203,7 @@ def _missing_table_error(
     problem: str, remedy: str, seen: tuple[Array, Array | None, np.random.Generator]
 ) -> InputError:
     """The error that there is no table where it should be; with the usual mistake in T_robot_cam that would explain it.
-
-    ``seen`` are (N, 3) sampled points in the camera frame, m; T_robot_cam, 4x4, if given; and what draws hypotheses.
-    """
+    ``seen`` are (N, 3) sampled points in the camera frame, m; T_robot_cam, 4x4, if given; and what draws hypotheses."""
     points, given, rng = seen
     if given is None:
         return InputError(problem, remedy)
@@ -232,9 +228,7 @@ def _missing_table_error(
 
 def _draw_plane_hypotheses(points: Array, up: Array | None, rng: np.random.Generator) -> tuple[Array, Array]:
     """Planes through three points each: (N, 3) unit normals towards the camera, and (N,) products with their points.
-
-    The camera looks down on each of them and is not upside down; a calibrated table is level.
-    """
+    The camera looks down on each of them and is not upside down; a calibrated table is level."""
     picked = np.stack([rng.choice(len(points), size=3, replace=False) for _ in range(CONFIG.rounds)])
     a, b, c = points[picked.T]
     crosses = np.cross(b - a, c - a)

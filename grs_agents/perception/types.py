@@ -1,7 +1,5 @@
 """The types of perception: frame and camera, boxes, candidates, the table's frame, the description of the whole scene.
-
-The workspace is where the arm works: on the table in front of its base, within its reach.
-"""
+The workspace is where the arm works: on the table in front of its base, within its reach."""
 
 from dataclasses import dataclass
 from pathlib import Path

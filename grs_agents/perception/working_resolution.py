@@ -13,9 +13,7 @@ CONFIG = DEFAULT.resolution
 
 def downscale_frame(frame: RGBDFrame) -> tuple[RGBDFrame, int]:
     """The frame at its working size, and how many pixels of a row or column one cell of it stands for.
-
-    A cell's depth is measured: the median of at most 3 x 3 pixels, never a mixture of two surfaces.
-    """
+    A cell's depth is measured: the median of at most 3 x 3 pixels, never a mixture of two surfaces."""
     height, width = frame.depth.shape
     factor = max(1, round((height * width / CONFIG.pixels) ** 0.5))
     if factor == 1:
@@ -44,11 +42,8 @@ def downscale_frame(frame: RGBDFrame) -> tuple[RGBDFrame, int]:
 
 
 def upscale_labels(labels: Labels, small: RGBDFrame, frame: RGBDFrame, factor: int) -> Labels:
-    """(H, W) labels of the full frame from the (h, w) ``labels`` of the reduced one.
-
-    Where the cells around a pixel belong to different segments it takes the one of the cell that is most like it in
-    place, depth and colour.
-    """
+    """(H, W) labels of the full frame from the (h, w) ``labels`` of the reduced one. Where the cells around a pixel
+    belong to different segments it takes the one of the cell that is most like it in place, depth and colour."""
     camera = frame.camera
     rows = np.minimum(np.arange(camera.height, dtype=np.int64) // factor, labels.shape[0] - 1)
     columns = np.minimum(np.arange(camera.width, dtype=np.int64) // factor, labels.shape[1] - 1)

@@ -219,9 +219,7 @@ class NodeStarted(Stamped):
 
 class NodeEnded(Stamped):
     """A node is done: wall ``seconds``, the state fields it changed, and the error that ended it, if any.
-
-    ``values`` tells in brief what the fields became: what is long, such as a program, is in the node's other events.
-    """
+    ``values`` tells in brief what the fields became: what is long, such as a program, is in the node's other events."""
 
     kind: Literal["node_ended"] = "node_ended"
     node: Text

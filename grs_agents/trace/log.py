@@ -123,9 +123,7 @@ class EventLog:
 
     def append(self, event: Event) -> Event:
         """Stamp ``event`` with sequence, time and attempt, write it, tell the subscribers, return the copy.
-
-        A subscriber that fails is reported once as a warning; the run and the other subscribers go on.
-        """
+        A subscriber that fails is reported once as a warning; the run and the other subscribers go on."""
         with self._lock:
             stamp = {"sequence": self.sequence, "time": round(time.time(), 6), "attempt": self.attempt}
             stamped = event.model_copy(update=stamp)

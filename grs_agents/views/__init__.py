@@ -1,8 +1,5 @@
-"""What people see of a run, made from its events.
-
-The rerun view is not imported here, since importing rerun is slow: use
-``grs_agents.views.rerun.rerun_view`` (``RerunView``, ``rebuild``) where it is wanted.
-"""
+"""What people see of a run, made from its events. The rerun view is not imported here, since importing rerun is slow:
+use ``grs_agents.views.rerun.rerun_view`` (``RerunView``, ``rebuild``) where it is wanted."""
 
 from grs_agents.lazy_exports import attach_lazy_exports
 

@@ -14,9 +14,7 @@ from grs_agents.views.terminal import Progress
 @contextmanager
 def attach_live_views(folder: Path, log: EventLog, view: bool = False, otel: bool = False) -> Generator[None]:
     """Let progress and recording follow the log, with a viewer's window and OpenTelemetry spans if asked for.
-
-    All are closed whatever happens.
-    """
+    All are closed whatever happens."""
     from grs_agents.views.rerun import RerunView
     from grs_agents.views.telemetry import SpanView, make_otlp_provider
 

@@ -46,9 +46,7 @@ def show_activity_status(task: str, console: Console | None = None) -> Generator
 
 class Progress:
     """Shows events as they come: a live table on a terminal, else one line for each finished node.
-
-    Use as a context manager and subscribe it to the event log.
-    """
+    Use as a context manager and subscribe it to the event log."""
 
     def __init__(self, console: Console | None = None) -> None:
         self._console = console or terminal.make_console(error=True)

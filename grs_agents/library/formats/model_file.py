@@ -1,7 +1,5 @@
 """Reads one model description with care: every error names its file, and nothing leaves the library.
-
-XML may come from strangers: it is bounded in length and depth, without document types, entities or inclusions.
-"""
+XML may come from strangers: it is bounded in length and depth, without document types, entities or inclusions."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path

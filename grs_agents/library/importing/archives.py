@@ -1,8 +1,5 @@
-"""From a source that a user names to a folder: a folder, a file, archives, or the installed HOPE packages.
-
-Archives (zip, wheels too, and tar) come from strangers: unpacking is bounded, follows no links and stays in its
-folder.
-"""
+"""From a source that a user names to a folder: a folder, a file, archives, or the installed HOPE packages. Archives
+(zip, wheels too, and tar) come from strangers: unpacking is bounded, follows no links and stays in its folder."""
 
 import importlib.util
 import tarfile

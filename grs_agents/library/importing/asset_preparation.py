@@ -188,9 +188,7 @@ def guess_length_unit(extent: float) -> tuple[Unit, str]:
 
 def choose_up_axis_by_height(extents: Floats, height: float, usual: Up, notes: list[str]) -> Up:
     """The axis along which ``extents`` (m) are ``height``; the format's ``usual`` where another is no better by 5 %.
-
-    A note is added where that is not the usual axis or none fits.
-    """
+    A note is added where that is not the usual axis or none fits."""
     axes: tuple[Up, ...] = ("x", "y", "z")
     errors = {axis: abs(float(extent) - height) / height for axis, extent in zip(axes, extents, strict=True)}
     best = min(axes, key=lambda axis: errors[axis])

@@ -1,7 +1,5 @@
 """Whether an asset rests on a table: compiled, dropped and simulated in MuJoCo for two seconds.
-
-``grs assets verify`` checks a library so, and whether its files and numbers are whole.
-"""
+``grs assets verify`` checks a library so, and whether its files and numbers are whole."""
 
 import hashlib
 from collections.abc import Iterator, Sequence

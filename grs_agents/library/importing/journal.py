@@ -1,7 +1,5 @@
 """What an import has done so far, one line for each item, so that it can go on where it stopped.
-
-Also finds duplicates: assets of the same files, or of the same shape and the same look.
-"""
+Also finds duplicates: assets of the same files, or of the same shape and the same look."""
 
 import hashlib
 import os

@@ -1,7 +1,5 @@
 """What can be said of a mesh by looking at it: its colours, whether things go into it, what it is called.
-
-For published object sets, masses, sizes and licences are known besides.
-"""
+For published object sets, masses, sizes and licences are known besides."""
 
 import re
 from typing import Final

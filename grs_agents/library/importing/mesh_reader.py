@@ -1,7 +1,5 @@
 """Reading mesh files: OBJ, GLB, glTF, STL, PLY, DAE and MuJoCo's MSH, with their colours and pictures.
-
-Every file that a mesh names is checked before trimesh reads it.
-"""
+Every file that a mesh names is checked before trimesh reads it."""
 
 import re
 import struct

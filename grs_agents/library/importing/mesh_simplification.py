@@ -1,7 +1,5 @@
 """Level of detail: fewer triangles, with a texture of their own.
-
-Two faces of the simplified mesh share a square of texels, painted as the original mesh is there.
-"""
+Two faces of the simplified mesh share a square of texels, painted as the original mesh is there."""
 
 import importlib
 from typing import Any, Final

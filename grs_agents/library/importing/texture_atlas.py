@@ -1,7 +1,5 @@
 """Parts of several looks as one mesh with one picture: pictures side by side, plain colours as single texels.
-
-Unused texels take the colour of the nearest used ones, so that edges stay clean when the picture shrinks.
-"""
+Unused texels take the colour of the nearest used ones, so that edges stay clean when the picture shrinks."""
 
 from collections.abc import Sequence
 

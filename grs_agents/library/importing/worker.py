@@ -1,7 +1,5 @@
 """A process that prepares and writes items one after another: what breaks it breaks one item, not the import.
-
-Jobs come as lines of JSON on standard input, answers go as lines of JSON to standard output.
-"""
+Jobs come as lines of JSON on standard input, answers go as lines of JSON to standard output."""
 
 import json
 import os

@@ -49,9 +49,7 @@ class _Patch:
 
 def fit_height_blocks(fillable: FreeColumns, size: Vec3) -> list[Block]:
     """Boxes that fill the columns of a box of ``size`` (m), nearly as large together; none where none do.
-
-    They stand, unless there is something below that they may lean on.
-    """
+    They stand, unless there is something below that they may lean on."""
     for apart, most in product((True, False), MAX_BLOCKS):
         blocks = split_into_blocks(fillable, size, most, apart)
         low, high = bounds_of_blocks(blocks) if blocks else (0.0, 0.0)

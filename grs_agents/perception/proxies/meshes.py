@@ -1,7 +1,5 @@
 """The visible meshes of proxies: gridded boxes, turned solids, and hulls of points, each about its centre.
-
-Also says which points lie inside an asset's colliders.
-"""
+Also says which points lie inside an asset's colliders."""
 
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Which solid fits what was measured of an object: box, cylinder, bowl, open box, hull or height blocks.
-
-The walls of hollow solids (open boxes and bowls) are parts of their own.
-"""
+The walls of hollow solids (open boxes and bowls) are parts of their own."""
 
 import math
 from dataclasses import dataclass

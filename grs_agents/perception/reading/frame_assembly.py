@@ -1,7 +1,5 @@
 """Bring colour, depth and camera to one pixel grid: the frame that everything else works on.
-
-Depth, however recorded, becomes depth in metres at the colour picture's pixels.
-"""
+Depth, however recorded, becomes depth in metres at the colour picture's pixels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -197,9 +195,7 @@ def assemble_frame(recording: Recording, camera: Camera, measured: RecordedDepth
 
 def apply_exif_orientation(recording: Recording, sizes: Sequence[tuple[int, int]]) -> Recording:
     """Turn a photo as its EXIF orientation says, where camera and depth show that they belong to the turned photo.
-
-    ``sizes`` are width and height of what belongs to the photo; without any it is turned.
-    """
+    ``sizes`` are width and height of what belongs to the photo; without any it is turned."""
     picture = recording.picture
     if picture.orientation == 1:
         return recording

@@ -41,11 +41,8 @@ Estimator = Callable[[Image, float | None, str], DepthEstimate]
 
 
 def assemble_frame_from_photo(recording: Recording, estimate: Estimator, field_of_view: float | None) -> RGBDFrame:
-    """Estimate the depth of a photo.
-
-    The focal length is that of ``camera.json``, else of ``field_of_view`` (degrees, of the width), else of the photo's
-    EXIF, else the model's own.
-    """
+    """Estimate the depth of a photo. The focal length is that of ``camera.json``, else of ``field_of_view`` (degrees,
+    of the width), else of the photo's EXIF, else the model's own."""
     camera = recording.camera
     recording = apply_exif_orientation(recording, [] if camera is None else [(camera.width, camera.height)])
     name = str(recording.picture.file)

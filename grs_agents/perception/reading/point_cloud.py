@@ -52,9 +52,7 @@ def read_point_cloud(file: Path) -> Cloud | npt.NDArray[np.number]:
 
 def depth_from_cloud(cloud: Cloud, camera: Camera) -> tuple[Depth, str]:
     """(H, W) depth at the camera's pixels in the cloud's unit, 0 where there is no point; and how it was made.
-
-    It is made by the cloud's own grid if that has one, else by projection.
-    """
+    It is made by the cloud's own grid if that has one, else by projection."""
     grid = _depth_from_organised_cloud(cloud, camera)
     if grid is not None:
         return grid, f"depth is z of the organised cloud {Path(cloud.where).name}"

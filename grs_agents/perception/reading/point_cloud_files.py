@@ -1,7 +1,5 @@
 """Points of PLY files (ASCII or binary) and PCD files (version 0.7: ASCII, binary or binary_compressed, which is LZF).
-
-Both are read as records of named numbers. The readers of other libraries believe a header that promises gigabytes.
-"""
+Both are read as records of named numbers. The readers of other libraries believe a header that promises gigabytes."""
 
 import warnings
 from collections.abc import Sequence

@@ -18,9 +18,7 @@ def propose_initial_poses(
     half: Array, symmetry: Symmetry, upright: UprightBox, seen: ObservedPoints, normals: Array
 ) -> Array:
     """(K, 4, 4) poses worth a try, each look of the asset once for each frame that it may be in.
-
-    ``half`` are half the asset's extents (3,), m; ``normals`` (N, 3) are unit, at the points of ``seen``.
-    """
+    ``half`` are half the asset's extents (3,), m; ``normals`` (N, 3) are unit, at the points of ``seen``."""
     turns = _distinct_quarter_turns(symmetry.turns.tobytes(), symmetry.axes.tobytes())
     bottom, top = (upright.center[2] + side * upright.size[2] / 2 for side in (-1, 1))
     poses: list[Array] = []
@@ -66,9 +64,7 @@ def _distinct_quarter_turns(turns: bytes, axes: bytes) -> tuple[Array, ...]:
 
 def estimate_leaning_axes(seen: ObservedPoints, normals: Array) -> Array | None:
     """(3, 3) axes of an object that leans: its largest plane's normal, that of one across it, and the third.
-
-    ``None`` where a normal is vertical, as it is for what stands upright.
-    """
+    ``None`` where a normal is vertical, as it is for what stands upright."""
     outwards = normals * -np.sign(np.einsum("ni,ni->n", normals, seen.points - seen.camera_position))[:, None]
     alike = outwards @ outwards.T > math.cos(CONFIG.same_plane)
     first = _mean_normal(outwards, alike[int(alike.sum(axis=1).argmax())])

@@ -27,9 +27,7 @@ def register_objects(
     folder: Path,
 ) -> tuple[SceneObject, ...]:
     """The objects, those with a matched asset at the pose in which it explains the points of their segments.
-
-    Proxies stay where their boxes put them. ``folder`` is the run folder, which holds the masks.
-    """
+    Proxies stay where their boxes put them. ``folder`` is the run folder, which holds the masks."""
     by_number = {record.id: record for record in records}
     placed: list[SceneObject] = []
     for item in objects:
@@ -65,9 +63,7 @@ def add_residual_candidates(
     folder: Path,
 ) -> tuple[tuple[CandidateRecord, ...], tuple[DroppedCandidate, ...]]:
     """Residual candidates, which no placed asset explains, and the objects whose segments they were part of.
-
-    Their masks and crops are written into ``folder``; the objects are registered.
-    """
+    Their masks and crops are written into ``folder``; the objects are registered."""
     if not objects:
         return (), ()
     masks = [load_mask(folder / item.mask) for item in objects]

@@ -153,9 +153,7 @@ def _detect_circular_footprint(cloud: Array) -> tuple[tuple[float, float], float
 
 def _find_bottom_height(cloud: Array, others: Sequence[tuple[Array, float]]) -> float:
     """0 for what stands on the table; the top of what it lies on for what is stacked.
-
-    ``others`` are the hull of the footprint and the top of each other object.
-    """
+    ``others`` are the hull of the footprint and the top of each other object."""
     lowest = float(compute_percentiles(cloud[:, 2], [2])[0])
     if lowest < 0.025:
         return 0.0
@@ -180,9 +178,7 @@ def center_objects_in_workspace(
     table: TableFrame, candidates: Sequence[Candidate]
 ) -> tuple[TableFrame, tuple[Candidate, ...]]:
     """Move a frame that is on the table so that the middle of the objects is in the arm's workspace.
-
-    A calibrated frame is left as it is.
-    """
+    A calibrated frame is left as it is."""
     if table.origin == "calibrated":
         return table, tuple(candidates)
     lows = np.array([candidate.box.low for candidate in candidates])
@@ -206,10 +202,7 @@ def _translate_candidate(candidate: Candidate, shift: Array) -> Candidate:
 
 def fit_asset_to_box(upright: UprightBox, size: Vec3) -> tuple[Vec3, Quat, Vec3]:
     """Lay an asset of ``size`` (upright extents, m) into a measured box: the axis-aligned turn that fits best.
-
-    Returns:
-        Its centre, its rotation (xyzw), and its extents after the turn, before the yaw.
-    """
+    Returns: Its centre, its rotation (xyzw), and its extents after the turn, before the yaw."""
     best: tuple[float, Array, Vec3] | None = None
     for turn in _axis_aligned_rotations():
         extents = np.abs(turn @ np.array(size))

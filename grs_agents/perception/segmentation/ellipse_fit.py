@@ -27,9 +27,7 @@ class Ellipse:
 @dataclass(frozen=True)
 class View:
     """Where an object is seen from: the eye, and the horizontal directions along and across the view.
-
-    ``rays`` are (M, 3) directions of the pixels of the object's outline, of length 1 m along the optical axis.
-    """
+    ``rays`` are (M, 3) directions of the pixels of the object's outline, of length 1 m along the optical axis."""
 
     eye: Array
     along: Array
@@ -84,9 +82,7 @@ def fit_elliptic_footprint(cloud: Array, view: View) -> Ellipse | None:
 
 def _fit_half_ellipse(side: Array, view: View, heights: tuple[float, float]) -> Array | None:
     """The near half of an ellipse fitted to a slice, (N, 2) along and across the view; ``None`` where it is none.
-
-    It is the middle along and across the view, slope, half depth and half width, metres.
-    """
+    It is the middle along and across the view, slope, half depth and half width, metres."""
     fit = _fit_between_edges(side, _find_outline_edges(view, float(np.median(side[:, 0])), heights))
     # the outline's width depends on how far the axis is
     return None if fit is None else _fit_between_edges(side, _find_outline_edges(view, float(fit[0]), heights))

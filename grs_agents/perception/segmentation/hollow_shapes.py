@@ -18,9 +18,7 @@ LEAST_AREA = 5e-4  # of a footprint, m^2: a smaller one is too small to have an 
 
 def is_open_at_top(cloud: Array, table: Array, config: HollowShape = HOLLOW) -> bool:
     """Whether an object is hollow: its highest points (N, 3), m above the table, surround an inside that lies deeper.
-
-    Some of the table's points (M, 3) may be seen through it or taken for its floor.
-    """
+    Some of the table's points (M, 3) may be seen through it or taken for its floor."""
     top = float(compute_percentiles(cloud[:, 2], [98])[0])
     if top < 2 * config.deep:
         return False

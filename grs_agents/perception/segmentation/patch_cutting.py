@@ -59,9 +59,7 @@ def foreground_pixel_mask(
     points: Array, depth: Depth, eye: Array, config: Foreground = DEFAULT.segmentation.foreground
 ) -> Mask:
     """(H, W) pixels that are above the table and over it, or stand on it.
-
-    ``points`` are (H, W, 3) in the robot frame, NaN where unknown; ``eye`` (3,) is where the camera is, robot frame.
-    """
+    ``points`` are (H, W, 3) in the robot frame, NaN where unknown; ``eye`` (3,) is where the camera is, robot frame."""
     height = points[..., 2]
     bound = depth_tolerance(depth.astype(np.float64))
     flat = np.abs(height) < bound
@@ -77,9 +75,7 @@ def foreground_pixel_mask(
 
 def _points_over_table_mask(points: Array, hull: Array, eye: Array, beyond: float) -> Mask:
     """Which of (N, 3) points are over the table, or near it and hide it from the camera's ``eye``.
-
-    The near part of the table may be out of the picture, below the objects that stand on it.
-    """
+    The near part of the table may be out of the picture, below the objects that stand on it."""
     over = points_in_hull_mask(points[:, :2], hull, margin=0.02)
     rest = points.compress(~over, axis=0)
     share = rest[:, 2:] / np.minimum(rest[:, 2:] - eye[2], -1e-6)
@@ -158,9 +154,7 @@ def compute_concavity_map(
     frame: RGBDFrame, foreground: Mask, config: PatchCutting = DEFAULT.segmentation.patches
 ) -> Array:
     """(H, W) how much the surface bends inwards at each pixel: sagitta over chord, the most of four directions.
-
-    0 where the chord would cross a depth jump: that is no bend of one surface; and far from the foreground.
-    """
+    0 where the chord would cross a depth jump: that is no bend of one surface; and far from the foreground."""
     middle = float(np.median(frame.depth[foreground])) if foreground.any() else 1.0
     step = int(np.clip(np.rint(config.reach * frame.camera.fx / middle), 3, 24))
     rows, columns = mask_bounding_slices(foreground)

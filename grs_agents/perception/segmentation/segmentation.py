@@ -1,7 +1,5 @@
 """Segment what stands on the table: the foreground's smooth patches, with the parts of one object merged.
-
-What comes in from above, or from beyond the picture high over the table (arms, hands, lamps), is no object.
-"""
+What comes in from above, or from beyond the picture high over the table (arms, hands, lamps), is no object."""
 
 from collections.abc import Sequence
 
@@ -49,9 +47,7 @@ def filter_object_segments(
     labels: Labels, smooth: RGBDFrame, points: Array, table: TableFrame, config: Segmentation = DEFAULT.segmentation
 ) -> Labels:
     """(H, W) labels without what is no object, numbered anew; occluded pieces are joined, floors of hollow ones added.
-
-    ``smooth`` is the frame that the merged segments were found in; ``points`` are (H, W, 3) as in `foreground`.
-    """
+    ``smooth`` is the frame that the merged segments were found in; ``points`` are (H, W, 3) as in `foreground`."""
     smallest = int(config.filter.smallest * labels.size)
     flattest = float(np.clip(config.filter.deviations * table.residual, *config.filter.flattest))
     segments = pixels_by_label(labels)

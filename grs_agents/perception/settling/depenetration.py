@@ -40,9 +40,7 @@ def deepest_overlap_depth(world: World) -> float:
 
 def separate_objects(world: World, guessed: Collection[int], way: Separation) -> None:
     """Move one object after the other until none overlaps deeply, or none can be moved free of others.
-
-    Of two that overlap the one that has to move least is moved; what is ``guessed`` rather than what is known.
-    """
+    Of two that overlap the one that has to move least is moved; what is ``guessed`` rather than what is known."""
     if way.lift:
         _lift_out_of_table(world, way.deep)
     stuck: set[tuple[int, int]] = set()

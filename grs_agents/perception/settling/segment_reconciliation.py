@@ -60,9 +60,7 @@ def reconcile_segments(
     united: Mapping[int, int] | None = None,
 ) -> Reconciled:
     """Find the pieces of known objects, and clip the boxes of what is not known by those and by each other.
-
-    ``united`` are pieces of others, by index, as `match_fallen_to_support` finds them.
-    """
+    ``united`` are pieces of others, by index, as `match_fallen_to_support` finds them."""
     clouds = [
         pixels_to_robot_frame(frame, table, *np.nonzero(segment.mask & (frame.depth > 0))) for segment in segments
     ]

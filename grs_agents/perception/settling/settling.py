@@ -33,9 +33,7 @@ def prepare_world_for_settling(world: World) -> None:
 
 def push_overlaps_apart(world: World) -> None:
     """Push overlaps apart, without gravity and without speed, so that nothing is thrown.
-
-    And without friction: what sticks to what it is pushed out of goes farther.
-    """
+    And without friction: what sticks to what it is pushed out of goes farther."""
     model, data = world.model, world.data
     gravity, dimensions = np.array(model.opt.gravity), np.array(model.geom_condim)
     model.opt.gravity[:], model.geom_condim[:] = 0, 1
@@ -64,9 +62,7 @@ def simulate_until_rest(world: World) -> bool:
 @dataclass(frozen=True)
 class PlacedObject:
     """An asset, and where the centre of its bounding box is (m) with its rotation (xyzw).
-
-    ``guessed``: it stands for an object of unknown shape, whose place is known less well.
-    """
+    ``guessed``: it stands for an object of unknown shape, whose place is known less well."""
 
     asset: str
     pose: Pose

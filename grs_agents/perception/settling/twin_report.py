@@ -1,7 +1,5 @@
 """Settle a described scene, compare it with its photo, and say how both went.
-
-The comparison counts how much of what the photo shows the twin shows at the same depth.
-"""
+The comparison counts how much of what the photo shows the twin shows at the same depth."""
 
 from collections.abc import Sequence
 

@@ -34,9 +34,7 @@ class Exit:
 
 class Streams:
     """What comes from a worker; everything given is closed with it.
-
-    ``faulthandler`` writes to ``trace``; the zygote tells on ``control`` how the worker ended.
-    """
+    ``faulthandler`` writes to ``trace``; the zygote tells on ``control`` how the worker ended."""
 
     def __init__(self, frames: socket.socket, trace: int, output: int, control: socket.socket) -> None:
         self.events: list[dict[str, Any]] = []
@@ -142,9 +140,7 @@ class Streams:
 
     def end_worker(self, seconds: float, explained: bool = False) -> Exit | None:
         """Have the worker killed, if it still runs; how it ended, or None if the zygote does not tell in time.
-
-        ``explained`` lets the worker write its stack first; one that blocks signals is given a second.
-        """
+        ``explained`` lets the worker write its stack first; one that blocks signals is given a second."""
         if explained and self.exit is None and self._is_open("control"):
             with suppress(OSError):
                 self._control.send(EXPLAIN)
@@ -172,9 +168,7 @@ class Streams:
 
 def run_call_in_child(zygote: Zygote, slot: int, frame: dict[str, Any], limits: Limits) -> CallResult | None:
     """Run one call in a child of ``zygote``; None if the zygote ended before the call did.
-
-    ``SandboxError`` if the child could not be made ready: no generated code has run.
-    """
+    ``SandboxError`` if the child could not be made ready: no generated code has run."""
     frames, frames_end = socket.socketpair()
     trace, trace_end = os.pipe()
     output, output_end = os.pipe()

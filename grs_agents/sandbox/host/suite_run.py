@@ -72,9 +72,7 @@ def run_tests(
     sandbox: Sandbox, tool: str, programs: TestRun, limits: Limits, readable: Sequence[Path] = ()
 ) -> TestReport:
     """Run the tests in workers; whatever they do is a report. ``SandboxError`` if no worker can be started.
-
-    The ``inside`` of the tool file ``tool`` calls ``run_tests_inside``. The tests may read ``readable``.
-    """
+    The ``inside`` of the tool file ``tool`` calls ``run_tests_inside``. The tests may read ``readable``."""
     try:
         parse_program(programs.simulation, SIMULATION_FILE)
         expected = discover_tests(parse_program(programs.tests, TESTS_FILE))

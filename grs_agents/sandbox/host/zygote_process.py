@@ -38,9 +38,7 @@ class Plan:
 
 class Zygote:
     """A process that has a child, forked or started ahead, for each call; ``SandboxError`` if it cannot be started.
-
-    It counts the calls it is serving; ``lost`` says that it ended in the middle of one.
-    """
+    It counts the calls it is serving; ``lost`` says that it ended in the middle of one."""
 
     def __init__(self, backend: Backend, plan: Plan) -> None:
         self.backend: Backend = backend

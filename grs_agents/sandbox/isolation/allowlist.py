@@ -30,10 +30,8 @@ def kernel_paths() -> tuple[Path, ...]:
 
 
 def runtime_paths() -> tuple[Path, ...]:
-    """The interpreter, installed packages, this package, and the content that workers load.
-
-    The folder that *holds* the package is not among them: in a source tree it is a repository with whatever lies in it.
-    """
+    """The interpreter, installed packages, this package, and the content that workers load. The folder that *holds* the
+    package is not among them: in a source tree it is a repository with whatever lies in it."""
     packages = [Path(entry) for entry in sys.path if Path(entry).name in _PACKAGES]
     package = content.package_root()
     paths = [

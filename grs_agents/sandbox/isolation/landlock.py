@@ -93,9 +93,7 @@ def create_ruleset(readable: Sequence[Path], writable: Sequence[Path]) -> int:
 
 def restrict_file_access(ruleset: int) -> None:
     """Take from this thread, and all it will start, every right on files but those of ``create_ruleset``, for ever.
-
-    ``OSError`` if the kernel has no Landlock, or the process may still gain privileges.
-    """
+    ``OSError`` if the kernel has no Landlock, or the process may still gain privileges."""
     kernel.make_system_call("landlock_restrict_self", ruleset, 0)
 
 

@@ -44,9 +44,7 @@ def drop_capabilities() -> None:
 @cache
 def drop_bounding_set() -> None:
     """Let no program started from here gain capabilities. Without CAP_SETPCAP the set stays as it is.
-
-    Once is enough: the set never grows again, and forked processes inherit it.
-    """
+    Once is enough: the set never grows again, and forked processes inherit it."""
     capability = 0
     with suppress(PermissionError):
         while (bounded := _is_in_bounding_set(capability)) is not None:

@@ -246,9 +246,7 @@ def _branch_by_call_number(machine: kernel.Machine, answers: Mapping[str, Node])
 
 def _build_argument_policies(pid: int) -> dict[str, Node]:
     """The calls whose answer depends on their arguments.
-
-    The kernel takes these as ``int``, so that the lower half is all of them, but for pointers and a pipe's size.
-    """
+    The kernel takes these as ``int``, so that the lower half is all of them, but for pointers and a pipe's size."""
     oneself = load_argument_low_half(0, branch_if_equal(pid, ALLOW, DENY))
     null = load_argument_low_half(
         2, branch_if_equal(0, load_argument_high_half(2, branch_if_equal(0, ALLOW, DENY)), DENY)
@@ -275,11 +273,8 @@ def _build_argument_policies(pid: int) -> dict[str, Node]:
 
 
 def _build_open_policies(truncation: bool) -> dict[str, Node]:
-    """Deny files without a name, which nothing outside can count.
-
-    Where Landlock does not guard truncation, deny what shortens a file that is open for reading alone (access mode 0,
-    or 3: neither).
-    """
+    """Deny files without a name, which nothing outside can count. Where Landlock does not guard truncation, deny what
+    shortens a file that is open for reading alone (access mode 0, or 3: neither)."""
     flags: Node = ALLOW
     if not truncation:
         reading = branch_if_any_bit(_TRUNCATE, DENY, ALLOW)

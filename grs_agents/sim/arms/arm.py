@@ -101,9 +101,7 @@ class Arm:
 
     def solve_ik_tool_down(self, tips: FloatArray, yaws: FloatArray, seed: FloatArray | None = None) -> FloatArray:
         """Joint positions (N, dof) along a path of the tip (N, 3; m), tool down: continuous, NaN where the arm cannot.
-
-        The ``yaws`` (N,) are not wrapped, so that a path may turn on and on. It begins at ``seed``, None for home.
-        """
+        The ``yaws`` (N,) are not wrapped, so that a path may turn on and on. It begins at ``seed``, None for home."""
         return self.solve_ik_for_poses(tips, rotations_about_z(yaws), seed)
 
     def solve_ik_for_poses(self, tips: FloatArray, rotations: FloatArray, seed: FloatArray | None = None) -> FloatArray:

@@ -1,8 +1,5 @@
-"""Arms as MuJoCo bodies: serial chains of our own capsules, position actuators, and the tool at the tip.
-
-The tool is the suction cup that all arms share or, for tasks that push along the table, the spatula: a flat upright
-blade.
-"""
+"""Arms as MuJoCo bodies: serial chains of our own capsules, position actuators, and the tool at the tip. The tool is
+the suction cup that all arms share or, for tasks that push along the table, the spatula: a flat upright blade."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -17,9 +17,7 @@ DEFAULT: Final = "ur5e"
 @lru_cache(maxsize=8)
 def get_arm(robot: str = DEFAULT) -> Arm:
     """The arm of a name, or of a path to an MJCF file; made once in a process.
-
-    Raises ``UnknownNameError`` for an unknown name, ``InputError`` for a file that cannot be used.
-    """
+    Raises ``UnknownNameError`` for an unknown name, ``InputError`` for a file that cannot be used."""
     if robot in ROBOTS:
         return ROBOTS[robot]()
     if Path(robot).suffix.lower() not in (".xml", ".mjcf"):

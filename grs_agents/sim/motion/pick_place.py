@@ -66,9 +66,7 @@ class PickPlace:
 
     def pick_and_place(self, pick: Pose, place: Pose) -> PickPlaceResult:
         """Pick where the cup touches, and place with the cup lowered at its place pose until contact.
-
-        What is held is turned, and tilted, as ``place`` is against ``pick``.
-        """
+        What is held is turned, and tilted, as ``place`` is against ``pick``."""
         turn, tilt = split_into_yaw_and_tilt(
             transforms.multiply_quaternions(
                 transforms.to_unit_quaternion(place[1]), transforms.invert_pose(((0, 0, 0), pick[1]))[1]

@@ -1,7 +1,5 @@
 """Where there is room: random free poses, and tight packing of several objects into a region.
-
-The ways of choosing a target share what the arm can serve, and how targets are named.
-"""
+The ways of choosing a target share what the arm can serve, and how targets are named."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

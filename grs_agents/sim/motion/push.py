@@ -96,9 +96,7 @@ class Push(PickPlace):
 
     def _move_above_start(self, start: FloatArray, end: FloatArray, points: FloatArray) -> float | None:
         """Go above the start; the yaw of the blade there, None if there is no way.
-
-        Stroke after stroke in one sense would wind the wrist up to its limit, so the next best turns are tried too.
-        """
+        Stroke after stroke in one sense would wind the wrist up to its limit, so the next best turns are tried too."""
         if not self.arm.reachable_mask(np.array([start, end])).all():
             return None
         least = wrap_angle(float(np.arctan2(end[1] - start[1], end[0] - start[0])) - self.yaw, np.pi)

@@ -97,9 +97,7 @@ def smoothstep(samples: int) -> FloatArray:
 
 def motion_profile(length: float, gait: Pace) -> FloatArray:
     """Shares (N,) of a way of ``length`` metres, 0..1, one a time step: the sooner there of two ways to go.
-
-    A short way begins and ends as smoothly as its time allows; a long one goes at full speed between two ramps.
-    """
+    A short way begins and ends as smoothly as its time allows; a long one goes at full speed between two ramps."""
     if gait.even:
         return np.linspace(0.0, 1.0, max(4, int(length / gait.speed / gait.timestep)))
     smoothly = max(1.5 * length / gait.speed, float(np.sqrt(6 * length / gait.acceleration)))

@@ -1,8 +1,5 @@
-"""Typed objects become a MuJoCo model: colliders, the arm, the table top at z = 0, one suction weld a body.
-
-Ties are joints of ropes and what is fixed to another object. The arm's own room is kept clear before anything is
-placed.
-"""
+"""Typed objects become a MuJoCo model: colliders, the arm, the table top at z = 0, one suction weld a body. Ties are
+joints of ropes and what is fixed to another object. The arm's own room is kept clear before anything is placed."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -327,9 +324,7 @@ def _add_geom(spec: Any, body: Any, shape: Shape, library: Library, name: str) -
 
 def arm_spheres_at_home(robot: str, library: Library) -> npt.NDArray[np.float64]:
     """(N, 4) spheres, centre and radius (m, robot frame), around each part of an arm at its home position.
-
-    Raises ``InputError`` where the arm's file cannot be read or holds no arm.
-    """
+    Raises ``InputError`` where the arm's file cannot be read or holds no arm."""
     arm = get_arm(robot)
     built = build_world((), library, arm=arm)
     built.data.qpos[: arm.dof] = arm.home_joints

@@ -209,9 +209,7 @@ def rest_heights_at_offsets(body: Prism, obstacles: Iterable[Prism], offsets: Fl
 
 def rest_height_of_prisms(body: Sequence[Prism], obstacles: Sequence[Prism], offset: FloatArray, gap: float) -> float:
     """The height at which the underside of a body of several prisms comes to rest, lowered at one offset (1, 2).
-
-    Unlike one prism around it, the body goes into what its outline alone does not fit into: an L into an L.
-    """
+    Unlike one prism around it, the body goes into what its outline alone does not fit into: an L into an L."""
     low = min(prism.low for prism in body)
     return max(float(rest_heights_at_offsets(prism, obstacles, offset, gap)[0]) - (prism.low - low) for prism in body)
 

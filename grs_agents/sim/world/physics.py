@@ -106,9 +106,7 @@ class Physics:
 
     def raise_if_diverged(self) -> None:
         """Raise ``SimulationError`` if the simulation has diverged, or there were more contacts than fit.
-
-        MuJoCo itself would start anew from where nothing stood.
-        """
+        MuJoCo itself would start anew from where nothing stood."""
         counts = self.data.warning.number
         if counts.any():
             causes = ", ".join(_WARNINGS[index] for index in np.flatnonzero(counts))

@@ -108,9 +108,7 @@ def _has_exact_repr(value: Any) -> bool:
 
 def fill_template(library: Library, template: str, replace: Mapping[str, Any]) -> str:
     """Fill a template; ``find_filling_by_name`` knows the result's name. What is no template keeps its own.
-
-    Raises ``UnknownNameError`` for no such template, ``InputError`` for a bad number, colour or file name.
-    """
+    Raises ``UnknownNameError`` for no such template, ``InputError`` for a bad number, colour or file name."""
     base, before = resolve_asset_name(template, library), {}
     if base in _filled:  # a program that overwrites the template's name with the result fills that again
         base, before = _filled[base].template, _filled[base].values

@@ -1,7 +1,5 @@
 """The objects of a scene as events tell them: number in the label picture, name, pose, asset.
-
-The described scene can be shown as its assets where the photo shows them, seen by the camera of the photo.
-"""
+The described scene can be shown as its assets where the photo shows them, seen by the camera of the photo."""
 
 from collections.abc import Sequence
 from dataclasses import replace

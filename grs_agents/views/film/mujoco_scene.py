@@ -1,7 +1,5 @@
 """A rollout as MuJoCo shows it: the arm, the table and the objects with their textures, moved by the recording.
-
-Where there is no graphics library, the picture is made of rays.
-"""
+Where there is no graphics library, the picture is made of rays."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -45,10 +43,7 @@ def scene_props_from_instance(instance: TaskInstance, arm: Arm) -> Props:
 
 class Stage:
     """A model that is only looked at: its objects have no weight and stand where they are put.
-
-    Attributes:
-        model, data: MuJoCo's, in the state last shown.
-    """
+    Attributes: model, data: MuJoCo's, in the state last shown."""
 
     def __init__(self, props: Props, library: Library) -> None:
         spec = compilation.create_base_world_spec(compilation.TIMESTEP)

@@ -41,11 +41,8 @@ class RerunView:
         self._view.write_event(event)
 
     def finish(self) -> None:
-        """Close the file.
-
-        After a resumption ``trace.rrd`` is written anew from the events, of all parts; so it is if a viewer was shown
-        the run, since one that is closed half-way takes the file down with it.
-        """
+        """Close the file. After a resumption ``trace.rrd`` is written anew from the events, of all parts; so it is if a
+        viewer was shown the run, since one that is closed half-way takes the file down with it."""
         self._view.close()
         if self._resumed or self._live:
             rebuild_rrd_file(self._folder, self._library)

@@ -208,9 +208,7 @@ def _show_object_shapes(recording: Recording, path: str, item: InstanceObject, l
 
 def _object_shapes_path(item: InstanceObject) -> str:
     """Where the shapes of ``item`` lie: below its pose, under a name that differs where its looks differ.
-
-    So nothing is ever cleared and shown at one path in one instant, which the viewer shows without its pose.
-    """
+    So nothing is ever cleared and shown at one path in one instant, which the viewer shows without its pose."""
     looks = item.model_dump_json(include={"asset", "fill", "color"})
     return f"{Paths.WORLD}/object_{item.id}/looks_{sha256(looks.encode()).hexdigest()[:8]}"
 
