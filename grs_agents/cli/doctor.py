@@ -147,14 +147,12 @@ def _diagnose_all_extras() -> list[Diagnosis]:
 
 def _diagnose_extra(name: str, wanted: list[Requirement]) -> Diagnosis:
     missing = [
-        f"{need.name}{need.specifier}" for need in wanted if not need.specifier.contains(_installed_version(need.name))
+        f"{need.name}{need.specifier}" for need in wanted if not need.specifier.contains(_get_version(need.name))
     ]
     if missing:
         detail = f"missing: {', '.join(missing)}"
         return Diagnosis(f"extra {name}", "not installed", detail, _pip_install_command(name))
-    return Diagnosis(
-        f"extra {name}", "works", ", ".join(f"{need.name} {_installed_version(need.name)}" for need in wanted)
-    )
+    return Diagnosis(f"extra {name}", "works", ", ".join(f"{need.name} {_get_version(need.name)}" for need in wanted))
 
 
 def _is_required_by_extra(wanted: Requirement, extra: str) -> bool:
@@ -163,7 +161,7 @@ def _is_required_by_extra(wanted: Requirement, extra: str) -> bool:
     return marker is not None and marker.evaluate({"extra": extra}) and not marker.evaluate({"extra": ""})
 
 
-def _installed_version(package: str) -> str:
+def _get_version(package: str) -> str:
     """The version that is installed; one that nothing takes if there is none."""
     try:
         return version(package)

@@ -45,8 +45,7 @@ def load_effective_config(
     """The configuration that these options make; ``--seed N`` is ``--set seed=N``."""
     from grs_agents.config import load_config
 
-    extra = [] if seed is None else [f"seed={seed}"]
-    return load_config(file, [*(settings or []), *extra], unsafe=unsafe)
+    return load_config(file, [*(settings or []), *([] if seed is None else [f"seed={seed}"])], unsafe=unsafe)
 
 
 def add_model_setting(settings: list[str] | None, models: list[str] | None) -> list[str]:

@@ -35,8 +35,7 @@ MALFORMED = (
 
 def read_npy(file: Path) -> Numbers:
     """One array of numbers. Raises InputError: it cannot be read, holds Python objects or text, or is too large."""
-    data = read_bytes(file)
-    return _read_array(BytesIO(data), str(file))
+    return _read_array(BytesIO(read_bytes(file)), str(file))
 
 
 def read_npz(
@@ -58,8 +57,7 @@ def read_npz(
     Raises:
         InputError: it is no such archive, a wanted array is missing, or one holds other things than numbers.
     """
-    data = read_bytes(file, "give a .npz with rgb, depth and K")
-    with _open_npz(data, str(file)) as archive:
+    with _open_npz(read_bytes(file, "give a .npz with rgb, depth and K"), str(file)) as archive:
         members = {name.removesuffix(".npy"): name for name in archive.namelist()}
         _check_required_arrays(members, wanted, file)
         arrays: dict[str, Numbers] = {}

@@ -19,8 +19,7 @@ def hull_half_spaces(vertices: FloatArray) -> FloatArray:
         low, high = points.min(axis=0), points.max(axis=0)
         return np.vstack([np.column_stack([np.eye(3), high]), np.column_stack([-np.eye(3), -low])])
     center = points[start].mean(axis=0)
-    triangles = [tuple(np.delete(start, index).tolist()) for index in range(4)]
-    faces = np.array(triangles)
+    faces = np.array([tuple(np.delete(start, index).tolist()) for index in range(4)])
     planes = _triangle_planes(points, faces, center)
     scale = float(np.ptp(points, axis=0).max())
     for index in range(len(points)):

@@ -40,9 +40,7 @@ def rasterise_triangles(corners: Floats, nearness: Floats, width: int, height: i
         for part in _split_into_batches(drawn[(extent > smallest) & (extent <= largest)], largest):
             _draw_small_triangles(buffer, part, corners, nearness, area, low, high, largest)
     for index in drawn[extent > _WINDOWS[-1]]:
-        _draw_large_triangle(
-            buffer, index, corners[index], nearness[index], float(area[index]), low[index], high[index]
-        )
+        _draw_triangle(buffer, index, corners[index], nearness[index], float(area[index]), low[index], high[index])
     return buffer
 
 
@@ -60,9 +58,7 @@ def _draw_small_triangles(
     x: Ints = np.add.outer(low[index, 0], span)
     y: Ints = np.add.outer(low[index, 1], span)
     inside = (x <= high[index, 0, None])[:, None, :] & (y <= high[index, 1, None])[:, :, None]
-    u, v, w = _pixel_barycentrics(
-        corners[index][:, :, :, None, None], x[:, None, :], y[:, :, None], area[index, None, None]
-    )
+    u, v, w = _barycentrics(corners[index][:, :, :, None, None], x[:, None, :], y[:, :, None], area[index, None, None])
     near = nearness[index][:, :, None, None]
     depth = u * near[:, 0] + v * near[:, 1] + w * near[:, 2]
     one, row, column = np.nonzero(inside & (u >= 0) & (v >= 0) & (w >= 0))
@@ -74,19 +70,19 @@ def _draw_small_triangles(
     _update_z_buffer(buffer, pixel[first], triangle[first], value[first])
 
 
-def _draw_large_triangle(
+def _draw_triangle(
     buffer: Buffer, index: int, corners: Floats, nearness: Floats, area: float, low: Ints, high: Ints
 ) -> None:
     x = np.arange(int(low[0]), int(high[0]) + 1)
     y = np.arange(int(low[1]), int(high[1]) + 1)[:, None]
-    u, v, w = _pixel_barycentrics(corners[None], x, y, area)
+    u, v, w = _barycentrics(corners[None], x, y, area)
     depth = u * nearness[0] + v * nearness[1] + w * nearness[2]
     rows, columns = np.nonzero((u >= 0) & (v >= 0) & (w >= 0))
     pixel = (rows + low[1]) * buffer.triangle.shape[1] + columns + low[0]
     _update_z_buffer(buffer, pixel, np.full(len(pixel), index), depth[rows, columns])
 
 
-def _pixel_barycentrics(
+def _barycentrics(
     corners: Floats, x: Floats | Ints, y: Floats | Ints, area: Floats | float
 ) -> tuple[Floats, Floats, Floats]:
     """Barycentric weights of pixels (x, y) in triangles (N, 3, 2, ...)."""

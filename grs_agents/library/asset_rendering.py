@@ -93,7 +93,7 @@ def render_asset_views(
     radius = max(float(np.linalg.norm(high - low)) / 2, 1e-6)
     distance = 1.02 * radius / float(np.sin(np.deg2rad(field_of_view) / 2))
     focal = size / 2 / float(np.tan(np.deg2rad(field_of_view) / 2))
-    return tuple(_render_view(painted, (low + high) / 2, towards, distance, focal, size) for towards in directions)
+    return tuple(_draw_view(painted, (low + high) / 2, towards, distance, focal, size) for towards in directions)
 
 
 def build_textured_triangles(library: Library, shapes: Sequence[Shape], color: str = "gray") -> Painted:
@@ -146,9 +146,7 @@ def _direction_from_angles(around: float, up: float) -> Vec3:
     return (float(np.cos(up) * np.cos(around)), float(np.cos(up) * np.sin(around)), float(np.sin(up)))
 
 
-def _render_view(
-    painted: Painted, center: Floats, towards: Vec3, distance: float, focal: float, size: int
-) -> AssetView:
+def _draw_view(painted: Painted, center: Floats, towards: Vec3, distance: float, focal: float, size: int) -> AssetView:
     length = float(np.linalg.norm(towards))
     if not np.isfinite(length) or length < 1e-9:
         raise InputError(f"view direction {towards}", "give a vector that is not zero")

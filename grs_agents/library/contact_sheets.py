@@ -47,9 +47,7 @@ def draw_contact_sheet(library: Library, assets: Sequence[Asset], views: int = 3
                 sheet.paste(Pictures.fromarray(composite_over_white(view)), (left + place * _SIDE, top))
         captions = ((asset.name, _INK), (format_asset_facts(asset), _FAINT), (asset.description, _FAINT))
         for line, (text, ink) in enumerate(captions):
-            pen.text(
-                (left + 8, top + _SIDE + 2 + 16 * line), _truncate_text_to_width(text, width - 16, font), ink, font
-            )
+            pen.text((left + 8, top + _SIDE + 2 + 16 * line), _trim_text_to_width(text, width - 16, font), ink, font)
     return np.asarray(sheet, np.uint8), broken
 
 
@@ -68,7 +66,7 @@ def composite_over_white(view: AssetView) -> Image:
     return np.rint(view.rgba[:, :, :3] * cover + 255 * (1 - cover)).astype(np.uint8)
 
 
-def _truncate_text_to_width(text: str, width: int, font: Any) -> str:
+def _trim_text_to_width(text: str, width: int, font: Any) -> str:
     while len(text) > 4 and font.getlength(text) > width:
         text = f"{text[:-4]}..."
     return text

@@ -70,8 +70,7 @@ def compute_smooth_normals(corners: Floats, limit: float = 0.7) -> Floats:
     """(T, 3, 3) normals at corners: the mean over the faces there that turn by less than acos(``limit``)."""
     faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     units = faces / np.maximum(np.linalg.norm(faces, axis=1, keepdims=True), 1e-15)
-    keys = np.round(corners.reshape(-1, 3) * 1e5).astype(np.int64)
-    _, point = np.unique(keys, axis=0, return_inverse=True)
+    _, point = np.unique(np.round(corners.reshape(-1, 3) * 1e5).astype(np.int64), axis=0, return_inverse=True)
     sharing: dict[int, list[int]] = {}
     for corner, key in enumerate(point.ravel().tolist()):
         sharing.setdefault(key, []).append(corner // 3)

@@ -145,8 +145,7 @@ class Symmetry:
     def rotation_error_degrees(self, found: Floats, true: Floats) -> float:
         """The least angle (degrees) between a rotation (3, 3) and one that looks like the true one (3, 3)."""
         apart = found.T @ true @ self.turns
-        trace = np.trace(apart, axis1=1, axis2=2)
-        best = float(np.arccos(np.clip((trace.max() - 1) / 2, -1, 1)))
+        best = float(np.arccos(np.clip((np.trace(apart, axis1=1, axis2=2).max() - 1) / 2, -1, 1)))
         for axis in self.axes:
             # what remains when the turn about the axis is chosen freely: the angle between the axes
             remains = np.arccos(np.clip(np.einsum("i,nij,j->n", axis, apart, axis), -1, 1))

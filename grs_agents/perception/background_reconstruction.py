@@ -55,8 +55,7 @@ def reconstruct_surface_mesh(frame: RGBDFrame, table: TableFrame, left: Mask, vo
         voxel *= 1.25
     origin = low - 2 * voxel
     shape = tuple(int(count) for count in np.ceil((high - low) / voxel) + 5)
-    grid = (origin, voxel, (shape[0], shape[1], shape[2]))
-    distance, known = compute_tsdf_grid(frame, table, left, grid)
+    distance, known = compute_tsdf_grid(frame, table, left, (origin, voxel, (shape[0], shape[1], shape[2])))
     cells = np.ones(tuple(count - 1 for count in shape), np.bool_)
     for x, y, z in product((0, 1), repeat=3):
         cells &= known[x : x + cells.shape[0], y : y + cells.shape[1], z : z + cells.shape[2]]

@@ -68,17 +68,16 @@ def find_table(frame: RGBDFrame, rng: np.random.Generator, choice: TableChoice =
     planes = find_level_planes(sample, given, rng)
     if not planes:
         level = " that is level in the frame of T_robot_cam" if given is not None else ""
-        raise _missing_table_error(
+        raise _no_table_error(
             f"{frame.source}: found no table plane with at least {CONFIG.least_share:.0%} of the measured pixels"
             + level,
             "take the photo so that the table fills more of it and the camera looks down on it",
             (sample, given, rng),
         )
-    taken = _choose_table_plane(planes, sample, given, choice, frame)
-    plane = planes[taken]
+    plane = planes[_choose_table_plane(planes, sample, given, choice, frame)]
     height = 0.0 if given is None else plane.height_in_frame(given)
     if given is not None and abs(height) > CONFIG.highest:
-        raise _missing_table_error(
+        raise _no_table_error(
             f"{frame.source / 'camera.json'}: T_robot_cam puts the table top at z = {height:+.3f} m, "
             f"more than {CONFIG.highest} m from the robot frame's z = 0",
             f"correct T_robot_cam, or depth_scale {frame.camera.depth_scale:g}; or leave T_robot_cam out",
@@ -199,9 +198,7 @@ def _has_objects_on_plane(plane: Plane, points: Array) -> bool:
     return bool(loaded >= CONFIG.loaded_share * np.count_nonzero(own))
 
 
-def _missing_table_error(
-    problem: str, remedy: str, seen: tuple[Array, Array | None, np.random.Generator]
-) -> InputError:
+def _no_table_error(problem: str, remedy: str, seen: tuple[Array, Array | None, np.random.Generator]) -> InputError:
     """The error that there is no table where it should be; with the usual mistake in T_robot_cam that would explain it.
     ``seen`` are (N, 3) sampled points in the camera frame, m; T_robot_cam, 4x4, if given; and what draws hypotheses."""
     points, given, rng = seen

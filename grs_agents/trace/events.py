@@ -27,13 +27,11 @@ def _to_plain_python(value: Any) -> Any:
     return convert() if callable(convert) else repr(value)
 
 
-def _make_tree_encodable(value: Any) -> Any:
+def _encode_tree(value: Any) -> Any:
     if isinstance(value, dict):
-        return {
-            replace_surrogates(key): _make_tree_encodable(item) for key, item in cast("dict[Any, Any]", value).items()
-        }
+        return {replace_surrogates(key): _encode_tree(item) for key, item in cast("dict[Any, Any]", value).items()}
     if isinstance(value, list | tuple):
-        return [_make_tree_encodable(item) for item in cast("list[Any]", value)]
+        return [_encode_tree(item) for item in cast("list[Any]", value)]
     if isinstance(value, float) and not math.isfinite(value):
         return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
     return replace_surrogates(value)
@@ -42,7 +40,7 @@ def _make_tree_encodable(value: Any) -> Any:
 def to_plain_json(value: Any) -> Any:
     """``value`` as plain JSON data: tuples become lists, paths and NaN strings, models and arrays their content."""
     # before, since pydantic refuses keys that are not UTF-8; after, for what models and arrays held
-    return _make_tree_encodable(to_jsonable_python(_make_tree_encodable(value), fallback=_to_plain_python))
+    return _encode_tree(to_jsonable_python(_encode_tree(value), fallback=_to_plain_python))
 
 
 def summarise_value(value: Any, depth: int = 2) -> Any:

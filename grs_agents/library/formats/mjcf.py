@@ -66,9 +66,7 @@ class Frames:
             return (x, y, z, w)
         if "axisangle" in said:
             *axis, angle = self.source.parse_n_numbers(said["axisangle"], "axisangle", 4, _MAX_ANGLE)
-            return _quaternion_from_axis_angle(
-                np.array(self._normalize_vector(tuple(axis), "axisangle")), angle * self.unit
-            )
+            return _axis_angle_quaternion(np.array(self._normalize_vector(tuple(axis), "axisangle")), angle * self.unit)
         if "zaxis" in said:
             return _quaternion_from_z_axis(
                 np.array(self._normalize_vector(self.source.parse_n_numbers(said["zaxis"], "zaxis", 3), "zaxis"))
@@ -82,7 +80,7 @@ class Frames:
         total = IDENTITY_PLACEMENT
         for letter, angle in zip(self.sequence, angles, strict=True):
             axis = np.eye(3)["xyz".index(letter.lower())]
-            turn: Placement = (_ORIGIN, _quaternion_from_axis_angle(axis, angle * self.unit))
+            turn: Placement = (_ORIGIN, _axis_angle_quaternion(axis, angle * self.unit))
             total = compose_placements(total, turn) if letter.islower() else compose_placements(turn, total)
         return total[1]
 
@@ -93,7 +91,7 @@ class Frames:
         return tuple(number / length for number in numbers)
 
 
-def _quaternion_from_axis_angle(axis: np.ndarray[tuple[int], np.dtype[np.float64]], angle: float) -> Quat:
+def _axis_angle_quaternion(axis: np.ndarray[tuple[int], np.dtype[np.float64]], angle: float) -> Quat:
     x, y, z = (float(value) * math.sin(angle / 2) for value in axis)
     return (x, y, z, math.cos(angle / 2))
 
@@ -126,8 +124,7 @@ class Defaults:
 
     def attributes_with_defaults(self, element: Element, inherited: str) -> dict[str, str]:
         """An element's attributes over those of its class, else of the class ``inherited``, else of ``main``."""
-        name = element.get("class", inherited) or "main"
-        return {**self._classes.get((name, element.tag), {}), **element.attrib}
+        return {**self._classes.get((element.get("class", inherited) or "main", element.tag), {}), **element.attrib}
 
 
 _REFUSED = ("include", "plugin", "extension", "attach", "model", "replicate", "composite", "flexcomp", "frame")
@@ -198,7 +195,7 @@ class _Reader:
         if body.findall("freejoint") and not top:
             raise self.source.make_error(f"body {name!r} is free inside another one", "keep one object in one file")
         for inertial in body.findall("inertial"):
-            weights.append(self._parse_nonnegative_number(inertial.get("mass", ""), "<inertial> mass"))
+            weights.append(self._parse_nonnegative(inertial.get("mass", ""), "<inertial> mass"))
         for geom in body.findall("geom"):
             yield self._read_geom(self.defaults.attributes_with_defaults(geom, kind), place)
         for child in body.findall("body"):
@@ -212,7 +209,7 @@ class _Reader:
         if kind == "mesh":
             mesh, size = self._mesh_file_and_scale(said.get("mesh", ""))
         elif kind in ("box", "sphere", "cylinder", "capsule"):
-            size, local = self._read_primitive_size(kind, said, local)
+            size, local = self._read_geom_size(kind, said, local)
         else:
             raise self.source.make_error(f"geom {name!r} is a {kind}", "use box, sphere, cylinder, capsule or mesh")
         kinds: dict[str, ShapeKind] = {"box": "box", "sphere": "sphere", "mesh": "mesh"}
@@ -231,17 +228,11 @@ class _Reader:
             color=color,
             mesh=mesh,
         )
-        collides = any(self._parse_nonnegative_number(said.get(bit, "1"), bit) for bit in ("contype", "conaffinity"))
-        mass = (
-            self._parse_nonnegative_number(said["mass"], "mass")
-            if "mass" in said
-            else self._mass_from_density(shape, said)
-        )
+        collides = any(self._parse_nonnegative(said.get(bit, "1"), bit) for bit in ("contype", "conaffinity"))
+        mass = self._parse_nonnegative(said["mass"], "mass") if "mass" in said else self._mass_from_density(shape, said)
         return _Geom(shape, collides, mass, friction[0] if friction else _FRICTION)
 
-    def _read_primitive_size(
-        self, kind: str, said: dict[str, str], local: Placement
-    ) -> tuple[tuple[float, ...], Placement]:
+    def _read_geom_size(self, kind: str, said: dict[str, str], local: Placement) -> tuple[tuple[float, ...], Placement]:
         """The size of a primitive as `Shape` gives it (MJCF's sizes are halves), and its placement."""
         words = self.source.parse_numbers(said.get("size", ""), f"<geom> size of a {kind}")
         length: float | None = None
@@ -275,7 +266,7 @@ class _Reader:
 
     def _mass_from_density(self, shape: Shape, said: dict[str, str]) -> float | None:
         """Mass by density, kg; None for a mesh, whose volume we do not measure."""
-        density = self._parse_nonnegative_number(said.get("density", f"{_DENSITY}"), "density", 1e5)
+        density = self._parse_nonnegative(said.get("density", f"{_DENSITY}"), "density", 1e5)
         if density == 0:
             return 0.0
         return None if shape.kind == "mesh" else density * shape_volume(shape)
@@ -289,7 +280,7 @@ class _Reader:
             f"mesh geom {geom.shape.mesh!r} has no mass", "give the geom a mass or the body an <inertial>"
         )
 
-    def _parse_nonnegative_number(self, text: str, name: str, most: float = 1e3) -> float:
+    def _parse_nonnegative(self, text: str, name: str, most: float = 1e3) -> float:
         try:
             number = float(text)
         except ValueError:

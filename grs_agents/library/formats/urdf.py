@@ -104,7 +104,7 @@ def link_placements(source: ModelFile) -> Iterator[tuple[Element, Placement]]:
             found, f"give a <robot> of one tree of 1 to {MAX_LINKS} links, each named and joined once"
         )
     for name, link in links.items():
-        yield link, _placement_in_root_link(source, name, links, parents)
+        yield link, _place_in_root(source, name, links, parents)
 
 
 def _require_fixed_joints(source: ModelFile) -> list[Element]:
@@ -122,9 +122,7 @@ def _link_name_of_joint(joint: Element, role: str) -> str:
     return "" if element is None else element.get("link", "")
 
 
-def _placement_in_root_link(
-    source: ModelFile, name: str, links: dict[str, Element], parents: dict[str, Element]
-) -> Placement:
+def _place_in_root(source: ModelFile, name: str, links: dict[str, Element], parents: dict[str, Element]) -> Placement:
     placement, seen = IDENTITY_PLACEMENT, {name}
     while name in parents:
         joint = parents[name]
@@ -139,7 +137,7 @@ def _placement_in_root_link(
     return placement
 
 
-_DEFAULT_FRICTION = 0.5
+_FRICTION = 0.5
 _LOOK = tuple[Rgba | None, str | None]
 
 
@@ -177,10 +175,8 @@ class _Reader:
             colliders += [transform_shape(shape, placement) for shape in self._read_shapes(link, "collision")]
             mass += self._parse_nonnegative_value(link.find("inertial/mass"), 0.0)
             friction = link.find("contact/lateral_friction")
-            frictions += [] if friction is None else [self._parse_nonnegative_value(friction, _DEFAULT_FRICTION)]
-        return self.source.build_object_model(
-            visuals, colliders, mass, frictions[0] if frictions else _DEFAULT_FRICTION
-        )
+            frictions += [] if friction is None else [self._parse_nonnegative_value(friction, _FRICTION)]
+        return self.source.build_object_model(visuals, colliders, mass, frictions[0] if frictions else _FRICTION)
 
     def _read_shapes(self, link: Element, tag: str) -> Iterator[Shape]:
         elements = link.findall(tag)

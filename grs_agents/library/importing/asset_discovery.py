@@ -78,7 +78,7 @@ def _is_claimed(file: str, claimed: set[str]) -> bool:
     return file in claimed or any(f"{parent}/" in claimed for parent in PurePosixPath(file).parents)
 
 
-def _lowercase_suffix(file: str) -> str:
+def _lower_suffix(file: str) -> str:
     return PurePosixPath(file).suffix.lower()
 
 
@@ -142,7 +142,7 @@ def _find_ycb_items(names: list[str]) -> Iterator[SourceItem]:
 
 def _find_urdf_and_mjcf_items(folder: SourceFolder, names: list[str], claimed: set[str]) -> Iterator[SourceItem]:
     """URDF and MJCF files; the meshes that they name are theirs, and those beside the only one of a folder."""
-    descriptions = [name for name in names if _lowercase_suffix(name) in DESCRIPTIONS]
+    descriptions = [name for name in names if _lower_suffix(name) in DESCRIPTIONS]
     homes = Counter(PurePosixPath(name).parent.as_posix() for name in descriptions)
     for name in descriptions:
         text = None if _is_claimed(name, claimed) else _read_urdf_or_mjcf_text(folder.root / name)
@@ -153,16 +153,14 @@ def _find_urdf_and_mjcf_items(folder: SourceFolder, names: list[str], claimed: s
         home = PurePosixPath(name).parent.as_posix()
         if home != "." and homes[home] == 1:
             claimed |= {file for file in names if file.startswith(f"{home}/")} - set(descriptions)
-        yield SourceItem(
-            kind=DESCRIPTIONS[_lowercase_suffix(name)], name=PurePosixPath(name).stem, file=name, files=parts
-        )
+        yield SourceItem(kind=DESCRIPTIONS[_lower_suffix(name)], name=PurePosixPath(name).stem, file=name, files=parts)
 
 
 def _read_urdf_or_mjcf_text(path: Path) -> str | None:
     """The text of a URDF or MJCF file; None for XML of another kind."""
     with path.open(encoding="utf-8", errors="replace") as file:
         head = file.read(_HEAD)
-        return head + file.read(_MOST) if _lowercase_suffix(path.name) == ".urdf" or "<mujoco" in head else None
+        return head + file.read(_MOST) if _lower_suffix(path.name) == ".urdf" or "<mujoco" in head else None
 
 
 def _find_mentioned_files(text: str, description: str, names: list[str]) -> tuple[str, ...]:
@@ -177,14 +175,14 @@ def _find_loose_mesh_items(names: list[str], claimed: set[str]) -> Iterator[Sour
     """Meshes that belong to nothing else: one of each name, in the format that says most."""
     loose: dict[str, list[str]] = {}
     for name in names:
-        if _lowercase_suffix(name) in SUFFIXES and not _is_claimed(name, claimed):
+        if _lower_suffix(name) in SUFFIXES and not _is_claimed(name, claimed):
             loose.setdefault(PurePosixPath(name).with_suffix("").as_posix(), []).append(name)
     for stem, files in loose.items():
         pure = PurePosixPath(stem)
         main = _COLLISION.sub("", stem)
         if main != stem and main in loose:
             continue
-        file = min(files, key=lambda file: _PREFERRED.index(_lowercase_suffix(file)))
+        file = min(files, key=lambda file: _PREFERRED.index(_lower_suffix(file)))
         untold = pure.name.lower() in _UNTOLD and pure.parent.name
         yield SourceItem(kind="mesh", name=pure.parent.name if untold else pure.name, file=file)
 

@@ -79,7 +79,7 @@ def prepare_asset(job: ImportJob) -> tuple[Asset, TexturedMesh, list[Collider]]:
     if not reading.parts:
         raise RefusedError(f"{item.file} shows nothing", "add a visual")
     solid = merge_mesh_parts(reading.parts, options.texture)
-    scale, turn = _choose_scale_and_rotation(solid, reading, options)
+    scale, turn = _choose_scale_and_turn(solid, reading, options)
     solid, watertight, repairs = repair_mesh(replace(solid, vertices=solid.vertices * scale @ turn.T))
     notes = [*reading.notes, *repairs]
     if reading.colliders is None:
@@ -89,7 +89,7 @@ def prepare_asset(job: ImportJob) -> tuple[Asset, TexturedMesh, list[Collider]]:
         raise RefusedError("what collides is not in the frame of what is seen", "give both in metres with z up")
     else:
         colliders = reading.colliders
-    solid, colliders = _center_mesh_and_colliders(solid, colliders)
+    solid, colliders = _center_mesh_and_solids(solid, colliders)
     x, y, z = (round(extent, 5) for extent in np.ptp(solid.vertices, axis=0).tolist())
     size: Vec3 = (x, y, z)
     if not _SIZES[0] <= max(size) <= _SIZES[1]:
@@ -146,9 +146,7 @@ def _read_source_model(job: ImportJob) -> SourceModel:
     return reading
 
 
-def _choose_scale_and_rotation(
-    solid: TexturedMesh, reading: SourceModel, options: ImportOptions
-) -> tuple[float, Floats]:
+def _choose_scale_and_turn(solid: TexturedMesh, reading: SourceModel, options: ImportOptions) -> tuple[float, Floats]:
     """The scale to metres and the rotation to z up of a mesh; adds to the reading's notes what was guessed."""
     scale = METRES[_choose_length_unit(float(np.ptp(solid.vertices, axis=0).max()), reading, options)]
     vertices, up = solid.vertices * scale, options.up if reading.up == "auto" else reading.up
@@ -214,17 +212,13 @@ def _choose_stable_up_axis(vertices: Floats, notes: list[str]) -> Up:
     return "y"
 
 
-def _center_mesh_and_colliders(
-    solid: TexturedMesh, colliders: Sequence[Collider]
-) -> tuple[TexturedMesh, list[Collider]]:
+def _center_mesh_and_solids(solid: TexturedMesh, colliders: Sequence[Collider]) -> tuple[TexturedMesh, list[Collider]]:
     """Mesh and colliders about the centre of the mesh's bounds."""
     middle = (solid.vertices.min(axis=0) + solid.vertices.max(axis=0)) / 2
-    return replace(solid, vertices=solid.vertices - middle), [
-        _shift_collider(collider, middle) for collider in colliders
-    ]
+    return replace(solid, vertices=solid.vertices - middle), [_move_solid(collider, middle) for collider in colliders]
 
 
-def _shift_collider(collider: Collider, middle: Floats) -> Collider:
+def _move_solid(collider: Collider, middle: Floats) -> Collider:
     if isinstance(collider, ConvexHull):
         return ConvexHull(collider.vertices - middle, collider.faces)
     x, y, z = (float(value) for value in np.asarray(collider.position) - middle)
@@ -238,5 +232,4 @@ def _estimate_physics(reading: SourceModel, category: str, volume: float) -> Phy
         kilograms = float(np.clip(volume * _DENSITIES.get(category, _DENSITY), *_MASSES))
         provenance, deviation = ("estimate", 0.4) if category in _DENSITIES else ("default", 0.6)
         mass = Quantity(value=float(f"{kilograms:.4g}"), provenance=provenance, deviation=deviation)
-    friction = reading.friction or Quantity(value=0.6, provenance="default", deviation=0.3)
-    return Physics(mass=mass, friction=friction)
+    return Physics(mass=mass, friction=reading.friction or Quantity(value=0.6, provenance="default", deviation=0.3))

@@ -24,15 +24,13 @@ def write_asset_files(root: Path, asset: Asset, solid: TexturedMesh, colliders: 
     """Write all files of an asset below the library ``root``; its entry, which is not in the manifest yet."""
     collection, _, file = asset.name.rpartition("/")
     files = _build_asset_files(collection, file.removesuffix(".urdf"), asset, solid, colliders)
-    parts = sum(isinstance(collider, ConvexHull) for collider in colliders)
-    for number in range(parts, MAX_PARTS):
+    for number in range(sum(isinstance(collider, ConvexHull) for collider in colliders), MAX_PARTS):
         (root / f"{collection}/meshes/{asset.kind}.part{number}.obj").unlink(missing_ok=True)  # of an earlier import
     for name, data in files.items():
         write_bytes(root / name, data)
     _write_random_views(root, asset.name)
     digests = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
-    origin = asset.origin and asset.origin.model_copy(update={"files": digests})
-    return asset.model_copy(update={"origin": origin})
+    return asset.model_copy(update={"origin": asset.origin and asset.origin.model_copy(update={"files": digests})})
 
 
 def _build_asset_files(

@@ -56,8 +56,7 @@ def repair_mesh(solid: TexturedMesh) -> tuple[TexturedMesh, bool, list[str]]:
 
 def _valid_face_indices(faces: Ints) -> Ints:
     """Indices of the faces with three different corners, the first of each that occurs more than once."""
-    distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 0] != faces[:, 2])
-    kept = np.flatnonzero(distinct)
+    kept = np.flatnonzero((faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 0] != faces[:, 2]))
     _, first = np.unique(np.sort(faces[kept], axis=1), axis=0, return_index=True)
     return kept[np.sort(first)]
 

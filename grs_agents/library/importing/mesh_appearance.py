@@ -110,8 +110,7 @@ def is_hollow(solid: TexturedMesh) -> bool:
     """Whether a rather large part of it, seen from above, lies deep below a rim all around: a bowl, mug or basket."""
     vertices = solid.vertices
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    extent = np.maximum(high - low, 1e-9)
-    unit = (vertices - low) / extent
+    unit = (vertices - low) / np.maximum(high - low, 1e-9)
     corners = unit[solid.faces]
     buffer = rasterise_triangles(corners[:, :, :2] * (_GRID - 1), corners[:, :, 2], _GRID, _GRID)
     heights = np.where(buffer.triangle >= 0, buffer.nearness, 0.0)
@@ -123,8 +122,7 @@ def is_hollow(solid: TexturedMesh) -> bool:
     reach = np.linspace(0.1, 0.5, 30)[:, None] * (_GRID - 1)
     rows = np.clip(np.rint(center + reach * np.sin(angles)), 0, _GRID - 1).astype(np.int64)
     columns = np.clip(np.rint(center + reach * np.cos(angles)), 0, _GRID - 1).astype(np.int64)
-    rim = heights[rows, columns].max(axis=0)
-    return bool((rim > floor + _DEEP * 0.75).mean() > 0.8)
+    return bool((heights[rows, columns].max(axis=0) > floor + _DEEP * 0.75).mean() > 0.8)
 
 
 def describe_color_and_size(name: str, names: list[str], size: Vec3) -> str:

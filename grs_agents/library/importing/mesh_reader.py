@@ -52,7 +52,7 @@ def read_mesh(folder: SourceFolder, name: str, limits: ImportLimits, texture: st
     if suffix == ".dae":
         check_xml_safety(path.read_bytes(), lambda message, remedy: RefusedError(f"{name}: {message}", remedy))
         scale, up = _read_dae_unit_and_up(path)
-    meshes = _load_trimesh_meshes(path, folder, name, limits, blind=image is not None)
+    meshes = _load_with_trimesh(path, folder, name, limits, blind=image is not None)
     if not meshes:
         raise RefusedError(f"{name} has no faces", "export the surface, not its points")
     _check_face_count(name, sum(len(mesh.faces) for mesh in meshes), limits)
@@ -92,9 +92,7 @@ def _read_dae_unit_and_up(path: Path) -> tuple[float, Up]:
     return 1.0, "y"
 
 
-def _load_trimesh_meshes(
-    path: Path, folder: SourceFolder, name: str, limits: ImportLimits, *, blind: bool
-) -> list[Any]:
+def _load_with_trimesh(path: Path, folder: SourceFolder, name: str, limits: ImportLimits, *, blind: bool) -> list[Any]:
     """The meshes with faces of a file, by trimesh."""
     import trimesh
 

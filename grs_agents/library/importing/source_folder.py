@@ -20,8 +20,7 @@ class SourceFolder:
         by = f"{said_by or beside or self.root.name} names "
         if not name or name.startswith(("/", "~")) or any(ord(letter) < _CONTROL or letter in ":\\" for letter in name):
             raise RefusedError(f"{by}{name[:120]!r}, which is no relative path", "name files relative to the file")
-        path = (self.root / beside).parent / name if beside else self.root / name
-        resolved = path.resolve()
+        resolved = ((self.root / beside).parent / name if beside else self.root / name).resolve()
         if not resolved.is_relative_to(self.root):
             raise RefusedError(f"{by}{name[:120]!r}, which leaves the source folder", "keep files inside the source")
         if not resolved.is_file():

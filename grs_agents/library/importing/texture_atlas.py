@@ -65,9 +65,7 @@ _WELD = 1e-6
 def merge_mesh_parts(parts: Sequence[MeshPart], edge: int) -> TexturedMesh:
     """All parts as one welded mesh with one picture of at most ``edge`` px: theirs, then a palette of plain colours."""
     textured = [part.image is not None and part.uvs is not None for part in parts]
-    palette, swatches = _build_color_palette(
-        [part for part, has_image in zip(parts, textured, strict=True) if not has_image]
-    )
+    palette, swatches = _build_palette([part for part, has_image in zip(parts, textured, strict=True) if not has_image])
     part_uvs: list[Floats] = []
     pictures: list[Image] = []
     for part in parts:
@@ -106,7 +104,7 @@ def weld_vertices(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     return vertices[used][first], number[faces]
 
 
-def _build_color_palette(parts: Sequence[MeshPart]) -> tuple[Image, Ints]:
+def _build_palette(parts: Sequence[MeshPart]) -> tuple[Image, Ints]:
     """A picture of swatches, 16 in a row, and the number of the swatch of each face."""
     if not parts:
         return np.zeros((0, 0, 3), np.uint8), np.zeros(0, np.int64)
@@ -122,8 +120,7 @@ def _build_color_palette(parts: Sequence[MeshPart]) -> tuple[Image, Ints]:
     rows = -(-len(levels) // 16)
     swatches = np.zeros((rows * 16, 3), np.uint8)
     swatches[: len(levels)] = levels
-    cells = swatches.reshape(rows, 16, 3)
-    return cells.repeat(_SWATCH, axis=0).repeat(_SWATCH, axis=1), index.ravel()
+    return swatches.reshape(rows, 16, 3).repeat(_SWATCH, axis=0).repeat(_SWATCH, axis=1), index.ravel()
 
 
 def _palette_swatch_uvs(index: Ints, palette: Image) -> Floats:
@@ -138,8 +135,7 @@ def _move_uvs_to_unit_square(uvs: Floats) -> Floats:
     """Texture coordinates of each face moved by whole numbers into 0..1; a face that spans more is clipped."""
     middle = uvs.mean(axis=1, keepdims=True)
     outside = (uvs.min(axis=1) < -1e-6).any(axis=1) | (uvs.max(axis=1) > 1 + 1e-6).any(axis=1)
-    moved = np.where(outside[:, None, None], uvs - np.floor(middle), uvs)
-    return np.clip(moved, 0, 1)
+    return np.clip(np.where(outside[:, None, None], uvs - np.floor(middle), uvs), 0, 1)
 
 
 def _arrange_images_in_grid(pictures: Sequence[Image], edge: int) -> tuple[Image, list[Floats]]:

@@ -145,5 +145,4 @@ def sample_texture_colors(image: Image, uvs: Floats) -> Image:
     """(N, 3) colours of a picture (H, W, 3) at texture coordinates (N, 2) in 0..1, origin at the lower left."""
     height, width = image.shape[:2]
     columns = np.clip((uvs[:, 0] * width).astype(np.int64), 0, width - 1)
-    rows = np.clip(((1 - uvs[:, 1]) * height).astype(np.int64), 0, height - 1)
-    return image[rows, columns]
+    return image[np.clip(((1 - uvs[:, 1]) * height).astype(np.int64), 0, height - 1), columns]

@@ -203,5 +203,4 @@ def _apply_cut(claim: EstimatedVolume, cut: _Cut | None) -> EstimatedVolume:
         return claim
     low, high = -np.array(claim.box.size) / 2, np.array(claim.box.size) / 2
     (high if cut.side > 0 else low)[cut.axis] = cut.place
-    box = _box_from_corners(claim.box, low, high)
-    return replace(claim, box=box, shape="box" if cut.axis < 2 else claim.shape)
+    return replace(claim, box=_box_from_corners(claim.box, low, high), shape="box" if cut.axis < 2 else claim.shape)

@@ -20,8 +20,7 @@ def observed_free_points_mask(points: Array, frame: RGBDFrame, table: TableFrame
     height, width = frame.depth.shape
     seen = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width) & (depth > BEHIND)
     free = np.zeros(len(points), np.bool_)
-    pixels = rows[seen].astype(np.int64), columns[seen].astype(np.int64)
-    free[seen] = frame.depth[pixels] > depth[seen] + FREE
+    free[seen] = frame.depth[rows[seen].astype(np.int64), columns[seen].astype(np.int64)] > depth[seen] + FREE
     return free
 
 

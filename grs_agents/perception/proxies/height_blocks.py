@@ -77,8 +77,7 @@ def split_into_blocks(fillable: FreeColumns, size: Vec3, most: int = MAX_BLOCKS[
 def bounds_of_blocks(blocks: list[Block]) -> tuple[Floats, Floats]:
     """The lowest and the highest corner, (3,) m, of boxes together."""
     low = np.min([np.subtract(center, np.array(size) / 2) for size, center in blocks], axis=0)
-    high = np.max([np.add(center, np.array(size) / 2) for size, center in blocks], axis=0)
-    return low, high
+    return low, np.max([np.add(center, np.array(size) / 2) for size, center in blocks], axis=0)
 
 
 def are_blocks_stable(blocks: list[Block]) -> bool:

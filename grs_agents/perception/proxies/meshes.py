@@ -41,8 +41,7 @@ def revolved_mesh(profile: Sequence[tuple[float, float]]) -> Faceted:
 def hull_mesh(points: Floats) -> Faceted:
     """About the convex hull of points (N, 3): their farthest point in each of many directions."""
     directions, faces = _icosphere_mesh()
-    farthest = points[np.argmax(directions @ points.T, axis=1)]
-    return farthest, faces
+    return points[np.argmax(directions @ points.T, axis=1)], faces
 
 
 def signed_distance_from_hull(points: Floats, queries: Floats) -> Floats:
@@ -90,15 +89,13 @@ def inside_colliders_mask(model: ObjectModel, library: Library, points: Floats, 
     found = np.zeros(len(points), np.bool_)
     for shape in model.colliders:
         found |= (
-            _signed_distance_to_shape(
-                shape, library, (points - shape.position) @ matrix_from_quaternion(shape.quaternion)
-            )
+            _distance_to_shape(shape, library, (points - shape.position) @ matrix_from_quaternion(shape.quaternion))
             < margin
         )
     return found
 
 
-def _signed_distance_to_shape(shape: Shape, library: Library, local: Floats) -> Floats:
+def _distance_to_shape(shape: Shape, library: Library, local: Floats) -> Floats:
     """How far (N, 3) points in the shape's frame are beyond its sides, (N,) m; less than nothing in it."""
     if shape.kind == "box":
         return np.asarray((np.abs(local) - np.array(shape.size) / 2).max(axis=1), np.float64)

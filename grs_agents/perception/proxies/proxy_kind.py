@@ -106,7 +106,7 @@ def choose_proxy_kind(measured: MeasuredShape, size: Vec3, around: bool, hollow:
     if plain == "bowl" or len(points) < _FEWEST:
         return plain
     off = mean_distance_to_solid(points, size, plain)
-    if measured.fillable is not None and _is_block_fit_better(measured.fillable, measured, size, plain, off):
+    if measured.fillable is not None and _do_blocks_fit(measured.fillable, measured, size, plain, off):
         return "height blocks"
     if plain == "open box" or off <= _OFF:
         return plain
@@ -117,9 +117,7 @@ def choose_proxy_kind(measured: MeasuredShape, size: Vec3, around: bool, hollow:
     )
 
 
-def _is_block_fit_better(
-    fillable: FreeColumns, measured: MeasuredShape, size: Vec3, plain: ProxyKind, off: float
-) -> bool:
+def _do_blocks_fit(fillable: FreeColumns, measured: MeasuredShape, size: Vec3, plain: ProxyKind, off: float) -> bool:
     """Whether boxes that fill the columns stand for an object better than a solid whose surface is so far off, m."""
     wasted = plain != "open box" and (
         measured.crowded or _fraction_in_free_space(fillable.heights, size, plain == "cylinder") > _WASTED

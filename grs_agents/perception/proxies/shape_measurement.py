@@ -53,8 +53,7 @@ def extract_proxy_texture(frame: RGBDFrame, table: TableFrame, mask: Mask, box: 
     filled = _fill_from_nearest_pixels(image, known)
     scale = min(1.0, _LARGEST / max(width, height))
     if scale < 1:
-        small = cv2.resize(filled, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        filled = np.asarray(small, np.uint8)
+        filled = np.asarray(cv2.resize(filled, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
     turn = rotation_about_z(box.yaw)
 
     def uv_of(points: Array) -> Array:

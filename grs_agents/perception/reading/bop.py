@@ -49,8 +49,7 @@ def parse_bop_source(source: Path) -> BopImage:
     if len(path.parts) < 2 or not (path.name.isascii() and path.name.isdigit()) or len(path.name) > 9:
         raise InputError(f"{source} is not {FORM.split(',', maxsplit=1)[0]}", f"write {FORM}")
     scene, number = path.parent, int(path.name)
-    padded = scene.with_name(scene.name.zfill(6)) if scene.name else scene
-    for folder in (scene, padded):
+    for folder in (scene, scene.with_name(scene.name.zfill(6)) if scene.name else scene):
         if is_folder(folder):
             return BopImage(folder, number)
     raise InputError(f"{source}: there is no scene folder {scene}", _suggest_other_scenes(scene.parent))

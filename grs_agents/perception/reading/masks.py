@@ -32,9 +32,7 @@ def read_masks(source: Path, shape: tuple[int, int]) -> Labels:
     """
     if is_bop_source(source):
         image = parse_bop_source(source)
-        return _overlay_masks(
-            _read_mask_pictures(image.scene / "mask_visib", f"{image.file_stem}_"), shape, str(source)
-        )
+        return _merge_masks(_read_mask_pictures(image.scene / "mask_visib", f"{image.file_stem}_"), shape, str(source))
     if is_folder(source):
         return _labels_from_folder(source, shape)
     if source.suffix.lower() == ".npz":
@@ -51,7 +49,7 @@ def _labels_from_folder(folder: Path, shape: tuple[int, int]) -> Labels:
         raise InputError(f"{folder} has no masks", f"add {FORMS}; or use tools.segment=segment_rgbd")
     file = folder / chosen
     if is_folder(file):
-        return _overlay_masks(_read_mask_pictures(file, ""), shape, str(file))
+        return _merge_masks(_read_mask_pictures(file, ""), shape, str(file))
     if file.suffix.lower() == ".npy":
         return _labels_from_array(read_npy(file), shape, str(file))
     if file.suffix.lower() in SUFFIXES:
@@ -75,10 +73,10 @@ def _labels_from_array(array: Numbers, shape: tuple[int, int], where: str) -> La
         return _renumber_labels(_resize_mask_to_frame(array, shape, where), where)
     if not len(array) <= MOST_MASKS:
         raise InputError(f"{where} holds {len(array)} masks", f"give 1 to {MOST_MASKS}")
-    return _overlay_masks([(where, mask != 0) for mask in array], shape, where)
+    return _merge_masks([(where, mask != 0) for mask in array], shape, where)
 
 
-def _overlay_masks(masks: list[tuple[str, Numbers]], shape: tuple[int, int], where: str) -> Labels:
+def _merge_masks(masks: list[tuple[str, Numbers]], shape: tuple[int, int], where: str) -> Labels:
     """One picture of masks, the smaller ones on top."""
     sized = [_resize_mask_to_frame(mask, shape, name) for name, mask in masks]
     labels = np.zeros(shape, np.int32)
@@ -107,5 +105,4 @@ def _renumber_labels(labels: Labels, where: str) -> Labels:
     objects = values[values > 0]
     if not 0 < len(objects) <= MOST_MASKS:
         raise InputError(f"{where} shows {len(objects)} objects", f"give 1 to {MOST_MASKS}: {FORMS}")
-    numbers = np.where(values > 0, np.cumsum(values > 0), 0)
-    return numbers[inverse].reshape(labels.shape).astype(np.int32)
+    return np.where(values > 0, np.cumsum(values > 0), 0)[inverse].reshape(labels.shape).astype(np.int32)

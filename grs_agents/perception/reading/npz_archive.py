@@ -33,8 +33,7 @@ def read_npz_archive(file: Path) -> Recording:
     more: dict[str, Any] = {"depth_scale": scale}
     if "T_robot_cam" in arrays:
         more["T_robot_cam"] = arrays["T_robot_cam"].tolist()
-    size = (rgb.shape[1], rgb.shape[0])
-    camera = camera_from_matrix(matrix.tolist(), size, f"K in {file}", **more)
+    camera = camera_from_matrix(matrix.tolist(), (rgb.shape[1], rgb.shape[0]), f"K in {file}", **more)
     measured = RecordedDepth(depth, scale, f"depth in {file}", f"depth_scale in {file}")
     return Recording(file, Picture(file, rgb), camera, measured)
 

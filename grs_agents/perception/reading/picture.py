@@ -36,8 +36,7 @@ def read_color_picture(file: Path) -> Picture:
     """Read a picture as 8-bit RGB: grey, palette, 16-bit and CMYK are converted, an alpha channel is dropped."""
     with _open_decoded_picture(file) as image:
         if image.mode in GREY[3:]:
-            grey = (np.asarray(image) // 257).astype(np.uint8)
-            rgb = np.repeat(grey[..., None], 3, axis=2)
+            rgb = np.repeat((np.asarray(image) // 257).astype(np.uint8)[..., None], 3, axis=2)
         elif image.mode in GREY or image.mode in COLORED:
             rgb = np.array(image.convert("RGB"), dtype=np.uint8)
         else:

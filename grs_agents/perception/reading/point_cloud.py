@@ -57,7 +57,7 @@ def depth_from_cloud(cloud: Cloud, camera: Camera) -> tuple[Depth, str]:
     if grid is not None:
         return grid, f"depth is z of the organised cloud {Path(cloud.where).name}"
     rows, columns, z = _project_visible_points(cloud, camera)
-    width = _point_width_in_pixels(rows, columns, cloud, camera)
+    width = _point_width_px(rows, columns, cloud, camera)
     depth = np.full((camera.height, camera.width), np.inf, np.float32)
     order = np.argsort(-z, kind="stable")  # the nearest point counts: it is written last
     rows, columns, z = rows[order], columns[order], z[order]
@@ -110,9 +110,7 @@ def _project_visible_points(cloud: Cloud, camera: Camera) -> tuple[npt.NDArray[n
     return rows[inside].astype(np.int64), columns[inside].astype(np.int64), ahead[inside, 2]
 
 
-def _point_width_in_pixels(
-    rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], cloud: Cloud, camera: Camera
-) -> int:
+def _point_width_px(rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], cloud: Cloud, camera: Camera) -> int:
     """How many pixels a side a point stands for, so that a sampled surface is closed: 1 for a dense cloud."""
     across = camera.width // CELL + 1
     cells, counts = np.unique(rows // CELL * across + columns // CELL, return_counts=True)

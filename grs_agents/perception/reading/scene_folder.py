@@ -22,8 +22,7 @@ IN_METRES = DepthUnit(1.0)  # points, and depths that a model estimates
 def read_scene_folder(folder: Path) -> Recording:
     """Read ``rgb.*``, ``camera.json``, and ``depth.*`` or a point cloud."""
     names = list_folder_names(folder)
-    photos = [name for name in names if _has_stem_and_suffix(name, COLOR_STEMS, SUFFIXES)]
-    photo = _pick_single_name(photos, folder)
+    photo = _pick_single_name([name for name in names if _has_stem_and_suffix(name, COLOR_STEMS, SUFFIXES)], folder)
     if photo is None:
         raise _missing_photo_error(folder, names)
     picture = read_color_picture(folder / photo)

@@ -31,9 +31,7 @@ def propose_initial_poses(
                 poses.append(pose_matrix(whole, np.array([*upright.center[:2], top - height])))
     frame = estimate_leaning_axes(seen, normals)
     if frame is not None:
-        poses += [
-            pose_matrix(frame @ turn, _box_center_behind_points(frame, np.abs(turn) @ half, seen)) for turn in turns
-        ]
+        poses += [pose_matrix(frame @ turn, _center_behind_points(frame, np.abs(turn) @ half, seen)) for turn in turns]
     return np.stack(poses)
 
 
@@ -41,8 +39,7 @@ def propose_shifted_poses(poses: Array, half: Array, seen: ObservedPoints) -> Ar
     """More (K, 4, 4) poses: where a part is hidden, what is seen may be either end of the asset."""
     slid: list[Array] = []
     for pose in poses:
-        local = (seen.points - pose[:3, 3]) @ pose[:3, :3]
-        low, high = np.percentile(local, (2, 98), axis=0)
+        low, high = np.percentile((seen.points - pose[:3, 3]) @ pose[:3, :3], (2, 98), axis=0)
         for axis in range(3):
             if abs(2 * half[axis] - (high - low)[axis]) < CONFIG.hidden or abs(pose[2, axis]) > 0.7:
                 continue
@@ -88,10 +85,9 @@ def _mean_normal(normals: Array, chosen: Array) -> Array:
     return total / max(float(np.linalg.norm(total)), 1e-9)
 
 
-def _box_center_behind_points(axes: Array, half: Array, seen: ObservedPoints) -> Array:
+def _center_behind_points(axes: Array, half: Array, seen: ObservedPoints) -> Array:
     """Where the middle of a box of ``half`` extents along ``axes`` is whose nearer sides are the outermost points."""
-    along = seen.points @ axes
-    low, high = np.percentile(along, (2, 98), axis=0)
+    low, high = np.percentile(seen.points @ axes, (2, 98), axis=0)
     to_eye = (seen.camera_position - seen.points.mean(axis=0)) @ axes
     far = float(np.linalg.norm(to_eye))
     middle = (low + high) / 2

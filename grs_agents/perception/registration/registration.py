@@ -207,8 +207,7 @@ def _align_to_visible_surface(search: _Search, start: Array, source: Cloud) -> A
         )
         if facing.sum() < CONFIG.fewest:
             return pose
-        target = Cloud(points[facing])
-        pose = _invert_pose(align_point_clouds(target, source, _invert_pose(pose), reach))
+        pose = _invert_pose(align_point_clouds(Cloud(points[facing]), source, _invert_pose(pose), reach))
     return pose
 
 

@@ -50,8 +50,7 @@ def is_match_certain(one: SceneObject) -> bool:
 
 def enclosing_aabb(box: UprightBox, shape: Solid) -> Aabb:
     """The axis-aligned box around an upright one, or around the cylinder in it."""
-    turn = np.eye(3) if shape == "cylinder" else np.abs(rotation_about_z(box.yaw))
-    reach = turn @ np.array(box.size) / 2
+    reach = (np.eye(3) if shape == "cylinder" else np.abs(rotation_about_z(box.yaw))) @ np.array(box.size) / 2
     low, high = (np.array(box.center) - reach).tolist(), (np.array(box.center) + reach).tolist()
     return Aabb(low=(low[0], low[1], low[2]), high=(high[0], high[1], high[2]))
 

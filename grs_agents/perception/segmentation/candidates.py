@@ -41,9 +41,7 @@ def measure_candidates(frame: RGBDFrame, table: TableFrame, labels: Labels) -> t
         InputError: nothing stands on the table, or one object fills it.
     """
     clouds = {
-        label: cloud
-        for label, cloud in _point_clouds_by_label(frame, table, labels).items()
-        if len(cloud) >= CONFIG.fewest
+        label: cloud for label, cloud in _clouds_by_label(frame, table, labels).items() if len(cloud) >= CONFIG.fewest
     }
     supports = {
         label: (convex_footprint_hull(cloud[::5]), float(compute_percentiles(cloud[::5, 2], [95])[0]))
@@ -67,7 +65,7 @@ def measure_candidates(frame: RGBDFrame, table: TableFrame, labels: Labels) -> t
     raise InputError("; ".join([f"{frame.source}: {problem}", *describe_table_doubts(table)]), remedy)
 
 
-def _point_clouds_by_label(frame: RGBDFrame, table: TableFrame, labels: Labels) -> dict[int, Array]:
+def _clouds_by_label(frame: RGBDFrame, table: TableFrame, labels: Labels) -> dict[int, Array]:
     """The (N, 3) measured points of each label from 1, row by row, robot frame."""
     pixels = pixels_by_label(np.where(frame.depth > 0, labels, 0))
     eye = np.asarray(table.T_robot_cam)[:3, 3]
@@ -143,8 +141,7 @@ def _ellipse_covers_points(ellipse: Ellipse, cloud: Array, overhang: float) -> b
 
 def _detect_circular_footprint(cloud: Array) -> tuple[tuple[float, float], float] | None:
     """Centre and diameter (m) of a footprint whose four corners are missing and whose sides are alike."""
-    footprint = cloud[:, :2].astype(np.float32)
-    (x, y), (length, width), _ = cv2.minAreaRect(footprint)
+    (x, y), (length, width), _ = cv2.minAreaRect(cloud[:, :2].astype(np.float32))
     area = cv2.contourArea(convex_footprint_hull(cloud).astype(np.float32))
     if min(length, width) < THINNEST or not 0.68 < area / (length * width) < 0.87 or not 0.75 < length / width < 1.33:
         return None

@@ -52,8 +52,7 @@ def compute_object_view(frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: 
     camera = frame.camera
     columns, rows = mask_outline_pixels(mask).astype(np.float64).T
     rays = np.stack([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(len(rows))], axis=1)
-    across = np.array([-along[1], along[0], 0.0])
-    return View(eye, along, across, rays @ transform[:3, :3].T, 0.5 / camera.fx)
+    return View(eye, along, np.array([-along[1], along[0], 0.0]), rays @ transform[:3, :3].T, 0.5 / camera.fx)
 
 
 def fit_elliptic_footprint(cloud: Array, view: View) -> Ellipse | None:

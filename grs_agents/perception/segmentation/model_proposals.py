@@ -47,11 +47,10 @@ def segment_from_proposals(
     smooth = smooth_frame_depth(small)
     points = robot_frame_point_map(smooth, table)
     above = foreground_pixel_mask(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3], config.foreground)
-    unknown = smooth.depth <= 0
-    asked = proposer(frame.rgb[: rows * factor, : columns * factor], above | unknown)
+    asked = proposer(frame.rgb[: rows * factor, : columns * factor], above | (smooth.depth <= 0))
     kept = suppress_duplicate_masks(filter_proposals_on_table(asked, above, points, config), config.proposals.alike)
     labels = paint_proposal_labels(kept, smooth, int(config.filter.smallest * smooth.depth.size))
-    labels = merge_parts(_join_continuous_parts(labels, kept, smooth, config), points, config)
+    labels = merge_parts(_join_smooth_parts(labels, kept, smooth, config), points, config)
     labels = filter_object_segments(labels, smooth, points, table, config)
     return labels if factor == 1 else upscale_labels(labels, small, frame, factor)
 
@@ -116,9 +115,7 @@ def paint_proposal_labels(proposals: Sequence[Proposal], frame: RGBDFrame, small
     return grow_labels(whole, labels > 0, frame.depth)
 
 
-def _join_continuous_parts(
-    labels: Labels, proposals: Sequence[Proposal], frame: RGBDFrame, config: Segmentation
-) -> Labels:
+def _join_smooth_parts(labels: Labels, proposals: Sequence[Proposal], frame: RGBDFrame, config: Segmentation) -> Labels:
     """Join the parts that one proposal covers where the depth between them neither jumps nor creases.
 
     A print on a box, or its faces, are parts of it; so the depth says, and a mask of the whole that is no worse than

@@ -152,8 +152,7 @@ class Merger:
         """Whether the smaller part is a piece of the larger one, from which it is ``distance`` (m) away."""
         if "common_rim" in self.config.rules and self._have_common_rim(small, big, distance):
             return True
-        touching = distance <= self.config.merging.touching
-        return touching and any(belongs(small, big) for belongs in self.attachments)
+        return distance <= self.config.merging.touching and any(belongs(small, big) for belongs in self.attachments)
 
     def _have_common_rim(self, small: int, big: int, distance: float) -> bool:
         """Whether two parts whose tops are level are walls, or a wall and the inside, of one hollow object."""
@@ -171,7 +170,7 @@ class Merger:
         return (
             distance < config.rim_gap
             and self._are_adjacent(small, big, distance, bool(walls))
-            and self._form_open_container(one, other)
+            and self._form_vessel(one, other)
         )
 
     def _are_adjacent(self, small: int, big: int, distance: float, is_wall: bool) -> bool:
@@ -183,7 +182,7 @@ class Merger:
             self.parts[small], self.parts[big], config.touching
         ) > config.overlap or self._have_continuous_border(small, big)
 
-    def _form_open_container(self, one: Part, other: Part) -> bool:
+    def _form_vessel(self, one: Part, other: Part) -> bool:
         """Whether two parts together are a hollow object, open at the top."""
         return is_open_at_top(np.concatenate([one.cloud, other.cloud]), self.table, self.config.hollow)
 
@@ -202,11 +201,7 @@ class Merger:
         """Whether a part is the floor or inner wall of a hollow object whose walls are the other."""
         one, other, config = self.parts[small], self.parts[big], self.config.merging
         lower = one.top < other.top + config.below_rim and not one.is_solid_part
-        return (
-            lower
-            and share_over_footprint(one, other) > config.interior_overlap
-            and self._form_open_container(one, other)
-        )
+        return lower and share_over_footprint(one, other) > config.interior_overlap and self._form_vessel(one, other)
 
     def _is_on_top_of(self, one: Part, other: Part) -> bool:
         """Whether the smaller part is on top of the other."""

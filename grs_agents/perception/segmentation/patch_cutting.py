@@ -62,8 +62,7 @@ def foreground_pixel_mask(
     ``points`` are (H, W, 3) in the robot frame, NaN where unknown; ``eye`` (3,) is where the camera is, robot frame."""
     height = points[..., 2]
     bound = depth_tolerance(depth.astype(np.float64))
-    flat = np.abs(height) < bound
-    hull = _find_table_hull(points, flat, eye, config)
+    hull = _find_table_hull(points, np.abs(height) < bound, eye, config)
     if hull is None:
         return np.zeros(depth.shape, np.bool_)
     above = (height > np.maximum(bound, config.lowest)) & (height < config.tallest)
@@ -88,8 +87,7 @@ def _keep_surfaces_over_table(above: Mask, inside: Mask, depth: Depth) -> Mask:
     """Whole surfaces of which most is over the table: objects reach beyond what is seen of it."""
     blobs = label_connected_components((above & ~depth_jump_mask(depth)).astype(np.uint8), 1)
     total = np.bincount(blobs.ravel())
-    over = np.bincount(blobs[inside], minlength=len(total))
-    keep = over > 0.4 * total
+    keep = np.bincount(blobs[inside], minlength=len(total)) > 0.4 * total
     keep[0] = False
     return keep[blobs] | inside & (blobs == 0)
 

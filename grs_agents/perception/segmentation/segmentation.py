@@ -56,8 +56,7 @@ def filter_object_segments(
     if "sensor_noise" in config.rules:
         kept = [label for label in kept if not _is_sensor_noise(heights[label - 1], 4 * smallest, flattest)]
     if "flying_pixels" in config.rules:
-        mixed = _find_flying_pixel_labels(smooth, segments, 4 * smallest, config.filter.flying)
-        kept = sorted(set(kept) - mixed)
+        kept = sorted(set(kept) - _find_flying_pixel_labels(smooth, segments, 4 * smallest, config.filter.flying))
     if "entering" in config.rules:
         kept = [label for label in kept if not enters_from_outside_view(labels == label, points, config)]
     numbers = np.zeros(len(heights) + 1, np.int32)

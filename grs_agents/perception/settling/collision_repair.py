@@ -70,7 +70,7 @@ def repair_collisions(
         compared.add(pair)
         if wrong & set(pair):
             continue
-        repair = _find_collision_repair(scene, pair, depth)
+        repair = _find_repair(scene, pair, depth)
         if repair is not None:
             scene.move_object(*repair)
             moved[repair[0]] = repair[1]
@@ -82,9 +82,7 @@ def repair_collisions(
     )
 
 
-def _find_collision_repair(
-    scene: "_CollisionScene", pair: tuple[int, int], depth: float
-) -> tuple[int, Registered] | None:
+def _find_repair(scene: "_CollisionScene", pair: tuple[int, int], depth: float) -> tuple[int, Registered] | None:
     """Which of two objects goes where, so that they are half as deep in each other and it still shows what was seen."""
     tried = [(number, *scene.register_object_again(number)) for number in pair]
     better = [

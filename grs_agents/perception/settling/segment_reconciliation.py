@@ -66,7 +66,7 @@ def reconcile_segments(
     ]
     surfaces = [segment.posed_asset_surface(library) for segment in segments]
     pieces = match_pieces_to_objects(clouds, surfaces)
-    solids = _known_object_spaces(segments, pieces, library)
+    solids = _known_spaces(segments, pieces, library)
     around = Surroundings([asset for solid in solids.values() for asset in solid.known], (), library)
     boxes = _estimate_unknown_volumes(segments, clouds, pieces, around)
     obstacles = [surface.points for index in solids if (surface := surfaces[index]) is not None]
@@ -80,9 +80,7 @@ def reconcile_segments(
     return Reconciled(pieces, claimed, {index: masks[index] for index in claimed}, tuple(around.known), library)
 
 
-def _known_object_spaces(
-    segments: Sequence[Segment], pieces: Mapping[int, int], library: Library
-) -> dict[int, Surroundings]:
+def _known_spaces(segments: Sequence[Segment], pieces: Mapping[int, int], library: Library) -> dict[int, Surroundings]:
     """The space that each known object fills that is no piece."""
     return {
         index: Surroundings([(segment.known.asset, segment.known.pose)], (), library)

@@ -116,14 +116,12 @@ def _tests_without_assertion(tree: ast.Module, methods: Mapping[str, _Function])
     """The ids of the methods that assert nothing, directly or through functions of the file."""
     functions = [node for node in ast.walk(tree) if isinstance(node, _Function)]
     asserting: set[str] = set()
-    while more := {
-        node.name for node in functions if node.name not in asserting and _contains_assertion(node, asserting)
-    }:
+    while more := {node.name for node in functions if node.name not in asserting and _has_assertion(node, asserting)}:
         asserting |= more
-    return frozenset(item for item, method in methods.items() if not _contains_assertion(method, asserting))
+    return frozenset(item for item, method in methods.items() if not _has_assertion(method, asserting))
 
 
-def _contains_assertion(function: _Function, asserting: set[str]) -> bool:
+def _has_assertion(function: _Function, asserting: set[str]) -> bool:
     for node in ast.walk(function):
         if isinstance(node, ast.Assert | ast.Raise):
             return True

@@ -113,8 +113,7 @@ class Zygote:
             self._host.settimeout(START_SECONDS)
             self._ready = self._host.recv(len(wire.READY)) == wire.READY
         if not self._ready:
-            log = self._log_path.read_text("utf-8", "replace").strip()
-            why = (log.splitlines() or ["it does not say why"])[-1]
+            why = (self._log_path.read_text("utf-8", "replace").strip().splitlines() or ["it does not say why"])[-1]
             raise SandboxError(f"the sandbox did not start: {why}", DOCTOR)
 
     def send_order(self, slot: int, limits: Limits, descriptors: Sequence[int]) -> bool:

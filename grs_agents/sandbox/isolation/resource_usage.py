@@ -41,7 +41,7 @@ def _try_counting_bytes(folder: Path, most: int) -> int | None:
     here = os.open(folder, _FOLDER)
     try:
         total, names = _bytes_and_subfolders(here)
-        way = [(_device_and_inode(here), names)]
+        way = [(_device_inode(here), names)]
         while total <= most:
             name = way[-1][1].pop() if way[-1][1] else ".."
             if name == ".." and len(way) == 1:
@@ -51,13 +51,11 @@ def _try_counting_bytes(folder: Path, most: int) -> int | None:
             here = there
             if name == "..":
                 way.pop()
-                if (
-                    _device_and_inode(here) != way[-1][0]
-                ):  # the way up leads elsewhere, perhaps out of the scratch folder
+                if _device_inode(here) != way[-1][0]:  # the way up leads elsewhere, perhaps out of the scratch folder
                     return None
                 continue
             taken, names = _bytes_and_subfolders(here)
-            way.append((_device_and_inode(here), names))
+            way.append((_device_inode(here), names))
             total += taken
     except (FileNotFoundError, NotADirectoryError):
         return None
@@ -68,7 +66,7 @@ def _try_counting_bytes(folder: Path, most: int) -> int | None:
     return total
 
 
-def _device_and_inode(descriptor: int) -> tuple[int, int]:
+def _device_inode(descriptor: int) -> tuple[int, int]:
     facts = os.fstat(descriptor)
     return facts.st_dev, facts.st_ino
 

@@ -138,5 +138,4 @@ class Arm:
         """Where the arm first meets the table or itself along joint positions (N, dof), seen every ``_NEAR`` rad."""
         travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path, axis=0)).max(axis=1))])
         count = max(2, int(np.ceil(travel[-1] / _NEAR)) + 1)
-        rows = evenly_spaced_indices(travel, count)
-        return self._arm_model.first_collision_along(path[rows])
+        return self._arm_model.first_collision_along(path[evenly_spaced_indices(travel, count)])

@@ -16,8 +16,7 @@ def choose_waypoint_indices(tips: FloatArray, rotations: FloatArray) -> npt.NDAr
     steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
     cosine = np.einsum("nij,nij->n", rotations[1:], rotations[:-1]) / 2 - 0.5
     travel = np.concatenate([[0.0], np.cumsum(steps + 0.25 * np.arccos(np.clip(cosine, -1.0, 1.0)))])
-    count = max(2, int(np.ceil(travel[-1] / _SPACING)) + 1)
-    return evenly_spaced_indices(travel, count)
+    return evenly_spaced_indices(travel, max(2, int(np.ceil(travel[-1] / _SPACING)) + 1))
 
 
 def evenly_spaced_indices(travel: FloatArray, count: int) -> npt.NDArray[np.intp]:

@@ -28,8 +28,7 @@ _ROOM: Final = np.pi / 2
 def load_arm(path: Path) -> Arm:
     """The arm in an MJCF file; raises ``InputError`` for no serial arm, or one that cannot point down at the table."""
     spec = _parse_mjcf(path)
-    chain = _find_joint_chain(spec, path)
-    guess = _read_home_joints(spec, chain, path)
+    guess = _read_home_joints(spec, _find_joint_chain(spec, path), path)
 
     best: Arm | None = None
     refusal: InputError | None = None

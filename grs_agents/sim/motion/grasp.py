@@ -89,8 +89,7 @@ def _candidate_grasp_points(center: Vec3, outline: Prism) -> list[tuple[float, f
     grid = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
     inside = grid[margins_inside_outline(np.zeros((1, 2)), outline.outline, grid) > 0.002]
     middle = np.array([[center[0], center[1]]])
-    distance = np.linalg.norm(inside - middle, axis=1)
-    ordered = np.vstack([middle, inside[np.argsort(distance, kind="stable")]])
+    ordered = np.vstack([middle, inside[np.argsort(np.linalg.norm(inside - middle, axis=1), kind="stable")]])
     step = max(1, len(ordered) // _MOST)
     return [(float(x), float(y)) for x, y in ordered[::step]]
 

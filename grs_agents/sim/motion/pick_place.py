@@ -265,8 +265,7 @@ class PickPlace:
         legs: list[FloatArray] = []
         seed = physics.commanded_joint_positions
         for start, end in pairwise(poses):
-            last = end is poses[-1]
-            legs.append(plan_joint_path(self.arm, start, end, careful if last else gait, seed))
+            legs.append(plan_joint_path(self.arm, start, end, careful if end is poses[-1] else gait, seed))
             seed = legs[-1][-1]
             if not np.isfinite(seed).all():
                 return False

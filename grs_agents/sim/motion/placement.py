@@ -128,12 +128,10 @@ def find_free_spot(
     ``spread``, places far from the edge and from others but close to ``near`` are preferred, else the far corner; with
     ``stack``, any level will do.
     """
-    spacing = float(np.clip(min(region.size) / 24, 0.003, 0.015))
-    offsets = region.grid_points(spacing)
+    offsets = region.grid_points(float(np.clip(min(region.size) / 24, 0.003, 0.015)))
     for angle in yaws:
         shape = rotated_outline_at_origin(body, np.asarray(center[:2]), angle)
-        margin = margins_inside_outline(shape.outline, region.corner_points, offsets)
-        within = margin >= 0.0005
+        within = margins_inside_outline(shape.outline, region.corner_points, offsets) >= 0.0005
         if not within.any():
             continue
         inside = offsets[within]
@@ -146,7 +144,7 @@ def find_free_spot(
         )
         level = (heights <= max(floor, 0.0) + _LEVEL) if not stack else np.ones(len(heights), dtype=bool)
         good = level & suits(inside, heights)
-        steady = good & _centre_supported_mask(inside, heights, neighbours)
+        steady = good & _centre_held_mask(inside, heights, neighbours)
         good = steady if steady.any() else good
         if good.any():
             chosen = _choose_spot_index(inside[good], heights[good], region, near or region.center if spread else None)
@@ -155,9 +153,7 @@ def find_free_spot(
     return None
 
 
-def _centre_supported_mask(
-    offsets: FloatArray, heights: FloatArray, obstacles: Sequence[Prism]
-) -> npt.NDArray[np.bool_]:
+def _centre_held_mask(offsets: FloatArray, heights: FloatArray, obstacles: Sequence[Prism]) -> npt.NDArray[np.bool_]:
     """Where (N,) a body's centre is over what carries it: it will not tip, as it would on a rim."""
     supported = heights < _FLUSH
     for prism in obstacles:
@@ -173,8 +169,7 @@ def _obstacles_near_region(obstacles: Sequence[Prism], region: Region, shape: Pr
     close_by: list[Prism] = []
     for obstacle in obstacles:
         x0, y0, x1, y1 = obstacle.bounding_box_xy
-        nearest = np.clip(center, (x0, y0), (x1, y1))
-        if float(np.linalg.norm(nearest - center)) < reach:
+        if float(np.linalg.norm(np.clip(center, (x0, y0), (x1, y1)) - center)) < reach:
             close_by.append(obstacle)
     return close_by
 
@@ -218,8 +213,7 @@ class ReachTest:
 
     def __call__(self, offsets: FloatArray, heights: FloatArray) -> npt.NDArray[np.bool_]:
         tips = np.column_stack([offsets, heights + self.lift])
-        above = tips + np.array([0.0, 0.0, _APPROACH])
-        return self.arm.reachable_mask(tips) & self.arm.reachable_mask(above)
+        return self.arm.reachable_mask(tips) & self.arm.reachable_mask(tips + np.array([0.0, 0.0, _APPROACH]))
 
 
 def describe_out_of_reach(tip: Sequence[float], arm: Arm) -> str:

@@ -112,8 +112,7 @@ def plan_joint_path(arm: Arm, start: ToolPose, end: ToolPose, gait: Pace, seed: 
     """Joint positions (N, dof) of a path that begins near ``seed``, one a time step, NaN if impossible."""
     tilting = np.array([start.tilt, end.tilt])
     leaning = float(np.linalg.norm(tilting[1] - tilting[0]))
-    turning = abs(end.yaw - start.yaw) + leaning
-    length = float(np.linalg.norm(np.subtract(end.point, start.point))) + 0.25 * turning
+    length = float(np.linalg.norm(np.subtract(end.point, start.point))) + 0.25 * (abs(end.yaw - start.yaw) + leaning)
     share = motion_profile(length, gait)
     points = polar_path(start.point, end.point, share)
     yaws = start.yaw + share * (end.yaw - start.yaw)

@@ -85,8 +85,7 @@ def hull_points_of_shape(shape: Shape, bounds: tuple[FloatArray, FloatArray]) ->
         half_length = shape.size[1] / 2 if shape.kind == "cylinder" else radius
         angle = np.arange(_CIRCLE) * (2 * np.pi / _CIRCLE)
         ring = radius / np.cos(np.pi / _CIRCLE) * np.array([np.cos(angle), np.sin(angle)])
-        ends = np.repeat([-half_length, half_length], _CIRCLE)
-        points = np.vstack([np.hstack([ring, ring]), ends])
+        points = np.vstack([np.hstack([ring, ring]), np.repeat([-half_length, half_length], _CIRCLE)])
     turned = transforms.IDENTITY if shape.kind == "sphere" else shape.quaternion
     return transforms.transform_points((shape.position, turned), points)
 
@@ -103,8 +102,7 @@ def _rotating_collider_points(model: ObjectModel) -> list[tuple[FloatArray, floa
     parts: list[tuple[FloatArray, float]] = []
     for shape, local in zip(model.colliders, _collider_hull_points(model), strict=True):
         center = np.asarray(shape.position)[:, None]
-        ball = shape.kind == "sphere"
-        parts.append((center, float((local - center)[2].min())) if ball else (local, 0.0))
+        parts.append((center, float((local - center)[2].min())) if shape.kind == "sphere" else (local, 0.0))
     return parts
 
 

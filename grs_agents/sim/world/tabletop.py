@@ -280,8 +280,7 @@ class Tabletop:
         self.physics.separate_overlapping_bodies()
         self.physics.simulate_until_at_rest()
         older = known.state if known is not None and known.world is self.physics.world else None
-        state = self.physics.save_state(older)
-        self._rested = _Rested(before, self.physics.world, state, start - self.budget.left)
+        self._rested = _Rested(before, self.physics.world, self.physics.save_state(older), start - self.budget.left)
 
     def step_simulation(self, steps: int = 1) -> None:
         """Simulate a number of time steps; errors as ``Physics.check``."""

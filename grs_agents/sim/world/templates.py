@@ -142,9 +142,7 @@ def _check_value_magnitudes(template: str, values: Values) -> None:
     for stem, row in values.items():
         largest = max((abs(value) for value in row if not isinstance(value, str)), default=0.0)
         if largest > LARGEST_VALUE:
-            raise InputError(
-                f"{template}: {stem} is {_format_value_row(row)}", f"give metres, at most {LARGEST_VALUE:g}"
-            )
+            raise InputError(f"{template}: {stem} is {_format_row(row)}", f"give metres, at most {LARGEST_VALUE:g}")
 
 
 def describe_assumed_values(library: Library, template: str, replace: Mapping[str, Any]) -> list[str]:
@@ -159,7 +157,7 @@ def describe_assumed_values(library: Library, template: str, replace: Mapping[st
         known_placeholder_stems(preset),
         resolve_template_values(_make_lengths_positive(replace, preset), preset)[1],
     )
-    clauses = [f"{stem} left out takes its default {_format_value_row(row)}" for stem, row in assumed.items()]
+    clauses = [f"{stem} left out takes its default {_format_row(row)}" for stem, row in assumed.items()]
     clauses += [f"{stem} is no placeholder of it, ignored" for stem in replace if stem not in known]
     negative = [
         stem
@@ -197,10 +195,10 @@ def _values_to_array(values: Any) -> npt.NDArray[Any]:
 
 def describe_placeholder_values(values: Values) -> str:
     """Placeholders and their values in words."""
-    return ", ".join(f"{stem} {_format_value_row(row)}" for stem, row in values.items())
+    return ", ".join(f"{stem} {_format_row(row)}" for stem, row in values.items())
 
 
-def _format_value_row(row: Sequence[float | str]) -> str:
+def _format_row(row: Sequence[float | str]) -> str:
     return f"({', '.join(value if isinstance(value, str) else f'{value:.4g}' for value in row)})"
 
 

@@ -118,8 +118,7 @@ def find_grasps(motion: Motion) -> list[Grasp]:
         step = np.diff(motion.positions[:, index], axis=0)
         near = np.linalg.norm(motion.positions[1:, index] - motion.tool[1:], axis=1) < _GRASP_RADIUS
         moves = np.linalg.norm(tool_step, axis=1) > _LEAST_SPEED * seconds
-        slip = np.linalg.norm(step - tool_step, axis=1)
-        along = slip < 0.5 * np.linalg.norm(tool_step, axis=1)
+        along = np.linalg.norm(step - tool_step, axis=1) < 0.5 * np.linalg.norm(tool_step, axis=1)
         grasps.extend(_grasps_from_held_steps(name, near & moves & along, near & ~moves, motion.times))
     return sorted(grasps, key=lambda grasp: grasp.start)
 

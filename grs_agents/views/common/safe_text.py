@@ -41,8 +41,7 @@ def to_viewer_markdown(text: str) -> str:
 
 def to_markdown_code_block(text: str, language: str = "") -> str:
     """``text`` as a Markdown code block that no run of backticks inside can close."""
-    longest = max((len(run) for run in re.findall(r"`+", text)), default=0)
-    fence = "`" * max(3, longest + 1)
+    fence = "`" * max(3, max((len(run) for run in re.findall(r"`+", text)), default=0) + 1)
     return f"{fence}{language}\n{text.rstrip()}\n{fence}"
 
 

@@ -74,13 +74,11 @@ _WOOD, _SKY = (0.60, 0.52, 0.42), (0.90, 0.90, 0.90)
 def library_with_run_assets(folder: Path, library: Library) -> Library:
     """``library`` with the assets laid over that the run has made so far."""
     own = folder / "assets"
-    return (
-        _cached_library_overlay(library, own, modification_time_ns(own / "manifest.json")) if own.is_dir() else library
-    )
+    return _cached_overlay(library, own, modification_time_ns(own / "manifest.json")) if own.is_dir() else library
 
 
 @lru_cache(maxsize=2)
-def _cached_library_overlay(library: Library, own: Path, _written: int) -> Library:
+def _cached_overlay(library: Library, own: Path, _written: int) -> Library:
     """Kept, since reading a manifest takes longer than showing its assets."""
     return library.with_overlay(own)
 

@@ -111,25 +111,18 @@ def recover_joint_positions(model: Any, motion: Motion) -> FloatArray:
             angle = 2 * np.arctan2(turned[:, 1:] @ axis, turned[:, 0])
             positions[:, address] = (angle + np.pi) % (2 * np.pi) - np.pi + model.qpos0[address]
         else:
-            shift = (
-                motion.positions[:, rows[name]]
-                - places
-                - _rotate_by_quaternions(turns, np.asarray(model.body_pos[body]))
-            )
-            positions[:, address] = (
-                np.einsum("ni,ni->n", shift, _rotate_by_quaternions(start, axis)) + model.qpos0[address]
-            )
+            shift = motion.positions[:, rows[name]] - places - _rotate_points(turns, np.asarray(model.body_pos[body]))
+            positions[:, address] = np.einsum("ni,ni->n", shift, _rotate_points(start, axis)) + model.qpos0[address]
     return positions
 
 
 def _quaternion_product(first: FloatArray, second: FloatArray) -> FloatArray:
     """The product of quaternions (N, 4), wxyz."""
     w, v, s, u = first[:, :1], first[:, 1:], second[:, :1], second[:, 1:]
-    real = w * s - (v * u).sum(axis=1, keepdims=True)
-    return np.concatenate([real, w * u + s * v + np.cross(v, u)], axis=1)
+    return np.concatenate([w * s - (v * u).sum(axis=1, keepdims=True), w * u + s * v + np.cross(v, u)], axis=1)
 
 
-def _rotate_by_quaternions(turns: FloatArray, vector: FloatArray) -> FloatArray:
+def _rotate_points(turns: FloatArray, vector: FloatArray) -> FloatArray:
     """``vector`` (3,) turned by each quaternion (N, 4), wxyz."""
     pure = np.concatenate([np.zeros(1), vector])[None]
     return _quaternion_product(_quaternion_product(turns, pure), turns * (1, -1, -1, -1))[:, 1:]
@@ -177,8 +170,7 @@ def _add_shape_geom(
     else:
         file = str(library.mesh_or_texture_path(shape.texture or ""))
         spec.add_texture(name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, file=file)
-        material = spec.add_material(name=name)
-        material.textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = name
+        spec.add_material(name=name).textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = name
         geom.material = name
     return geom
 

@@ -40,8 +40,7 @@ def _diff_lines(event: trace.ProgramVersion, source: str) -> list[str]:
     if event.parent is None or not event.diff:
         return [f"  {len(source.splitlines())} lines, new"]
     lines = [line for line in event.diff.splitlines() if not line.startswith(("---", "+++"))]
-    more = [f"  ... {len(lines) - _LONGEST} more lines"] if len(lines) > _LONGEST else []
-    return [*lines[:_LONGEST], *more]
+    return [*lines[:_LONGEST], *([f"  ... {len(lines) - _LONGEST} more lines"] if len(lines) > _LONGEST else [])]
 
 
 class EventView:

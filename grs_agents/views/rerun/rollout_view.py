@@ -149,7 +149,7 @@ class RolloutView:
             _show_goals(recording, instance)
         if motion is None or not motion.times.size:
             return 0.0
-        names = {f"object_{item.id}": _object_display_name(item) for item in instance.objects} if instance else {}
+        names = {f"object_{item.id}": _object_name(item) for item in instance.objects} if instance else {}
         _show_motion(recording, motion)
         _show_grasps(recording, motion, names)
         return motion.duration_seconds
@@ -190,7 +190,7 @@ class RolloutView:
         recording.log(f"{Paths.WORLD}/tool", rr.Points3D.from_fields(radii=[0.012], colors=[_YELLOW]), static=True)
 
 
-def _object_display_name(item: InstanceObject) -> str:
+def _object_name(item: InstanceObject) -> str:
     """The object's name for people: of a template, what it is, e.g. a zone."""
     return replace_undrawable_chars(Path(item.asset).stem.removesuffix("-template").replace("_", " "))
 
@@ -201,9 +201,7 @@ def _show_object_shapes(recording: Recording, path: str, item: InstanceObject, l
     for number, shape in enumerate(model.visuals or model.colliders):
         recording.log(f"{path}/{number}", shape_to_rerun(shape, library, item.color))
     top = [[0.0, 0.0, model.bounds[1][2] + 0.02]]
-    recording.log(
-        f"{path}/name", rr.Points3D(top, labels=[_object_display_name(item)], colors=[_WHITE], radii=[0.0005])
-    )
+    recording.log(f"{path}/name", rr.Points3D(top, labels=[_object_name(item)], colors=[_WHITE], radii=[0.0005]))
 
 
 def _object_shapes_path(item: InstanceObject) -> str:
@@ -215,8 +213,7 @@ def _object_shapes_path(item: InstanceObject) -> str:
 
 def _show_goals(recording: Recording, instance: TaskInstance) -> None:
     targets = [pose[0] for goal in instance.goals for pose in goal.targets]
-    points = rr.Points3D(targets, radii=[0.012], colors=[_GREEN])
-    recording.log(f"{Paths.WORLD}/targets", points)
+    recording.log(f"{Paths.WORLD}/targets", rr.Points3D(targets, radii=[0.012], colors=[_GREEN]))
     zones = [zone for goal in instance.goals for zone in goal.zones]
     boxes = rr.Boxes3D(
         centers=[zone.pose[0] for zone in zones],
@@ -239,8 +236,7 @@ def _show_motion(recording: Recording, motion: Motion) -> None:
     if len(links) > 1:
         strips = rr.LineStrips3D.columns(strips=motion.positions[:, links])
         recording.log_columns(f"{Paths.WORLD}/robot", seconds, strips)
-    points = rr.Points3D.columns(positions=motion.tool)
-    recording.log_columns(f"{Paths.WORLD}/tool", seconds, points)
+    recording.log_columns(f"{Paths.WORLD}/tool", seconds, rr.Points3D.columns(positions=motion.tool))
     recording.log(f"{Paths.WORLD}/tool_path", rr.LineStrips3D([motion.tool], colors=[_YELLOW], radii=[0.0015]))
 
 

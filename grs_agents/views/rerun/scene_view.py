@@ -122,8 +122,7 @@ class SceneView:
         library = library_with_run_assets(self._folder, self._library)
         for item in build_twin_objects(objects, library):
             path, (position, quaternion) = f"{Paths.TWIN}/object_{item.id}", item.pose
-            pose = rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=quaternion))
-            recording.log(path, pose)
+            recording.log(path, rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=quaternion)))
             looks = f"{path}/{rr.escape_entity_path_part(item.asset)}"
             before = self._asset_paths.get(item.id)
             if before != looks:
@@ -149,8 +148,7 @@ class SceneView:
 
     def _show_depth_image(self, recording: Recording) -> None:
         file = resolve_member_file(self._folder, self._files["depth"])
-        depth = read_picture(file, cv2.IMREAD_UNCHANGED)
-        sample = depth[::4, ::4]
+        sample = read_picture(file, cv2.IMREAD_UNCHANGED)[::4, ::4]
         seen = sample[sample > 0]
         low, high = np.percentile(seen, [2, 98]) if seen.size else (0, 1)
         image = rr.EncodedDepthImage(

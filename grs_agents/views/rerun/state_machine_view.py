@@ -71,7 +71,7 @@ def node_positions(nodes: Iterable[str]) -> dict[str, tuple[float, float]]:
 _START, _END = "__start__", "__end__"  # as LangGraph calls them
 
 
-def _node_display_name(node: str) -> str:
+def _node_name(node: str) -> str:
     """The name under which a node of the graph is drawn."""
     return END if node == _END else node
 
@@ -89,11 +89,9 @@ class MachineView:
     def track_event(self, event: Event) -> None:
         """Take in an event without showing it."""
         if isinstance(event, RunStarted):
-            nodes = (_node_display_name(node) for node in event.nodes if node != _START)
+            nodes = (_node_name(node) for node in event.nodes if node != _START)
             self.nodes = tuple(dict.fromkeys((*nodes, END)))
-            self._edges = tuple(
-                (_node_display_name(tail), _node_display_name(head)) for tail, head in event.edges if tail != _START
-            )
+            self._edges = tuple((_node_name(tail), _node_name(head)) for tail, head in event.edges if tail != _START)
         elif isinstance(event, NodeStarted):
             self.nodes = tuple(dict.fromkeys((*self.nodes, event.node)))
             self._visits[event.node] = max(event.visit, self._visits.get(event.node, 0))

@@ -72,8 +72,7 @@ def viewer_command(path: Path, web: WebAddress | None = None) -> list[str]:
 def viewer_environment() -> dict[str, str]:
     """The environment for rerun's program in which it sends no usage data.
     Its only switch beside a file in the user's home is to believe that it runs on a build machine."""
-    environment = {key: value for key, value in os.environ.items() if key != "FORCE_RERUN_ANALYTICS"}
-    return {**environment, "CI": "1"}
+    return {**{key: value for key, value in os.environ.items() if key != "FORCE_RERUN_ANALYTICS"}, "CI": "1"}
 
 
 def has_display(environment: Mapping[str, str] = os.environ, platform: str = sys.platform) -> bool:
