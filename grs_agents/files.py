@@ -24,9 +24,8 @@ def resolve_output_file(path: Path) -> Path:
     except (FileNotFoundError, NotADirectoryError):
         return path
     except (OSError, RuntimeError) as error:
-        raise unwritable_error(
-            path, error if isinstance(error, OSError) else OSError(errno.ELOOP, str(error))
-        ) from error
+        remedy = error if isinstance(error, OSError) else OSError(errno.ELOOP, str(error))
+        raise unwritable_error(path, remedy) from error
     if not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "no regular file"
         raise InputError(f"cannot write {path}: it is {kind}", "name a new file with --out")

@@ -71,10 +71,8 @@ def _select_user_assets(assets: Sequence[Asset], root: Path) -> list[Asset]:
     listed = {asset.name for asset in read_manifest(root).assets} if root.is_dir() else set[str]()
     own = [asset for asset in assets if asset.name in listed]
     if not own:
-        raise InputError(
-            "none of these assets is your own; those that GRS ships have their descriptions",
-            "import some: grs assets import SOURCE",
-        )
+        remedy = "import some: grs assets import SOURCE"
+        raise InputError("none of these assets is your own; those that GRS ships have their descriptions", remedy)
     return own
 
 

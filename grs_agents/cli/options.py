@@ -80,9 +80,8 @@ def settings_of_recording(record: Path | None, cassette: str | None) -> list[str
 def check_graph_is_scene(chosen: "Effective") -> None:
     """Refuse another graph than ``scene``, the only one that comprehends a photo alone."""
     if chosen.sources.get("graph") == "--set" and chosen.config.graph != "scene":
-        raise ConfigError(
-            f"grs scene runs the graph scene, not {chosen.config.graph!r}", "leave graph out, or use grs run"
-        )
+        remedy = "leave graph out, or use grs run"
+        raise ConfigError(f"grs scene runs the graph scene, not {chosen.config.graph!r}", remedy)
 
 
 def refuse_config_on_resume(

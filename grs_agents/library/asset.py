@@ -82,10 +82,8 @@ class Asset(Frozen):
         """Its physics; where only mass and friction are known, they are taken for estimates."""
         if self.physics is not None:
             return self.physics
-        return Physics(
-            mass=Quantity(value=self.mass, provenance="estimate", deviation=0.3),
-            friction=Quantity(value=self.friction, provenance="default", deviation=0.3),
-        )
+        mass = Quantity(value=self.mass, provenance="estimate", deviation=0.3)
+        return Physics(mass=mass, friction=Quantity(value=self.friction, provenance="default", deviation=0.3))
 
 
 class Manifest(Frozen):

@@ -151,10 +151,8 @@ def _draw_view(painted: Painted, center: Floats, towards: Vec3, distance: float,
     if not np.isfinite(length) or length < 1e-9:
         raise InputError(f"view direction {towards}", "give a vector that is not zero")
     direction, edge = np.asarray(towards, dtype=np.float64) / length, size * FINER
-    local, middle = (
-        (painted.corners - center) @ _camera_rotation_matrix(direction).T + (0.0, 0.0, distance),
-        (edge - 1) / 2,
-    )
+    local = (painted.corners - center) @ _camera_rotation_matrix(direction).T + (0.0, 0.0, distance)
+    middle = (edge - 1) / 2
     fine, deep = render_color_and_depth(painted, local, Lens(focal * FINER, focal * FINER, middle, middle, edge, edge))
     x, y, z = direction.tolist()
     total = fine.reshape(size, FINER, size, FINER, 4).mean(axis=(1, 3))
@@ -194,9 +192,8 @@ def render_color_and_depth(painted: Painted, local: Floats, lens: Lens) -> tuple
         lens: the camera.
     """
     focal, middle = np.array([lens.fx, lens.fy]), np.array([lens.cx, lens.cy])
-    buffer = rasterise_triangles(
-        local[:, :, :2] / local[:, :, 2:] * focal + middle, 1 / local[:, :, 2], lens.width, lens.height
-    )
+    places = local[:, :, :2] / local[:, :, 2:] * focal + middle
+    buffer = rasterise_triangles(places, 1 / local[:, :, 2], lens.width, lens.height)
     seen = buffer.triangle >= 0
     index, depth = buffer.triangle[seen], 1 / buffer.nearness[seen]
     rows, columns = np.nonzero(seen)

@@ -39,10 +39,8 @@ def write_background_asset(
         InputError: there is too little or too much of it, or the folder cannot be written.
     """
     if len(vertices) < 4 or not 0 < len(boxes) <= MAX_SHAPES:
-        raise InputError(
-            f"a background of {len(vertices)} vertices and {len(boxes)} boxes",
-            f"give at least 4 vertices and 1 to {MAX_SHAPES} boxes",
-        )
+        remedy = f"give at least 4 vertices and 1 to {MAX_SHAPES} boxes"
+        raise InputError(f"a background of {len(vertices)} vertices and {len(boxes)} boxes", remedy)
     red, green, blue = color
     seen = Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=_MESH, color=(red, green, blue, 1.0))
     solids = [_box_from_corners(low, high) for low, high in boxes]

@@ -39,6 +39,4 @@ def _chromatic_color_name(degrees: float, saturation: float, value: float) -> st
     name = next((name for limit, name in _HUES if degrees < limit), "red")
     if name in ("red", "orange") and value < 0.62 and degrees >= 8 and saturation < 0.85:
         return "brown"
-    if name in ("red", "purple") and value > 0.7 and saturation < 0.5:
-        return "pink"
-    return name
+    return "pink" if name in ("red", "purple") and value > 0.7 and saturation < 0.5 else name

@@ -40,12 +40,8 @@ class Library:
 
     def asset_names(self) -> list[str]:
         """Every asset's name and every description file's, sorted."""
-        own = {
-            path.relative_to(root).as_posix()
-            for root in self.roots
-            for suffix in MODEL_SUFFIXES
-            for path in root.rglob(f"*{suffix}")
-        }
+        found = ((root, path) for root in self.roots for suffix in MODEL_SUFFIXES for path in root.rglob(f"*{suffix}"))
+        own = {path.relative_to(root).as_posix() for root, path in found}
         return sorted({*self._assets, *filter(self.__contains__, own)})
 
     def assets(self) -> tuple[Asset, ...]:
@@ -115,9 +111,7 @@ class Library:
     def with_overlay(self, root: Path) -> "Library":
         """A new library with ``root`` laid over this one; an `InputError` where its manifest is faulty."""
         over = Library(*self.roots, root)
-        over._models = {
-            name: model for name, model in self._models.items() if over._find_root(name) == self._find_root(name)
-        }
+        over._models = {key: one for key, one in self._models.items() if over._find_root(key) == self._find_root(key)}
         return over
 
     def everyday_assets(self) -> tuple[Asset, ...]:

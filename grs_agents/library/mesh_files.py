@@ -132,10 +132,8 @@ def triangulate_primitive(shape: Shape) -> Surface:
 def _revolve_profile(profile: Sequence[tuple[float, float]]) -> Floats:
     """The solid (T, 3, 3) that a profile of (radius, z), from the lowest point to the highest, makes around z."""
     angles = np.arange(_SECTIONS) * 2 * np.pi / _SECTIONS
-    rings = [
-        np.stack([radius * np.cos(angles), radius * np.sin(angles), np.full(_SECTIONS, z)], axis=1)
-        for radius, z in profile
-    ]
+    x, y = np.cos(angles), np.sin(angles)
+    rings = [np.stack([radius * x, radius * y, np.full(_SECTIONS, z)], axis=1) for radius, z in profile]
     lower = np.arange(_SECTIONS)
     ring = np.stack([lower, np.roll(lower, -1), np.roll(lower, -1) + _SECTIONS, lower + _SECTIONS], axis=1)
     quads = [ring + row * _SECTIONS for row in range(len(profile) - 1)]

@@ -30,6 +30,9 @@ from grs_agents.library.colors import COLORS
 Value = float | str
 Values = Mapping[str, Sequence[Value] | float | str]
 Row = list[Value]
+Defaults = Mapping[str, Sequence[Value]]
+Given = Mapping[str, Mapping[int, Value]]
+Filled = dict[str, tuple[Value, ...]]
 
 WALL = 0.005
 """Thickness in m of the walls and floors of templates."""
@@ -60,9 +63,7 @@ def known_placeholder_stems(defaults: Mapping[str, Sequence[Value]]) -> frozense
     return frozenset(known)
 
 
-def resolve_template_values(
-    replace: Values, defaults: Mapping[str, Sequence[Value]]
-) -> tuple[dict[str, tuple[Value, ...]], dict[str, tuple[Value, ...]]]:
+def resolve_template_values(replace: Values, defaults: Defaults) -> tuple[Filled, Filled]:
     """What a template's own placeholders become, and which defaults ``replace`` leaves as they are.
 
     Of a stem of which ``replace`` gives some components, the others count as defaults; an alpha alone does not.
@@ -76,8 +77,8 @@ def resolve_template_values(
         for stem, value in replace.items()
     }
     stated = _convert_to_own_stems(given, defaults, known)
-    values: dict[str, tuple[Value, ...]] = {}
-    assumed: dict[str, tuple[Value, ...]] = {}
+    values: Filled = {}
+    assumed: Filled = {}
     for stem, default in defaults.items():
         row = stated.get(stem, {})
         count = max([len(default), *(index + 1 for index in row)])
@@ -88,9 +89,7 @@ def resolve_template_values(
     return values | _explicit_half_extents(given, values, known), assumed
 
 
-def _convert_to_own_stems(
-    given: Mapping[str, dict[int, Value]], defaults: Mapping[str, Sequence[Value]], known: Collection[str]
-) -> dict[str, dict[int, Value]]:
+def _convert_to_own_stems(given: Given, defaults: Defaults, known: Collection[str]) -> Given:
     """What is given by the stems that the template has: lengths in one, the centres of a corner's strokes."""
     stated = {stem: given.get(stem, {}) for stem in defaults}
     if "DIM" in defaults:
@@ -123,9 +122,7 @@ def fill_template(text: str, replace: Values, defaults: Mapping[str, Sequence[Va
     return _substitute_placeholders(text, derived | values)
 
 
-def _explicit_half_extents(
-    given: Mapping[str, Mapping[int, Value]], values: Mapping[str, Sequence[Value]], known: Collection[str]
-) -> dict[str, tuple[Value, ...]]:
+def _explicit_half_extents(given: Given, values: Defaults, known: Collection[str]) -> Filled:
     """A ``HALF`` of its own: three-sided squares set their lines back by half a line."""
     if "HALF" not in known or "HALF" in values or not {"HALF", "DIM"} <= set(given):
         return {}

@@ -116,9 +116,8 @@ def _import_skimage_measure() -> Any:
     try:
         return importlib.import_module("skimage.measure")
     except ImportError as error:
-        raise ConfigError(
-            f"background.on = true needs scikit-image: {error}", 'run: pip install "grs-agents[background]"'
-        ) from error
+        remedy = 'run: pip install "grs-agents[background]"'
+        raise ConfigError(f"background.on = true needs scikit-image: {error}", remedy) from error
 
 
 def _cluster_vertices(mesh: Mesh, cell: float) -> Mesh:

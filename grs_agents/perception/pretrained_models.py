@@ -24,10 +24,8 @@ def load_model_config(setting: str, name: str | None, tool: str) -> tuple[Path, 
         config = json.loads((folder / "config.json").read_text(encoding="utf-8"))
         return folder, {**config, "model_type": str(config["model_type"])}
     except (OSError, ValueError, RecursionError, TypeError, LookupError) as error:
-        raise ConfigError(
-            f"{setting} = {name!r}: no folder of a model with a config.json that transformers wrote ({error})",
-            "name one on this machine; nothing is downloaded",
-        ) from error
+        found = f"{setting} = {name!r}: no folder of a model with a config.json that transformers wrote ({error})"
+        raise ConfigError(found, "name one on this machine; nothing is downloaded") from error
 
 
 def load_pretrained_model(kind: Any, folder: Path, setting: str, transformers: Any, **options: Any) -> Any:
@@ -44,10 +42,8 @@ def load_pretrained_model(kind: Any, folder: Path, setting: str, transformers: A
     missing = sorted(loading["missing_keys"])
     if missing:
         named = ", ".join(missing[:3]) + (", ..." if len(missing) > 3 else "")
-        raise InputError(
-            f"{setting} = {str(folder)!r} lacks {len(missing)} of its weights: {named}",
-            "name a folder with the whole model",
-        )
+        remedy = "name a folder with the whole model"
+        raise InputError(f"{setting} = {str(folder)!r} lacks {len(missing)} of its weights: {named}", remedy)
     return model.eval()
 
 
@@ -60,7 +56,5 @@ def wrap_model_errors(what: str, folder: Path, photo: object, loader: str) -> Ge
         raise
     except Exception as error:
         said = (str(error).strip() or repr(error)).splitlines()[0][:300]
-        raise InputError(
-            f"the {what} model {folder} failed on {photo}: {said}",
-            f"name the folder of a model that transformers loads by {loader}",
-        ) from error
+        remedy = f"name the folder of a model that transformers loads by {loader}"
+        raise InputError(f"the {what} model {folder} failed on {photo}: {said}", remedy) from error

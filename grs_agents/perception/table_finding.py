@@ -164,10 +164,8 @@ def _choose_table_plane(
     if isinstance(choice, int):
         if not 1 <= choice <= len(planes):
             known = ", ".join(f"{number} ({share:.0%} of the pixels)" for number, share in enumerate(shares, 1))
-            raise InputError(
-                f"{frame.source}: scene.table = {choice}, but the level planes from the lowest up are {known}",
-                "name one of those numbers, or auto, largest or highest",
-            )
+            found = f"{frame.source}: scene.table = {choice}, but the level planes from the lowest up are {known}"
+            raise InputError(found, "name one of those numbers, or auto, largest or highest")
         return choice - 1
     if choice == "highest":
         return len(planes) - 1

@@ -46,10 +46,8 @@ def _bad_line_error(path: Path, number: int, line: bytes, error: ValidationError
     with suppress(ValueError, TypeError, AttributeError, RecursionError):
         version = int(json.loads(line).get("version"))
         if version > VERSION:
-            return InputError(
-                f"{path} line {number} is an event of version {version}, and this GRS reads up to {VERSION}",
-                "install a later version of grs-agents",
-            )
+            found = f"{path} line {number} is an event of version {version}, and this GRS reads up to {VERSION}"
+            return InputError(found, "install a later version of grs-agents")
     reason = error.errors(include_url=False)[0]["msg"]
     return InputError(f"{path} line {number} is not an event: {reason}", "restore the file or start a new run")
 

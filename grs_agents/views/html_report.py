@@ -95,9 +95,8 @@ def render_table(
         return "".join(f"<{tag}{kind}>{escape_html(value)}</{tag}>" for kind, value in zip(kinds, values, strict=True))
 
     colors: Iterable[Verdict] = verdicts or repeat("")
-    lines = "".join(
-        f"<tr{_class_attribute(color)}>{cells('td', row)}</tr>\n" for row, color in zip(rows, colors, strict=False)
-    )
+    pairs = zip(rows, colors, strict=False)
+    lines = "".join(f"<tr{_class_attribute(color)}>{cells('td', row)}</tr>\n" for row, color in pairs)
     return f'<div class="table"><table><tr>{cells("th", heads)}</tr>\n{lines}</table></div>'
 
 
@@ -184,10 +183,8 @@ def render_photo_and_objects(events: Sequence[trace.Event], sources: Sources) ->
             objects = event.summary.get("objects") or objects
             background = event.summary.get("background") or background
     sources.announce_drawing("the camera's view of the simulation")
-    shown = [
-        _render_annotated_photo(files, objects, sources.folder),
-        _render_simulated_view(events, sources, objects, camera, background),
-    ]
+    photo = _render_annotated_photo(files, objects, sources.folder)
+    shown = [photo, _render_simulated_view(events, sources, objects, camera, background)]
     if any(shown):
         yield f'<div class="row">{"".join(shown)}</div>'
     if objects:
@@ -212,9 +209,7 @@ def _render_annotated_photo(files: dict[str, str], objects: Sequence[dict[str, A
     numbers = {object_mask_label(item, index) for index, item in enumerate(objects)}
     boxes = mask_bounding_boxes(labels) if labels is not None and labels.shape == image.shape[:2] else {}
     marks: list[tuple[str, Rectangle]] = [(str(label), box) for label, box in boxes.items() if label in numbers]
-    return render_picture(
-        np.asarray(image[:, :, ::-1], dtype=np.uint8), "The photo, with the objects found in it", marks
-    )
+    return render_picture(np.asarray(image[:, :, ::-1], np.uint8), "The photo, with the objects found in it", marks)
 
 
 def _render_simulated_view(
@@ -244,9 +239,7 @@ def _render_simulated_view(
 
 def last_audit_events(events: Sequence[trace.Event], kind: type[AuditEvent]) -> list[AuditEvent]:
     """The rollouts, or the findings, of the last audit."""
-    starts = [
-        index for index, event in enumerate(events) if isinstance(event, trace.NodeStarted) and event.node == "audit"
-    ]
+    starts = [at for at, event in enumerate(events) if isinstance(event, trace.NodeStarted) and event.node == "audit"]
     return [event for event in events[starts[-1] if starts else 0 :] if isinstance(event, kind)]
 
 
@@ -255,10 +248,8 @@ def render_rollouts(events: Sequence[trace.Event], sources: Sources) -> Iterator
     played = last_audit_events(events, trace.Rollout)
     for event in played:
         verdict = f"Seed {event.seed}: {event.outcome}, reward {event.reward:.2f} after {event.steps} steps; "
-        yield render_paragraph(
-            f"{verdict}doing nothing earns {event.idle_reward:.2f}; moved {', '.join(event.moved) or 'nothing'}",
-            "" if event.outcome == "success" else "bad",
-        )
+        text = f"{verdict}doing nothing earns {event.idle_reward:.2f}; moved {', '.join(event.moved) or 'nothing'}"
+        yield render_paragraph(text, "" if event.outcome == "success" else "bad")
         drawn = event.instance and event.recording and find_member_file(sources.folder, event.recording)
         yield from _render_rollout_stills(event, sources, strip=event is played[0]) if drawn else ()
 
@@ -332,15 +323,8 @@ def _render_step_table(rows: Sequence[Step]) -> str:
 def _step_row_cells(step: Step) -> tuple[object, ...]:
     name = f"{step.node} ×{step.visit}" if step.visit > 1 else step.node
     tokens = f"{step.total_tokens:,}" if step.total_tokens else ""
-    return (
-        step.number,
-        step.attempt,
-        name,
-        _step_status_text(step),
-        f"{step.seconds:.1f}",
-        tokens,
-        step.joined_details[:1000],
-    )
+    seconds, details = f"{step.seconds:.1f}", step.joined_details[:1000]
+    return (step.number, step.attempt, name, _step_status_text(step), seconds, tokens, details)
 
 
 def _step_status_text(step: Step) -> str:
@@ -389,9 +373,8 @@ def _render_programs(events: Sequence[trace.Event], folder: Path) -> Iterator[st
         if isinstance(event, trace.ProgramVersion):
             last[event.program] = event
             if event.parent is not None and event.diff:
-                yield render_collapsible(
-                    f"{event.program} version {event.number} by {event.author_role}", render_diff(event.diff), True
-                )
+                heading = f"{event.program} version {event.number} by {event.author_role}"
+                yield render_collapsible(heading, render_diff(event.diff), True)
     for program, event in last.items():
         file = find_member_file(folder, event.path)
         if file is not None:

@@ -1,4 +1,4 @@
-"""A run as OpenTelemetry spans with the semantic conventions for generative AI (attrs ``gen_ai.*``).
+"""A run as OpenTelemetry spans with the semantic conventions for generative AI (attributes ``gen_ai.*``).
 
 Any backend that speaks OTLP shows the same tree: the run, its nodes, and in each node its model calls, tools and
 decisions. Spans are made from events, live or later, with the events' own times.
@@ -74,12 +74,12 @@ class SpanView:
         self._provider.shutdown()
 
     def _start_span(
-        self, name: str, parent: Any, attrs: dict[str, Any], at: int | None = None, kind: str = "INTERNAL"
+        self, name: str, parent: Any, attributes: dict[str, Any], at: int | None = None, kind: str = "INTERNAL"
     ) -> Any:
         context = self._trace.set_span_in_context(parent) if parent is not None else None
         kind_of_span = getattr(self._trace.SpanKind, kind)
         return self._tracer.start_span(
-            name, context=context, kind=kind_of_span, attrs=attrs, start_time=at or self._last
+            name, context=context, kind=kind_of_span, attributes=attributes, start_time=at or self._last
         )
 
     def _end_span(self, span: Any, error: str = "") -> None:
@@ -116,13 +116,13 @@ class SpanView:
             "gen_ai.usage.cache_read.input_tokens": event.cached_tokens,
         }
         if event.finish_reason:
-            attrs["gen_ai.response.finish_reasons"] = [event.finish_reason]
+            attributes["gen_ai.response.finish_reasons"] = [event.finish_reason]
         if event.cost is not None:
-            attrs["grs.cost_usd"] = event.cost
+            attributes["grs.cost_usd"] = event.cost
         if self._content:
             if asked is not None:
-                attrs["gen_ai.input.messages"] = _dump_message("user", asked.text)
-            attrs["gen_ai.output.messages"] = _dump_message("assistant", event.text, event.finish_reason or "stop")
+                attributes["gen_ai.input.messages"] = _dump_message("user", asked.text)
+            attributes["gen_ai.output.messages"] = _dump_message("assistant", event.text, event.finish_reason or "stop")
         begin = round(asked.time * 1e9) if asked else self._last - round(event.seconds * 1e9)
         self._end_span(
             self._start_span(f"chat {name or provider}", self._node or self._run, attributes, begin, "CLIENT"), event.error
@@ -154,7 +154,7 @@ def _agent_attributes(name: str) -> dict[str, Any]:
 
 
 def _dump_message(role: str, text: str, finish: str = "") -> str:
-    """One message in the form that the conventions give for attrs."""
+    """One message in the form that the conventions give for attributes."""
     message: dict[str, Any] = {"role": role, "parts": [{"type": "text", "content": text}]}
     return json.dumps([message | ({"finish_reason": finish} if finish else {})], ensure_ascii=False)
 

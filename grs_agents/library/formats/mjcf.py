@@ -68,9 +68,8 @@ class Frames:
             *axis, angle = self.source.parse_n_numbers(said["axisangle"], "axisangle", 4, _MAX_ANGLE)
             return _axis_angle_quaternion(np.array(self._normalize_vector(tuple(axis), "axisangle")), angle * self.unit)
         if "zaxis" in said:
-            return _quaternion_from_z_axis(
-                np.array(self._normalize_vector(self.source.parse_n_numbers(said["zaxis"], "zaxis", 3), "zaxis"))
-            )
+            axis = self.source.parse_n_numbers(said["zaxis"], "zaxis", 3)
+            return _quaternion_from_z_axis(np.array(self._normalize_vector(axis, "zaxis")))
         if "euler" in said:
             return self._quaternion_from_euler(self.source.parse_n_numbers(said["euler"], "euler", 3, _MAX_ANGLE))
         return IDENTITY_PLACEMENT[1]
@@ -152,7 +151,7 @@ class _Reader:
     """One pass over one file."""
 
     def __init__(self, source: ModelFile) -> None:
-        self.source = source
+        self.source, top = source, source.top
         if source.top.tag != "mujoco":
             raise source.make_error(f"<{source.top.tag}> is not MJCF", "give a <mujoco> file")
         for element in source.top.iter():
@@ -166,9 +165,7 @@ class _Reader:
             material.get("name", ""): source.parse_rgba(material.attrib["rgba"])
             for material in source.top.findall("asset/material[@rgba]")
         }
-        self.meshes = {
-            mesh.get("name") or Path(mesh.get("file", "")).stem: mesh for mesh in source.top.findall("asset/mesh")
-        }
+        self.meshes = {mesh.get("name") or Path(mesh.get("file", "")).stem: mesh for mesh in top.findall("asset/mesh")}
 
     def build_object_model(self) -> ObjectModel:
         """The object."""
@@ -199,12 +196,11 @@ class _Reader:
         for geom in body.findall("geom"):
             yield self._read_geom(self.defaults.attributes_with_defaults(geom, kind), place)
         for child in body.findall("body"):
-            yield from self._read_body_geoms(
-                child, compose_placements(place, self.frames.read_placement(child.attrib)), kind, weights, False
-            )
+            inner = compose_placements(place, self.frames.read_placement(child.attrib))
+            yield from self._read_body_geoms(child, inner, kind, weights, False)
 
     def _read_geom(self, said: dict[str, str], place: Placement) -> _Geom:
-        name, kind = said.get("name", ""), said.get("type", "sphere")
+        name, kind, paint = said.get("name", ""), said.get("type", "sphere"), said.get("material", "")
         mesh, size, local = None, (), self.frames.read_placement(said)
         if kind == "mesh":
             mesh, size = self._mesh_file_and_scale(said.get("mesh", ""))
@@ -213,21 +209,10 @@ class _Reader:
         else:
             raise self.source.make_error(f"geom {name!r} is a {kind}", "use box, sphere, cylinder, capsule or mesh")
         kinds: dict[str, ShapeKind] = {"box": "box", "sphere": "sphere", "mesh": "mesh"}
-        position, quaternion = compose_placements(place, local)
+        at, turn = compose_placements(place, local)
         friction = self.source.parse_numbers(said.get("friction", f"{_FRICTION}"), "friction")
-        color = (
-            self.source.parse_rgba(said["rgba"])
-            if "rgba" in said
-            else self.material_colors.get(said.get("material", ""))
-        )
-        shape = Shape(
-            kind=kinds.get(kind, "cylinder"),
-            size=size,
-            position=position,
-            quaternion=quaternion,
-            color=color,
-            mesh=mesh,
-        )
+        color = self.source.parse_rgba(said["rgba"]) if "rgba" in said else self.material_colors.get(paint)
+        shape = Shape(kind=kinds.get(kind, "cylinder"), size=size, position=at, quaternion=turn, color=color, mesh=mesh)
         collides = any(self._parse_nonnegative(said.get(bit, "1"), bit) for bit in ("contype", "conaffinity"))
         mass = self._parse_nonnegative(said["mass"], "mass") if "mass" in said else self._mass_from_density(shape, said)
         return _Geom(shape, collides, mass, friction[0] if friction else _FRICTION)
@@ -240,9 +225,8 @@ class _Reader:
             length, local = self.frames.parse_fromto(said["fromto"])
         needed = {"box": 3, "sphere": 1}.get(kind, 2 if length is None else 1)
         if len(words) < needed or (kind == "box" and length is not None):
-            raise self.source.make_error(
-                f"<geom> size {words} of a {kind}", f"give {needed} numbers, and no fromto for a box"
-            )
+            remedy = f"give {needed} numbers, and no fromto for a box"
+            raise self.source.make_error(f"<geom> size {words} of a {kind}", remedy)
         if kind == "box":
             size = tuple(2 * half for half in words[:3])
         elif kind == "sphere":
@@ -260,25 +244,19 @@ class _Reader:
             if refused in said:
                 raise self.source.make_error(f"mesh {name!r} has {refused}", "give it as a file in its own frame")
         scale = self.source.parse_n_numbers(said.get("scale", "1 1 1"), "<mesh> scale", 3)
-        return self.source.resolve_library_file(said.get("file", ""), self.folder), self.source.require_positive(
-            scale, "<mesh> scale"
-        )
+        file = self.source.resolve_library_file(said.get("file", ""), self.folder)
+        return file, self.source.require_positive(scale, "<mesh> scale")
 
     def _mass_from_density(self, shape: Shape, said: dict[str, str]) -> float | None:
         """Mass by density, kg; None for a mesh, whose volume we do not measure."""
         density = self._parse_nonnegative(said.get("density", f"{_DENSITY}"), "density", 1e5)
-        if density == 0:
-            return 0.0
-        return None if shape.kind == "mesh" else density * shape_volume(shape)
+        return 0.0 if density == 0 else None if shape.kind == "mesh" else density * shape_volume(shape)
 
     def _require_geom_mass(self, geom: _Geom) -> float:
-        if geom.mass is not None:
-            return geom.mass
-        if not geom.collides:
-            return 0.0
-        raise self.source.make_error(
-            f"mesh geom {geom.shape.mesh!r} has no mass", "give the geom a mass or the body an <inertial>"
-        )
+        if geom.mass is None and geom.collides:
+            remedy = "give the geom a mass or the body an <inertial>"
+            raise self.source.make_error(f"mesh geom {geom.shape.mesh!r} has no mass", remedy)
+        return geom.mass or 0.0
 
     def _parse_nonnegative(self, text: str, name: str, most: float = 1e3) -> float:
         try:

@@ -136,9 +136,8 @@ class ModelFile:
         if max(len(visuals), len(colliders)) > MAX_SHAPES:
             raise self.make_error(f"{max(len(visuals), len(colliders))} shapes, at most {MAX_SHAPES} are allowed")
         bounds = merge_bounds(shape_bounds(shape, self._read_mesh_vertices(shape)) for shape in colliders or visuals)
-        return ObjectModel(
-            visuals=tuple(visuals or colliders), colliders=tuple(colliders), mass=mass, friction=friction, bounds=bounds
-        )
+        seen = tuple(visuals or colliders)
+        return ObjectModel(visuals=seen, colliders=tuple(colliders), mass=mass, friction=friction, bounds=bounds)
 
     def _find_convex_parts(self, shape: Shape) -> list[Shape]:
         """The shapes of ``NAME.part0.obj``, ``NAME.part1.obj``, ... beside the mesh ``NAME.obj``, else the shape."""

@@ -100,9 +100,8 @@ def link_placements(source: ModelFile) -> Iterator[tuple[Element, Placement]]:
     one_tree = len(links) == count and len(parents) == len(joints) == count - 1 and len(roots) == 1
     if robot.tag != "robot" or not 0 < count <= MAX_LINKS or not one_tree:
         found = f"<{robot.tag}> with {count} links and {len(joints)} fixed joints"
-        raise source.make_error(
-            found, f"give a <robot> of one tree of 1 to {MAX_LINKS} links, each named and joined once"
-        )
+        remedy = f"give a <robot> of one tree of 1 to {MAX_LINKS} links, each named and joined once"
+        raise source.make_error(found, remedy)
     for name, link in links.items():
         yield link, _place_in_root(source, name, links, parents)
 
@@ -128,9 +127,8 @@ def _place_in_root(source: ModelFile, name: str, links: dict[str, Element], pare
         joint = parents[name]
         origin, name = joint.find("origin"), _link_name_of_joint(joint, "parent")
         if name in seen or name not in links:
-            raise source.make_error(
-                f"joint {joint.get('name', '')!r} hangs on {name!r}", "join every link to another one"
-            )
+            remedy = "join every link to another one"
+            raise source.make_error(f"joint {joint.get('name', '')!r} hangs on {name!r}", remedy)
         seen.add(name)
         rotation = quaternion_from_rpy(*source.read_vector_attribute(origin, "rpy"))
         placement = compose_placements((source.read_vector_attribute(origin, "xyz"), rotation), placement)
@@ -207,14 +205,10 @@ class _Reader:
             size = self._parse_positive_sizes(geometry, "scale", 3) if "scale" in geometry.attrib else (1.0, 1.0, 1.0)
         else:
             raise self.fault(f"unknown shape <{geometry.tag}>", "use box, cylinder, sphere or mesh")
+        position = self.source.read_vector_attribute(origin, "xyz")
+        quaternion = quaternion_from_rpy(*self.source.read_vector_attribute(origin, "rpy"))
         return Shape(
-            kind=kind,
-            size=size,
-            position=self.source.read_vector_attribute(origin, "xyz"),
-            quaternion=quaternion_from_rpy(*self.source.read_vector_attribute(origin, "rpy")),
-            color=color,
-            mesh=mesh,
-            texture=texture,
+            kind=kind, size=size, position=position, quaternion=quaternion, color=color, mesh=mesh, texture=texture
         )
 
     def _resolve_material(self, material: Element | None) -> _LOOK:

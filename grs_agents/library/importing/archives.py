@@ -96,10 +96,8 @@ def _write_members(members: Iterable[Member], target: Path, archive: Path, room:
             for path in written:
                 path.unlink(missing_ok=True)
             times = room / archive.stat().st_size
-            raise RefusedError(
-                f"{archive.name} unpacks to more than {room} bytes, {times:.0f} times its size",
-                "unpack it yourself and import the folder",
-            )
+            remedy = "unpack it yourself and import the folder"
+            raise RefusedError(f"{archive.name} unpacks to more than {room} bytes, {times:.0f} times its size", remedy)
 
 
 HOPE = "hope"

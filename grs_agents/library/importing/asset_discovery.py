@@ -34,12 +34,8 @@ def find_source_items(folder: SourceFolder) -> list[SourceItem]:
     names = list(_list_visible_files(folder.root))
     claimed: set[str] = set()
     items: list[SourceItem] = []
-    for layout in (
-        _find_hope_items(names),
-        _find_gso_items(names),
-        _find_ycb_items(names),
-        _find_urdf_and_mjcf_items(folder, names, claimed),
-    ):
+    known = (_find_hope_items(names), _find_gso_items(names), _find_ycb_items(names))
+    for layout in (*known, _find_urdf_and_mjcf_items(folder, names, claimed)):
         items += [item for item in layout if not _is_claimed(item.file, claimed)]
         claimed |= {item.file for item in items}
         claimed |= {f"{_home_folder_of_item(item)}/" for item in items if item.kind in ("gso", "ycb", "hope")}

@@ -48,24 +48,13 @@ from grs_agents.library.mesh_files import mesh_area, mesh_volume
 USUAL: Final = (0.02, 0.7)
 """Longest extent (m) that a thing on a table usually has."""
 POSSIBLE: Final = (0.003, 3.0)
-_DENSITIES: Final = {
-    category: density
-    for density, categories in {
-        900.0: "can bottle carton jar tub banana lemon orange peach pear",
-        1800.0: "bowl mug plate",
-        400.0: "box ball toy",
-        600.0: "block basket",
-        850.0: "apple",
-        950.0: "plum",
-        1200.0: "cup",
-        3000.0: "hammer clamp",
-        4000.0: "scissors",
-        5000.0: "wrench",
-        300.0: "shoe",
-        50.0: "sponge",
-    }.items()
-    for category in categories.split()
-}
+_CATEGORIES: Final = """
+    50: sponge | 300: shoe | 400: box ball toy | 600: block basket | 850: apple | 950: plum | 1200: cup
+    900: can bottle carton jar tub banana lemon orange peach pear | 1800: bowl mug plate | 3000: hammer clamp
+    4000: scissors | 5000: wrench
+"""
+_ROWS: Final = [row.partition(":") for row in _CATEGORIES.replace("\n", "|").split("|") if row.strip()]
+_DENSITIES: Final = {category: float(density) for density, _, names in _ROWS for category in names.split()}
 """kg/m^3 of things of a kind, rough."""
 _DENSITY: Final = 500.0
 _MASSES: Final = (0.003, 20.0)

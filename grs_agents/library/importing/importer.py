@@ -103,10 +103,8 @@ class ImportRun:
             if before is not None and before.key == key and not self.again and self._has_all_asset_files(before):
                 return before, True
             if copy := imported.find_same_content(content, f"{self.collection}/{item.name}.urdf"):
-                reason = f"of the same files as {copy}"
-                return ImportOutcome(
-                    item=item.name, source=item.file, status="duplicate", reason=reason, key=key
-                ), False
+                why = f"of the same files as {copy}"
+                return ImportOutcome(item=item.name, source=item.file, status="duplicate", reason=why, key=key), False
             job = ImportJob(
                 source=source.folder.root,
                 item=item,
@@ -125,9 +123,8 @@ class ImportRun:
         except RefusedError as error:
             return _make_refused_outcome(item.name, item.file, error, key), False
         notes = asset.origin.notes if asset.origin is not None else ()
-        seconds = round(time.monotonic() - begin, 2)
         done = ImportOutcome(item=item.name, source=item.file, status="imported", notes=notes, key=key, asset=asset)
-        return done.model_copy(update={"seconds": seconds}), False
+        return done.model_copy(update={"seconds": round(time.monotonic() - begin, 2)}), False
 
     def _has_all_asset_files(self, outcome: ImportOutcome) -> bool:
         """Whether the files that an outcome names are still there."""

@@ -28,14 +28,7 @@ _NOUNS: Final = """
     tray shoe toy bag glass vase lid basin pot book
 """
 _CATEGORIES: Final = frozenset(_NOUNS.split())
-_SYNONYMS: Final = {
-    "mushroom": "can",
-    "tin": "can",
-    "skillet": "pan",
-    "frypan": "pan",
-    "ramekin": "bowl",
-    "baseball": "ball",
-}
+_SYNONYMS = {"mushroom": "can", "tin": "can", "skillet": "pan", "frypan": "pan", "ramekin": "bowl", "baseball": "ball"}
 
 
 def split_name_into_words(name: str) -> list[str]:
@@ -99,11 +92,9 @@ def _sample_surface_colors(solid: TexturedMesh) -> tuple[Image, Floats]:
     """Colours (S, 3) of points on the surface and the area that each stands for."""
     corners = solid.vertices[solid.faces]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    places = [(a, b, 1 - a - b) for a in (0.1, 0.3, 0.5, 0.7) for b in (0.1, 0.2, 0.4, 0.6, 0.8) if a + b < 1]
-    texels = [
-        sample_texture_colors(solid.image, np.einsum("j,ijk->ik", np.array(place), solid.uvs)) for place in places
-    ]
-    return np.concatenate(texels), np.tile(areas, len(places))
+    spots = [(a, b, 1 - a - b) for a in (0.1, 0.3, 0.5, 0.7) for b in (0.1, 0.2, 0.4, 0.6, 0.8) if a + b < 1]
+    texels = [sample_texture_colors(solid.image, np.einsum("j,ijk->ik", np.array(spot), solid.uvs)) for spot in spots]
+    return np.concatenate(texels), np.tile(areas, len(spots))
 
 
 def is_hollow(solid: TexturedMesh) -> bool:

@@ -46,9 +46,8 @@ def read_mesh(folder: SourceFolder, name: str, limits: ImportLimits, texture: st
     scale, unit, up = 1.0, _UNITS.get(suffix, "auto"), _UPS.get(suffix, "auto")
     if suffix == ".obj" and texture is None:
         for image_name in find_obj_material_files(folder, name)[1]:
-            read_texture_image(
-                folder.resolve_file(image_name), limits.pixels, header_only=True
-            )  # trimesh would go on without it
+            picture = folder.resolve_file(image_name)
+            read_texture_image(picture, limits.pixels, header_only=True)  # trimesh would go on without it
     if suffix == ".dae":
         check_xml_safety(path.read_bytes(), lambda message, remedy: RefusedError(f"{name}: {message}", remedy))
         scale, up = _read_dae_unit_and_up(path)
@@ -168,9 +167,7 @@ def _convert_to_mesh_part(mesh: Any, scale: float, image: Image | None, limits: 
 def _face_corner_uvs(mesh: Any, faces: Ints) -> Floats | None:
     """(F, 3, 2) texture coordinates of the corners, or None."""
     uvs = np.asarray(getattr(mesh.visual, "uv", ()), np.float64)
-    if uvs.ndim != 2 or len(uvs) != len(mesh.vertices) or not np.isfinite(uvs).all():
-        return None
-    return uvs[:, :2][faces]
+    return None if uvs.ndim != 2 or len(uvs) != len(mesh.vertices) or not np.isfinite(uvs).all() else uvs[:, :2][faces]
 
 
 def _face_colors(mesh: Any, count: int) -> Image:

@@ -106,10 +106,8 @@ def _stage_mjcf_meshes(top: Element, stage: _Stage) -> None:
         name = mesh.get("name") or PurePosixPath(file).stem
         source, picture = stage.resolve_source_path(mesh_folder + file), pictures.get(name)
         mesh.set("name", name)
-        mesh.set(
-            "file",
-            stage.convert_mesh_to_obj(source, stage.resolve_source_path(texture_folder + picture) if picture else None),
-        )
+        texture = stage.resolve_source_path(texture_folder + picture) if picture else None
+        mesh.set("file", stage.convert_mesh_to_obj(source, texture))
     if top.find(".//inertial") is None:
         for geom in top.iter("geom"):
             if geom.get("type") == "mesh":
@@ -129,9 +127,7 @@ def _pop_mesh_texture_folders(top: Element) -> tuple[str, str]:
 def _texture_file_by_mesh(top: Element) -> dict[str, str]:
     """The picture file of each mesh of an MJCF file that a geom shows with a textured material."""
     files = {texture.get("name"): texture.get("file", "") for texture in top.findall("asset/texture")}
-    materials = {
-        material.get("name"): files.get(material.get("texture"), "") for material in top.findall("asset/material")
-    }
+    materials = {entry.get("name"): files.get(entry.get("texture"), "") for entry in top.findall("asset/material")}
     return {geom.get("mesh", ""): materials.get(geom.get("material"), "") for geom in top.iter("geom")}
 
 

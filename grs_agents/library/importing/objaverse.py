@@ -16,9 +16,8 @@ from grs_agents.errors import ConfigError, InputError
 from grs_agents.library.importing.asset_discovery import slugify_name
 from grs_agents.library.importing.mesh_appearance import split_name_into_words
 
-_LICENSES: Final = {
-    name: f"CC-{name.upper()}-4.0" for name in ("by", "by-sa", "by-nd", "by-nc", "by-nc-sa", "by-nc-nd")
-} | {"cc0": "CC0-1.0"}
+_COMMONS: Final = ("by", "by-sa", "by-nd", "by-nc", "by-nc-sa", "by-nc-nd")
+_LICENSES: Final = {"cc0": "CC0-1.0"} | {name: f"CC-{name.upper()}-4.0" for name in _COMMONS}
 _FAULTS: Final = (OSError, EOFError, ValueError, KeyError, TypeError, zlib.error)
 """What the package raises if it is offline, or if what it downloaded before is cut off."""
 _TIMEOUT: Final = 60.0
@@ -53,9 +52,8 @@ def load_objaverse_package() -> Objaverse:
     try:
         return cast(Objaverse, importlib.import_module("objaverse"))
     except ImportError as error:
-        raise ConfigError(
-            "Objaverse needs the package objaverse, which is not installed", 'run: pip install "grs-agents[objaverse]"'
-        ) from error
+        remedy = 'run: pip install "grs-agents[objaverse]"'
+        raise ConfigError("Objaverse needs the package objaverse, which is not installed", remedy) from error
 
 
 def search_objaverse(package: Objaverse, words: str, most: int = 50) -> list[ObjaverseEntry]:
@@ -95,10 +93,8 @@ def _convert_package_errors(what: str) -> Generator[None]:
         with contextlib.redirect_stdout(sys.stderr):
             yield
     except _FAULTS as error:
-        raise InputError(
-            f"Objaverse's {what}: {error or type(error).__name__}",
-            "see whether this machine is online, and delete what is cut off in ~/.objaverse",
-        ) from error
+        remedy = "see whether this machine is online, and delete what is cut off in ~/.objaverse"
+        raise InputError(f"Objaverse's {what}: {error or type(error).__name__}", remedy) from error
     finally:
         socket.setdefaulttimeout(timeout)
 

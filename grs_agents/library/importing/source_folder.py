@@ -40,7 +40,7 @@ def find_obj_material_files(folder: SourceFolder, obj: str) -> tuple[list[str], 
     pictures: list[str] = []
     with folder.resolve_file(obj).open(encoding="utf-8", errors="replace") as lines:
         names = [
-            line.split(None, 1)[1].strip() for line in lines if line.startswith("mtllib ") and line.strip() != "mtllib"
+            row.split(None, 1)[1].strip() for row in lines if row.startswith("mtllib ") and row.strip() != "mtllib"
         ]
     for name in names:
         path = folder.resolve_file(name, obj)

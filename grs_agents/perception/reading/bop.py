@@ -69,10 +69,8 @@ def read_bop_image(source: Path) -> Recording:
     where = f"{file}, image {image.number}"
     color = image.find_picture_file("rgb", "gray")
     if color is None:
-        raise InputError(
-            f"{source}: {image.scene} holds no rgb/{image.file_stem} and no gray/{image.file_stem}",
-            "name another image",
-        )
+        found = f"{source}: {image.scene} holds no rgb/{image.file_stem} and no gray/{image.file_stem}"
+        raise InputError(found, "name another image")
     picture = read_color_picture(color)
     size = (picture.rgb.shape[1], picture.rgb.shape[0])
     depth = image.find_picture_file("depth")

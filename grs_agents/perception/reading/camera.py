@@ -120,10 +120,8 @@ def _find_unknown_key_error(key: str, value: object, values: Mapping[str, Any], 
     meant = _guess_intended_key(name)
     if meant is None or meant in values or (meant == "K" and "fx" in values):
         return None
-    return InputError(
-        f"{where}: unknown key {key[:40]!a}, and {meant} is missing",
-        f"give {meant}: {MEANINGS[meant]}; or leave {key[:40]!a} out",
-    )
+    remedy = f"give {meant}: {MEANINGS[meant]}; or leave {key[:40]!a} out"
+    return InputError(f"{where}: unknown key {key[:40]!a}, and {meant} is missing", remedy)
 
 
 def _guess_intended_key(name: str) -> str | None:
@@ -146,9 +144,8 @@ def _read_consistent_intrinsics(matrix: object, values: Mapping[str, Any], where
     other = [key for key in intrinsics if key in values and values[key] != intrinsics[key]]
     if other:
         key = other[0]
-        raise InputError(
-            f"{where} says {key} = {intrinsics[key]:g}, but {key} = {values[key]!a:.40}", "leave one of them out"
-        )
+        remedy = "leave one of them out"
+        raise InputError(f"{where} says {key} = {intrinsics[key]:g}, but {key} = {values[key]!a:.40}", remedy)
     return intrinsics
 
 

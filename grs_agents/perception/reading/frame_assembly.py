@@ -169,15 +169,11 @@ def assemble_frame(recording: Recording, camera: Camera, measured: RecordedDepth
     recording = apply_exif_orientation(recording, [(camera.width, camera.height), (width, height)])
     size, file = recording.picture_size, recording.picture.file
     if not have_same_aspect_ratio(size, (width, height)):
-        raise InputError(
-            f"{measured.where} is {width}x{height} but {file} is {size[0]}x{size[1]}, of another shape",
-            "register depth to colour, or crop both to the same view",
-        )
+        found = f"{measured.where} is {width}x{height} but {file} is {size[0]}x{size[1]}, of another shape"
+        raise InputError(found, "register depth to colour, or crop both to the same view")
     if (camera.width, camera.height) not in (size, (width, height)):
-        raise InputError(
-            f"{file} is {size[0]}x{size[1]} but camera.json says {camera.width}x{camera.height}",
-            "give the size, and the numbers that belong to it, of the colour or of the depth picture",
-        )
+        remedy = "give the size, and the numbers that belong to it, of the colour or of the depth picture"
+        raise InputError(f"{file} is {size[0]}x{size[1]} but camera.json says {camera.width}x{camera.height}", remedy)
     depth, rgb = convert_depth_to_metres(measured), recording.picture.rgb
     target = limit_frame_size(*size)
     if size != (width, height):

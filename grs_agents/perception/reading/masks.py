@@ -89,10 +89,8 @@ def _resize_mask_to_frame(mask: Numbers, shape: tuple[int, int], where: str) -> 
     """The mask at the frame's size, by the nearest pixel."""
     rows, columns = mask.shape
     if not have_same_aspect_ratio((columns, rows), (shape[1], shape[0])):
-        raise InputError(
-            f"{where} is {columns}x{rows} but the frame is {shape[1]}x{shape[0]}, of another shape",
-            "give masks for the whole photo",
-        )
+        found = f"{where} is {columns}x{rows} but the frame is {shape[1]}x{shape[0]}, of another shape"
+        raise InputError(found, "give masks for the whole photo")
     if mask.dtype.kind != "b" and (int(mask.max()) > np.iinfo(np.int32).max or int(mask.min()) < 0):
         raise InputError(f"{where} has numbers from {mask.min()} to {mask.max()}", "number the objects from 1")
     numbers = mask.astype(np.int32)

@@ -43,9 +43,8 @@ def _convert_to_rgb_uint8(rgb: Numbers, file: Path) -> Image:
     if rgb.ndim not in (2, 3) or channels not in (1, 3, 4) or rgb.dtype.name not in ("uint8", "uint16"):
         raise InputError(f"rgb in {file} has shape {rgb.shape} and type {rgb.dtype}", f"give {WANTED['rgb']}")
     if rgb.shape[0] * rgb.shape[1] > MOST_PIXELS:
-        raise InputError(
-            f"rgb in {file} is {rgb.shape[1]}x{rgb.shape[0]}, more than {MOST_PIXELS} pixels", "give it smaller"
-        )
+        remedy = "give it smaller"
+        raise InputError(f"rgb in {file} is {rgb.shape[1]}x{rgb.shape[0]}, more than {MOST_PIXELS} pixels", remedy)
     eight = (rgb // 257 if rgb.dtype == np.uint16 else rgb).astype(np.uint8)
     planes = eight.reshape(*eight.shape[:2], channels)
     return np.repeat(planes, 3, axis=2) if channels == 1 else planes[..., :3].copy()
@@ -57,10 +56,8 @@ def _read_depth_scale(arrays: dict[str, Numbers], depth: Numbers, file: Path) ->
     if given is None and depth.dtype.kind == "f":
         return 1.0
     if given is None:
-        raise InputError(
-            f"depth in {file} is of type {depth.dtype} and there is no depth_scale",
-            "add depth_scale: 0.001 for millimetres",
-        )
+        remedy = "add depth_scale: 0.001 for millimetres"
+        raise InputError(f"depth in {file} is of type {depth.dtype} and there is no depth_scale", remedy)
     scale = float(given.reshape(-1)[0]) if given.size == 1 else np.nan
     if not (np.isfinite(scale) and scale > 0):
         raise InputError(f"depth_scale in {file} is {str(given.tolist())[:80]}", "give one number: metres per unit")

@@ -52,10 +52,8 @@ def assemble_frame_from_photo(recording: Recording, estimate: Estimator, field_o
     found = estimate(rgb, focal, name)
     depth = np.asarray(found.depth)
     if depth.ndim != 2 or depth.dtype.kind != "f":
-        raise InputError(
-            f"{name}: the depth tool gave an array of shape {depth.shape} and type {depth.dtype}",
-            "let it give (H, W) metres",
-        )
+        remedy = "let it give (H, W) metres"
+        raise InputError(f"{name}: the depth tool gave an array of shape {depth.shape} and type {depth.dtype}", remedy)
     if focal is None:
         focal, source_note = found.focal, "its focal length is the depth tool's estimate"
     if focal is None:

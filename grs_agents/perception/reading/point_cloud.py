@@ -40,9 +40,8 @@ def read_point_cloud(file: Path) -> Cloud | npt.NDArray[np.number]:
     if array.ndim == 2 and array.shape[1] > 8:
         return array
     if array.ndim not in (2, 3) or not 3 <= array.shape[-1] <= 8:
-        raise InputError(
-            f"{file} has the shape {array.shape}", "give (H, W) depth, or points as (N, 3) or (H, W, 3): x, y, z"
-        )
+        remedy = "give (H, W) depth, or points as (N, 3) or (H, W, 3): x, y, z"
+        raise InputError(f"{file} has the shape {array.shape}", remedy)
     rows, columns = array.shape[:2] if array.ndim == 3 else (1, array.shape[0])
     if rows * columns > MOST_POINTS:
         raise InputError(f"{file} holds {rows * columns} points, more than {MOST_POINTS}", "thin it out")

@@ -65,9 +65,8 @@ def read_depth_or_cloud(file: Path) -> Cloud | Units:
         return read_depth_picture(file)
     array = read_npy(file)
     if array.ndim != 2 or array.dtype.kind == "b" or array.dtype == np.uint8:
-        raise InputError(
-            f"{file} is an array of shape {array.shape} and type {array.dtype}", "give (H, W), metres as floats"
-        )
+        remedy = "give (H, W), metres as floats"
+        raise InputError(f"{file} is an array of shape {array.shape} and type {array.dtype}", remedy)
     return array
 
 
@@ -78,10 +77,8 @@ def _missing_photo_error(folder: Path, names: Sequence[str]) -> InputError:
     if not others:
         return InputError(f"{folder / 'rgb.png'} does not exist", "put the photo there as rgb.png")
     shown = [f"{name[:60]!a}" for name in others[:4]]
-    return InputError(
-        f"{folder / 'rgb.png'} does not exist, but {', '.join(shown)} {'is' if len(others) == 1 else 'are'} there",
-        f"if it is the photo, rename it to rgb{Path(others[0]).suffix.lower()}",
-    )
+    found = f"{folder / 'rgb.png'} does not exist, but {', '.join(shown)} {'is' if len(others) == 1 else 'are'} there"
+    return InputError(found, f"if it is the photo, rename it to rgb{Path(others[0]).suffix.lower()}")
 
 
 def _has_stem_and_suffix(name: str, stems: tuple[str, ...], suffixes: tuple[str, ...]) -> bool:
@@ -97,7 +94,6 @@ def _is_point_cloud_name(name: str) -> bool:
 def _pick_single_name(names: list[str], folder: Path) -> str | None:
     """The one name there is, ``None`` without any; raises InputError if there are several."""
     if len(names) > 1:
-        raise InputError(
-            f"{folder} holds {' and '.join(names[:4])}: which of them is meant cannot be told", "leave one of them"
-        )
+        remedy = "leave one of them"
+        raise InputError(f"{folder} holds {' and '.join(names[:4])}: which of them is meant cannot be told", remedy)
     return names[0] if names else None

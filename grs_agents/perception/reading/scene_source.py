@@ -30,9 +30,8 @@ def check_scene_source(source: Path) -> None:
         parse_bop_source(source)
     elif not is_folder(source):
         if not path_exists(source):
-            raise InputError(
-                f"scene {source} does not exist", f"{REMEDY}; samples: {', '.join(content.sample_scenes())}"
-            )
+            remedy = f"{REMEDY}; samples: {', '.join(content.sample_scenes())}"
+            raise InputError(f"scene {source} does not exist", remedy)
         if source.suffix.lower() in point_cloud.SUFFIXES:
             raise InputError(f"{source} is a cloud alone", "put it into a folder with rgb.png and camera.json")
         if source.suffix.lower() not in (".npz", *SUFFIXES):

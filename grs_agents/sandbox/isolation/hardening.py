@@ -73,7 +73,5 @@ def _require_single_thread() -> None:
     except FileNotFoundError:
         raise HardeningError("/proc is not mounted, so threads cannot be counted", "mount /proc") from None
     if threads > 1:
-        raise HardeningError(
-            f"a process of {threads} threads cannot be hardened, only one of 1",
-            "fork first, or set OPENBLAS_NUM_THREADS=1 and start no thread before",
-        )
+        remedy = "fork first, or set OPENBLAS_NUM_THREADS=1 and start no thread before"
+        raise HardeningError(f"a process of {threads} threads cannot be hardened, only one of 1", remedy)

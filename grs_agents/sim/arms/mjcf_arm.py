@@ -96,10 +96,8 @@ def _find_joint_chain(spec: Any, path: Path) -> list[Any]:
     joints = [joint for body in reversed(_body_and_ancestors(carrier)) for joint in body.joints]
     where = f"site {site.name!r}" if site is not None else f"body {carrier.name!r}"
     if not joints:
-        raise InputError(
-            f"robot {path}: no joint moves the {where}",
-            f"put hinge or slide joints on the bodies that carry it; the tip is a site named {', '.join(TIPS[:3])}",
-        )
+        remedy = f"put hinge or slide joints on the bodies that carry it; the tip is a site named {', '.join(TIPS[:3])}"
+        raise InputError(f"robot {path}: no joint moves the {where}", remedy)
     serves = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     for joint in joints:
         if joint.type not in serves:

@@ -65,11 +65,8 @@ class Budget:
         _spend_call_steps(steps)
         self.left -= steps
         if self.left < 0:
-            raise _record_limit_error(
-                SimulationBudgetError(
-                    f"the environment used up its {self.limit} simulated steps", "reset less often or do less in a step"
-                )
-            )
+            found = f"the environment used up its {self.limit} simulated steps"
+            raise _record_limit_error(SimulationBudgetError(found, "reset less often or do less in a step"))
 
 
 def _spend_call_steps(steps: int) -> None:
@@ -77,21 +74,17 @@ def _spend_call_steps(steps: int) -> None:
         return
     _call.steps_left -= steps
     if _call.steps_left < 0:
-        raise _record_limit_error(
-            SimulationBudgetError(
-                f"the call used up its {_call.limits.simulated_steps} simulated steps",
-                "simulate less in all tests or seeds together, or raise limits.simulated_steps",
-            )
-        )
+        found = f"the call used up its {_call.limits.simulated_steps} simulated steps"
+        remedy = "simulate less in all tests or seeds together, or raise limits.simulated_steps"
+        raise _record_limit_error(SimulationBudgetError(found, remedy))
 
 
 def check_object_count(count: int) -> None:
     """Raise ``ObjectLimitError`` if so many objects may not be on the table."""
     most = _call.limits.objects
     if count > most:
-        raise _record_limit_error(
-            ObjectLimitError(f"{count} objects are on the table, {most} are the most", "add fewer objects")
-        )
+        remedy = "add fewer objects"
+        raise _record_limit_error(ObjectLimitError(f"{count} objects are on the table, {most} are the most", remedy))
 
 
 def add_to_vertex_count(count: int, shapes: ObjectModel, library: Library) -> int:
@@ -99,11 +92,8 @@ def add_to_vertex_count(count: int, shapes: ObjectModel, library: Library) -> in
     count += _count_mesh_vertices(shapes, library)
     most = _call.limits.mesh_vertices
     if count > most:
-        raise _record_limit_error(
-            VertexLimitError(
-                f"the meshes on the table have {count} vertices, {most} are the most", "use simpler or fewer meshes"
-            )
-        )
+        found = f"the meshes on the table have {count} vertices, {most} are the most"
+        raise _record_limit_error(VertexLimitError(found, "use simpler or fewer meshes"))
     return count
 
 

@@ -100,10 +100,8 @@ def _load_filled_template(item: InstanceObject, library: Library) -> ObjectModel
         [LARGEST, *(shapes.size if shapes.colliders else ()), *(length for size in solids for length in size)]
     )
     if max(shapes.size) > LARGEST or thinnest < SMALLEST:
-        raise SimulationError(
-            f"{item.asset} filled in is {_format_size(shapes.size)} m, its thinnest part {thinnest:.1e} m",
-            f"give lengths that make it at most {LARGEST} m, each part at least {SMALLEST} m",
-        )
+        found = f"{item.asset} filled in is {_format_size(shapes.size)} m, its thinnest part {thinnest:.1e} m"
+        raise SimulationError(found, f"give lengths that make it at most {LARGEST} m, each part at least {SMALLEST} m")
     return shapes
 
 
@@ -227,13 +225,10 @@ def _use_iterative_solver(spec: Any) -> None:
 def _add_suction_welds(spec: Any, graspable: Sequence[int], timestep: float) -> None:
     """One weld to the cup, switched off, for each object that it may take."""
     for number in graspable:
+        name = f"suction_{number}"
+        objtype = mujoco.mjtObj.mjOBJ_BODY
         weld = spec.add_equality(
-            name=f"suction_{number}",
-            type=mujoco.mjtEq.mjEQ_WELD,
-            objtype=mujoco.mjtObj.mjOBJ_BODY,
-            name1="cup",
-            name2=f"object_{number}",
-            active=False,
+            name=name, type=mujoco.mjtEq.mjEQ_WELD, objtype=objtype, name1="cup", name2=f"object_{number}", active=False
         )
         weld.solref = (2 * timestep, 1.0)
 

@@ -99,10 +99,8 @@ class Physics:
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_collision(self.model, self.data)
         if self.data.ncon > _MOST_CONTACTS:
-            raise SimulationError(
-                f"{len(self.world.addresses)} objects have {self.data.ncon} contacts, {_MOST_CONTACTS} are the most",
-                "place objects apart from one another",
-            )
+            found = f"{len(self.world.addresses)} objects have {self.data.ncon} contacts, {_MOST_CONTACTS} are the most"
+            raise SimulationError(found, "place objects apart from one another")
 
     def raise_if_diverged(self) -> None:
         """Raise ``SimulationError`` if the simulation has diverged, or there were more contacts than fit.
@@ -110,10 +108,8 @@ class Physics:
         counts = self.data.warning.number
         if counts.any():
             causes = ", ".join(_WARNINGS[index] for index in np.flatnonzero(counts))
-            raise SimulationError(
-                f"the physics diverged at {self.data.time:.2f} s: {causes}",
-                "do not start objects inside each other, and do not tie together what cannot be",
-            )
+            remedy = "do not start objects inside each other, and do not tie together what cannot be"
+            raise SimulationError(f"the physics diverged at {self.data.time:.2f} s: {causes}", remedy)
 
     def save_state(self, onto: Any = None) -> Any:
         """A copy of the whole state, sleep included, for ``restore_state``; ``onto``: an older copy to replace."""

@@ -95,10 +95,8 @@ class Tabletop:
         name = templates.resolve_asset_name(urdf, self.library)
         self.warn_of_unknown_arguments("env.add_object", _unknown, Tabletop.add_object)
         if pose is None or pose[0] is None:
-            raise NoFreeSpaceError(
-                f"add_object({name!r}) was given the pose None: no free place was found for it",
-                "add fewer or smaller objects, or give a fixed pose",
-            )
+            found = f"add_object({name!r}) was given the pose None: no free place was found for it"
+            raise NoFreeSpaceError(found, "add fewer or smaller objects, or give a fixed pose")
         filling = templates.find_filling_by_name(name)
         if filling is None:
             self.library.asset(name)

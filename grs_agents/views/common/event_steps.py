@@ -24,9 +24,7 @@ class Step:
     output_tokens: int = 0
     cost: float | None = None  # of its model calls in US dollars; None where no provider told it
     details: list[str] = field(default_factory=list[str])  # what came of it, one phrase each
-    events: list[trace.Event] = field(
-        default_factory=list[trace.Event]
-    )  # all that happened in it, its start and end included
+    events: list[trace.Event] = field(default_factory=list[trace.Event])  # all that happened in it, start and end too
 
     @property
     def total_tokens(self) -> int:
@@ -152,15 +150,8 @@ def group_events_into_steps(events: list[trace.Event]) -> list[Step]:
 
 Level = Literal["DEBUG", "INFO", "WARN", "ERROR"]
 _NOTE_LEVELS: dict[str, Level] = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
-_MARKS = {
-    "run_started": "●",
-    "run_ended": "●",
-    "node_started": "▶",
-    "node_ended": "■",
-    "prompt": "→",
-    "reply": "←",
-    "finding": "✓",
-}
+_BEGIN_AND_END = {"run_started": "●", "run_ended": "●", "node_started": "▶", "node_ended": "■"}
+_MARKS = {**_BEGIN_AND_END, "prompt": "→", "reply": "←", "finding": "✓"}
 
 
 def format_event_line(event: trace.Event) -> str:

@@ -147,13 +147,9 @@ def render_from_photo_camera(
         painted = build_textured_triangles(library, shapes)
         local = (painted.corners - pose[:3, 3]) @ pose[:3, :3]
         ahead = (local[:, :, 2] > _NEAREST).all(axis=1)
-        part = replace(
-            painted,
-            corners=painted.corners[ahead],
-            uvs=painted.uvs[ahead],
-            colors=painted.colors[ahead],
-            texture=painted.texture[ahead],
-        )
+        corners = painted.corners[ahead]
+        uvs = painted.uvs[ahead]
+        part = replace(painted, corners=corners, uvs=uvs, colors=painted.colors[ahead], texture=painted.texture[ahead])
         colors, depth = render_color_and_depth(part, local[ahead], lens)
         seen = (colors[:, :, 3] > 0) & (depth < deep + _MARK)
         fine[seen] = colors[seen, :3]
@@ -166,10 +162,8 @@ def _visible_shapes(item: InstanceObject, library: Library) -> list[Shape]:
     model = load_object_model(item, library)
     shapes = model.visuals or model.colliders
     if item.color:
-        return [
-            transform_shape(shape, item.pose).model_copy(update={"color": item.color, "texture": None})
-            for shape in shapes
-        ]
+        look = {"color": item.color, "texture": None}
+        return [transform_shape(shape, item.pose).model_copy(update=look) for shape in shapes]
     named = COLORS.get(library.asset(item.asset).color if item.asset in library else "", COLORS["gray"])
     bare = {"color": (*named, 1.0)}
     placed = [transform_shape(shape, item.pose) for shape in shapes]

@@ -101,11 +101,8 @@ def _make_reply_section(event: trace.Reply) -> Section:
 
 
 def _format_test_report(event: trace.TestsRun) -> str:
-    parts = [
-        format_outcome_counts(event),
-        str(event.report.get("message") or ""),
-        *map(_format_test_case, get_test_cases(event)),
-    ]
+    message = str(event.report.get("message") or "")
+    parts = [format_outcome_counts(event), message, *map(_format_test_case, get_test_cases(event))]
     return "\n\n".join(part for part in parts if part)
 
 

@@ -149,20 +149,18 @@ def _add_object(spec: Any, item: InstanceObject, library: Library, textures: boo
     shapes = compilation.load_object_model(item, library)
     for index, shape in enumerate(shapes.visuals or shapes.colliders):
         color = _shape_color(item, shape, library, textures)
-        _add_shape_geom(spec, body, shape, library, f"object_{item.id}_{index}", color)
+        _add_shape(spec, body, shape, library, f"object_{item.id}_{index}", color)
 
 
 def _add_background(spec: Any, name: str, library: Library) -> None:
     body = spec.worldbody.add_body(name="background")
     for index, shape in enumerate(library.load_object_model(name).visuals):
-        geom = _add_shape_geom(spec, body, shape, library, f"background_{index}", shape.color or _GREY)
+        geom = _add_shape(spec, body, shape, library, f"background_{index}", shape.color or _GREY)
         if shape.kind == "mesh":  # it is open, so it has no volume
             spec.mesh(geom.meshname).inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
 
 
-def _add_shape_geom(
-    spec: Any, body: Any, shape: Shape, library: Library, name: str, color: tuple[float, ...] | None
-) -> Any:
+def _add_shape(spec: Any, body: Any, shape: Shape, library: Library, name: str, color: tuple[float, ...] | None) -> Any:
     geom = add_shape_geom(spec, body, shape, name, library.mesh_or_texture_path(shape.mesh) if shape.mesh else None)
     geom.contype, geom.conaffinity, geom.mass, geom.group = 0, 0, 0.0, 2
     if color is not None:

@@ -27,11 +27,9 @@ def log_program_version(recording: Recording, folder: Path, event: trace.Program
     recording.log_markdown(path, event_markdown.format_program(event, source))
     head = f"{event.program} version {event.number}" + (f" by {event.author_role}" if event.author_role else "")
     lines = [head, *_diff_lines(event, source)]
-    columns = rr.TextLog.columns(
-        text=[replace_undrawable_chars(line) for line in lines],
-        level=["INFO"] * len(lines),
-        color=[(255, 255, 255), *(_COLORS.get(line[:1], _GREY) for line in lines[1:])],
-    )
+    text = [replace_undrawable_chars(line) for line in lines]
+    color = [(255, 255, 255), *(_COLORS.get(line[:1], _GREY) for line in lines[1:])]
+    columns = rr.TextLog.columns(text=text, level=["INFO"] * len(lines), color=color)
     recording.log_columns(Paths.DIFF, np.zeros(len(lines)), columns)
 
 
@@ -71,12 +69,8 @@ class EventView:
         recording = self._open_recording()
         recording.moment = self._clock.advance_to_event(event)
         recording.require_disk_space()
-        recording.log_row(
-            Paths.LOG,
-            rr.TextLog,
-            text=[replace_undrawable_chars(format_event_line(event)[:300])],
-            level=[event_log_level(event)],
-        )
+        text = replace_undrawable_chars(format_event_line(event)[:300])
+        recording.log_row(Paths.LOG, rr.TextLog, text=[text], level=[event_log_level(event)])
         self._log_event(recording, event)
 
     def close(self) -> None:

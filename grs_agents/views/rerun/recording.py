@@ -105,9 +105,8 @@ class Rows:
             waiting, self._waiting, self._timer = self._waiting, {}, None
             for (path, kind), rows in waiting.items():
                 times = build_time_columns([moment for moment, _ in rows])
-                self._stream.send_columns(
-                    path, times, _merge_rows_into_columns(kind, [values for _, values in rows]), strict=True
-                )
+                columns = _merge_rows_into_columns(kind, [values for _, values in rows])
+                self._stream.send_columns(path, times, columns, strict=True)
 
 
 def _merge_rows_into_columns(kind: type[Archetype], rows: list[Values]) -> rr.ComponentColumnList:

@@ -55,13 +55,11 @@ def shape_to_rerun(shape: Shape, library: Library, color: Rgba | None) -> rr.AsC
         return rr.Cylinders3D(radii=[radius], lengths=[length], fill_mode="solid", **where)
     texture = library.mesh_or_texture_path(shape.texture) if shape.texture and color is None else None
     pose = (shape.position, shape.quaternion)
-    return _build_rerun_mesh(
-        library.mesh_or_texture_path(shape.mesh or ""), texture, shape.size, pose, color or shape.color
-    )
+    return _build_mesh(library.mesh_or_texture_path(shape.mesh or ""), texture, shape.size, pose, color or shape.color)
 
 
 @lru_cache(maxsize=64)
-def _build_rerun_mesh(
+def _build_mesh(
     path: Path, texture_path: Path | None, scale: tuple[float, ...], pose: Pose, color: Rgba | None
 ) -> rr.Mesh3D:
     """Kept, since an object's mesh is shown in the twin and in the rollouts; ``color`` is for what has no texture."""
@@ -138,9 +136,8 @@ class RolloutView:
 
     def show_rollout(self, recording: Recording, event: Rollout) -> float:
         """Show ``event`` and return its simulated seconds; without a recording, objects where they start."""
-        instance = (
-            None if event.instance is None else read_task_instance(resolve_member_file(self._folder, event.instance))
-        )
+        given = event.instance
+        instance = None if given is None else read_task_instance(resolve_member_file(self._folder, given))
         motion = None
         if event.recording is not None:
             motion = read_motion(resolve_member_file(self._folder, event.recording)).downsample(FRAMES_PER_SECOND)
@@ -246,12 +243,10 @@ def _show_grasps(recording: Recording, motion: Motion, names: dict[str, str]) ->
     for number, grasp in enumerate(find_grasps(motion), start=1):
         name = names.get(grasp.body, grasp.body)
         moments += [(grasp.start, f"{number} takes {name}", _BLUE), (grasp.end, f"{number} lets {name} go", _PINK)]
+    labels = [text for _, text, _ in moments]
+    colors = [color for _, _, color in moments]
     spots = rr.Points3D(
-        [motion.tool[frame] for frame, _, _ in moments],
-        labels=[text for _, text, _ in moments],
-        colors=[color for _, _, color in moments],
-        radii=[0.009],
-        show_labels=False,
+        [motion.tool[frame] for frame, _, _ in moments], labels=labels, colors=colors, radii=[0.009], show_labels=False
     )
     recording.log(f"{Paths.WORLD}/grasps", spots)
     if moments:

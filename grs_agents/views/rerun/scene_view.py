@@ -105,9 +105,8 @@ class SceneView:
             self._show_twin_objects(recording, objects)
         background = event.summary.get("asset" if event.stage == "background" else "background")
         if background:
-            log_asset_shapes(
-                recording, Paths.SURROUNDINGS, str(background), library_with_run_assets(self._folder, self._library)
-            )
+            library = library_with_run_assets(self._folder, self._library)
+            log_asset_shapes(recording, Paths.SURROUNDINGS, str(background), library)
 
     def _is_new_file(self, name: str, event: SceneStage) -> bool:
         """Whether ``event`` brings a file that is not shown yet."""
@@ -151,12 +150,10 @@ class SceneView:
         sample = read_picture(file, cv2.IMREAD_UNCHANGED)[::4, ::4]
         seen = sample[sample > 0]
         low, high = np.percentile(seen, [2, 98]) if seen.size else (0, 1)
+        blob = file.read_bytes()
+        meter = 1 / self._depth_scale if self._depth_scale else 1000.0
         image = rr.EncodedDepthImage(
-            blob=file.read_bytes(),
-            media_type="image/png",
-            meter=1 / self._depth_scale if self._depth_scale else 1000.0,
-            depth_range=(float(low), float(high)),
-            colormap="turbo",
+            blob=blob, media_type="image/png", meter=meter, depth_range=(float(low), float(high)), colormap="turbo"
         )
         recording.log(f"{Paths.CAMERA}/depth", image)
 
@@ -229,12 +226,9 @@ def _show_bounding_boxes(recording: Recording, objects: list[dict[str, Any]]) ->
     boxed = [item for item in objects if item.get("box")]
     low = np.array([item["box"]["low"] for item in boxed], dtype=np.float64).reshape(-1, 3)
     high = np.array([item["box"]["high"] for item in boxed], dtype=np.float64).reshape(-1, 3)
+    centers = (low + high) / 2
+    labels = [replace_undrawable_chars(object_display_name(item)) for item in boxed]
     boxes = rr.Boxes3D(
-        centers=(low + high) / 2,
-        sizes=high - low,
-        colors=[_BOX] * len(boxed),
-        labels=[replace_undrawable_chars(object_display_name(item)) for item in boxed],
-        show_labels=True,
-        radii=[0.001],
+        centers=centers, sizes=high - low, colors=[_BOX] * len(boxed), labels=labels, show_labels=True, radii=[0.001]
     )
     recording.log(f"{Paths.SCENE}/boxes", boxes)

@@ -101,10 +101,8 @@ def open_viewer(path: Path, web: WebAddress | None = None) -> Generator[subproce
     command = viewer_command(path, web)
     if web is None and not has_display():
         files = shlex.join(file.name for file in find_recordings(path))
-        raise InputError(
-            "no display to open the viewer on",
-            f"add --web, or copy {files} to a machine with a screen and run there: rerun {files}",
-        )
+        remedy = f"add --web, or copy {files} to a machine with a screen and run there: rerun {files}"
+        raise InputError("no display to open the viewer on", remedy)
     process = _start_viewer(command, find_recordings(path) if web else ())
     try:
         yield process
@@ -129,13 +127,8 @@ def _start_viewer(command: list[str], fed: Sequence[Path] = ()) -> subprocess.Po
     whole processor busy.
     """
     with tempfile.TemporaryFile() as output, contextlib.ExitStack() as interrupted:
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE if fed else subprocess.DEVNULL,
-            stdout=output,
-            stderr=output,
-            env=viewer_environment(),
-        )
+        stdin = subprocess.PIPE if fed else subprocess.DEVNULL
+        process = subprocess.Popen(command, stdin=stdin, stdout=output, stderr=output, env=viewer_environment())
         interrupted.callback(_stop_process, process)
         Thread(target=_write_files_to_stdin, args=(process, fed), daemon=True).start()
         try:

@@ -50,59 +50,35 @@ class _Views:
 
     def overview_tab(self) -> rrb.Vertical:
         verdicts = rrb.Tabs(*self._document_views("DECISION TASK OBJECTS AUDIT"))
-        texts = rrb.Tabs(
-            *self._document_views("SIMULATION TESTS"),
-            self._diff_log_view(),
-            *self._document_views("REPORT PROMPT REPLY"),
-        )
-        pictures = rrb.Vertical(
-            rrb.Tabs(self._photo_view(), self._twin_view(), self._scene_3d_view()),
-            self._rollout_3d_view(),
-            row_shares=[5, 6],
-        )
-        return rrb.Vertical(
-            rrb.Horizontal(
-                rrb.Vertical(self._state_graph_view(), verdicts, row_shares=[3, 2]),
-                texts,
-                pictures,
-                column_shares=[2.2, 2.4, 3],
-            ),
-            rrb.Horizontal(
-                self._node_timeline_view(), self._metric_chart_tabs(), self._event_log_view(), column_shares=[2.6, 2, 3]
-            ),
-            row_shares=[3, 1],
-            name="Overview",
-        )
+        before, after = self._document_views("SIMULATION TESTS"), self._document_views("REPORT PROMPT REPLY")
+        texts = rrb.Tabs(*before, self._diff_log_view(), *after)
+        scenes = rrb.Tabs(self._photo_view(), self._twin_view(), self._scene_3d_view())
+        pictures = rrb.Vertical(scenes, self._rollout_3d_view(), row_shares=[5, 6])
+        states = rrb.Vertical(self._state_graph_view(), verdicts, row_shares=[3, 2])
+        above = rrb.Horizontal(states, texts, pictures, column_shares=[2.2, 2.4, 3])
+        charts = (self._node_timeline_view(), self._metric_chart_tabs(), self._event_log_view())
+        below = rrb.Horizontal(*charts, column_shares=[2.6, 2, 3])
+        return rrb.Vertical(above, below, row_shares=[3, 1], name="Overview")
 
     def scene_tab(self) -> rrb.Vertical:
-        return rrb.Vertical(
-            rrb.Horizontal(self._photo_view(), self._depth_view(), self._twin_view()),
-            rrb.Horizontal(self._scene_3d_view(), self._document_view("OBJECTS"), column_shares=[3, 2]),
-            row_shares=[4, 5],
-            name="1 Scene",
-        )
+        above = rrb.Horizontal(self._photo_view(), self._depth_view(), self._twin_view())
+        below = rrb.Horizontal(self._scene_3d_view(), self._document_view("OBJECTS"), column_shares=[3, 2])
+        return rrb.Vertical(above, below, row_shares=[4, 5], name="1 Scene")
 
     def programs_tab(self) -> rrb.Vertical:
         shown = rrb.Horizontal(*self._document_views("TASK SIMULATION TESTS"), column_shares=[2, 3, 3])
         return rrb.Vertical(shown, name="2 Task and programs")
 
     def tests_and_fixes_tab(self) -> rrb.Vertical:
-        return rrb.Vertical(
-            rrb.Horizontal(
-                self._document_view("REPORT"),
-                self._document_view("DECISION"),
-                self._diff_log_view(),
-                column_shares=[3, 2, 3],
-            ),
-            rrb.Horizontal(self._node_timeline_view(), self._metric_chart_tabs("Tests passed"), column_shares=[3, 2]),
-            row_shares=[3, 1],
-            name="3 Tests and fixes",
-        )
+        texts = (self._document_view("REPORT"), self._document_view("DECISION"), self._diff_log_view())
+        above = rrb.Horizontal(*texts, column_shares=[3, 2, 3])
+        charts = self._metric_chart_tabs("Tests passed")
+        below = rrb.Horizontal(self._node_timeline_view(), charts, column_shares=[3, 2])
+        return rrb.Vertical(above, below, row_shares=[3, 1], name="3 Tests and fixes")
 
     def rollouts_tab(self) -> rrb.Horizontal:
-        beside = rrb.Vertical(
-            self._document_view("AUDIT"), self._metric_chart_tabs(), self._event_log_view(), row_shares=[3, 2, 3]
-        )
+        charts = (self._metric_chart_tabs(), self._event_log_view())
+        beside = rrb.Vertical(self._document_view("AUDIT"), *charts, row_shares=[3, 2, 3])
         return rrb.Horizontal(self._rollout_3d_view(), beside, column_shares=[3, 2], name="4 Rollouts and audit")
 
     def model_calls_tab(self) -> rrb.Horizontal:
@@ -115,11 +91,8 @@ class _Views:
         """A run beside another."""
         top = rrb.Tabs(self._state_graph_view(name), *self._document_views("TASK DECISION AUDIT"))
         pictures = (self._rollout_3d_view(), self._photo_view(), self._twin_view())
-        texts = (
-            *self._document_views("SIMULATION TESTS"),
-            self._diff_log_view(),
-            *self._document_views("REPORT PROMPT REPLY"),
-        )
+        before, after = self._document_views("SIMULATION TESTS"), self._document_views("REPORT PROMPT REPLY")
+        texts = (*before, self._diff_log_view(), *after)
         shown = rrb.Tabs(*pictures, *texts)
         return rrb.Vertical(top, shown, self._node_timeline_view(), row_shares=[3, 5, 1.4], name=name)
 
@@ -147,10 +120,9 @@ class _Views:
     def _state_graph_view(self, name: str = "State machine") -> rrb.GraphView:
         spots = state_machine_view.node_positions(self.nodes).values()
         xs, ys = [spot[0] for spot in spots], [spot[1] for spot in spots]
-        bounds = rrb.VisualBounds2D(
-            x_range=[min(xs, default=0) - 75, max(xs, default=0) + 75],
-            y_range=[min(ys, default=0) - 30, max(ys, default=0) + 30],
-        )
+        width = [min(xs, default=0) - 75, max(xs, default=0) + 75]
+        height = [min(ys, default=0) - 30, max(ys, default=0) + 30]
+        bounds = rrb.VisualBounds2D(x_range=width, y_range=height)
         return rrb.GraphView(
             origin=self._prefixed_path(Paths.MACHINE),
             name=name,
@@ -177,12 +149,10 @@ class _Views:
 
     def _scene_3d_view(self) -> rrb.Spatial3DView:
         scene, camera = self._prefixed_path(Paths.SCENE), self._prefixed_path(Paths.CAMERA)
+        contents = [f"{scene}/**", *(f"- {camera}/{part}" for part in ("masks", "boxes", "depth"))]
+        eye_controls = _eye_controls((-0.15, -0.5, 0.6), (0.5, 0.0, 0.0))
         return rrb.Spatial3DView(
-            origin=scene,
-            contents=[f"{scene}/**", *(f"- {camera}/{part}" for part in ("masks", "boxes", "depth"))],
-            name="Scene in 3D",
-            eye_controls=_eye_controls((-0.15, -0.5, 0.6), (0.5, 0.0, 0.0)),
-            line_grid=False,
+            origin=scene, contents=contents, name="Scene in 3D", eye_controls=eye_controls, line_grid=False
         )
 
     def _rollout_3d_view(self) -> rrb.Spatial3DView:
