@@ -34,12 +34,8 @@ def content_root() -> Path:
 
 def add_overlay_folder(folder: Path) -> None:
     """Lay ``folder`` (with any of graphs/, tools/, prompts/, assets/, evals/) over the shipped content.
-
     Its Python files are executed when they are used, hence never added by default.
-
-    Raises:
-        InputError: the folder does not exist.
-    """
+    Raises InputError: the folder does not exist."""
     if folder in _overlays:
         return
     if not folder.is_dir():

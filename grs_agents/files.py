@@ -49,10 +49,7 @@ def write_file_or_stdout(path: Path, data: bytes) -> Path:
 
 def write_bytes(path: Path, data: bytes) -> Path:
     """Write ``data`` to ``path`` through a temporary file in the same folder. A link is replaced, never followed.
-
-    Raises:
-        InputError: the folder cannot be written, the disk is full, or ``path`` is there and no regular file.
-    """
+    Raises InputError: the folder cannot be written, the disk is full, or ``path`` is there and no regular file."""
     if not path.is_symlink():
         path = resolve_output_file(path)
     temporary = path.with_name(f".{path.name}.{uuid4().hex[:8]}")

@@ -78,10 +78,7 @@ def _check_required_arrays(members: Collection[str], wanted: Mapping[str, str], 
 
 def read_npz_words(data: bytes, where: str) -> list[str]:
     """All words that the arrays of an archive hold; arrays of numbers are not unpacked.
-
-    Raises:
-        InputError: it is no such archive, is too large, or one member is no array of numbers or words.
-    """
+    Raises InputError: it is no such archive, is too large, or one member is no array of numbers or words."""
     words: list[str] = []
     with _open_npz(data, where) as archive:
         for name in archive.namelist():

@@ -35,11 +35,8 @@ REMEDY = "remove it, or ask whoever made the folder for a plain copy"
 
 def check_run_folder(folder: Path) -> None:
     """Look at every entry of a run folder before anything in it is opened; entries that vanish meanwhile are no fault.
-
-    Raises:
-        InputError: an entry is neither a folder nor a regular file, is a link that leads out, or is too large; or
-            there are too many.
-    """
+    Raises InputError: an entry is neither a folder nor a regular file, is a link that leads out, or is too large; or
+    there are too many."""
     root, total = folder.resolve(), 0
     for number, entry in enumerate(_walk_entries(root), start=1):
         if number > MOST_ENTRIES:

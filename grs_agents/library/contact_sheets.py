@@ -21,10 +21,7 @@ MAX_ASSETS: Final = 240
 
 def draw_contact_sheet(library: Library, assets: Sequence[Asset], views: int = 3) -> tuple[Image, dict[str, str]]:
     """A picture (H, W, 3) with a cell of ``views`` pictures around each asset, and what could not be drawn.
-
-    Raises:
-        InputError: there are no assets, or more than 240.
-    """
+    Raises InputError: there are no assets, or more than 240."""
     if not 0 < len(assets) <= MAX_ASSETS:
         raise InputError(f"a sheet of {len(assets)} assets", f"name 1 to {MAX_ASSETS} of them")
     from PIL import Image as Pictures

@@ -54,11 +54,8 @@ class Library:
 
     def asset(self, name: str) -> Asset:
         """The asset called ``name``.
-
-        Raises:
-            UnknownNameError: nothing has that name; the message gives the nearest names.
-            InputError: its file is faulty or not there.
-        """
+        Raises UnknownNameError: nothing has that name; the message gives the nearest names.
+        Raises InputError: its file is faulty or not there."""
         if name in self._assets:
             return self._assets[name]
         if name not in self._own:

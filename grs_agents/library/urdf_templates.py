@@ -65,12 +65,8 @@ def known_placeholder_stems(defaults: Mapping[str, Sequence[Value]]) -> frozense
 
 def resolve_template_values(replace: Values, defaults: Defaults) -> tuple[Filled, Filled]:
     """What a template's own placeholders become, and which defaults ``replace`` leaves as they are.
-
     Of a stem of which ``replace`` gives some components, the others count as defaults; an alpha alone does not.
-
-    Raises:
-        InputError: a value is not a finite number, a colour or a file name.
-    """
+    Raises InputError: a value is not a finite number, a colour or a file name."""
     known = known_placeholder_stems(defaults)
     given: dict[str, dict[int, Value]] = {
         stem: dict(enumerate(_parse_placeholder_value(stem, value, len(defaults.get(stem, (0, 0, 0))))))

@@ -234,10 +234,7 @@ class Segmentation:
 
     def without_rules(self, *rules: str) -> Self:
         """The same with some rules off.
-
-        Raises:
-            UnknownNameError: there is no such rule.
-        """
+        Raises UnknownNameError: there is no such rule."""
         for rule in rules:
             if rule not in RULES:
                 raise UnknownNameError("segmentation rule", rule, RULES)

@@ -13,10 +13,8 @@ LOCAL: Mapping[str, bool] = {"local_files_only": True}
 
 def load_model_config(setting: str, name: str | None, tool: str) -> tuple[Path, dict[str, Any]]:
     """The folder ``name`` of a tool's model and its configuration.
-
-    Raises:
-        ConfigError: the ``setting`` of our configuration, as ``depth.model``, names none, or no folder of a model.
-    """
+    Raises ConfigError: the ``setting`` of our configuration, as ``depth.model``, names none, or no folder of a
+    model."""
     if name is None:
         raise ConfigError(f"tool {tool} needs a model", f"name its folder: --set {setting}=FOLDER")
     folder = Path(name)
@@ -30,10 +28,7 @@ def load_model_config(setting: str, name: str | None, tool: str) -> tuple[Path, 
 
 def load_pretrained_model(kind: Any, folder: Path, setting: str, transformers: Any, **options: Any) -> Any:
     """A model of a class of transformers with all its weights, in the mode of use.
-
-    Raises:
-        InputError: weights are missing; transformers would go on with random ones.
-    """
+    Raises InputError: weights are missing; transformers would go on with random ones."""
     transformers.logging.set_verbosity_error()
     transformers.logging.disable_progress_bar()
     model, loading = kind.from_pretrained(

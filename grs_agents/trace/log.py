@@ -81,12 +81,8 @@ class _Contained:
 
 class EventLog:
     """Appends events to a file and tells subscribers, in order, whichever thread they come from.
-
     Opening an existing file repairs a torn last line and goes on counting where it ended.
-
-    Raises:
-        InputError: the file cannot be read or written, or holds something else.
-    """
+    Raises InputError: the file cannot be read or written, or holds something else."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

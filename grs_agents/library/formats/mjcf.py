@@ -140,10 +140,7 @@ class _Geom:
 
 def read_mjcf(path: Path, root: Path) -> ObjectModel:
     """What an MJCF file says of its one object; the frame is that of its outermost body.
-
-    Raises:
-        InputError: it is not MJCF of one rigid object with files below ``root``; names the fault.
-    """
+    Raises InputError: it is not MJCF of one rigid object with files below ``root``; names the fault."""
     return _Reader(ModelFile(read_text(path), str(path), root, path.parent)).build_object_model()
 
 

@@ -68,10 +68,7 @@ def search_objaverse(package: Objaverse, words: str, most: int = 50) -> list[Obj
 
 def download_objects(package: Objaverse, entries: Sequence[ObjaverseEntry], folder: Path) -> dict[str, ObjaverseEntry]:
     """Fetch objects into a folder, each as a GLB file under a name made of its title; the entries by file name.
-
-    Raises:
-        InputError: nothing can be fetched.
-    """
+    Raises InputError: nothing can be fetched."""
     with _convert_package_errors("models cannot be downloaded"):
         paths = package.load_objects([entry.uid for entry in entries])
     named: dict[str, ObjaverseEntry] = {}

@@ -52,11 +52,8 @@ def short_scene_name(source: Path) -> str:
 
 def read_scene(source: Path, estimate: Estimator | None = None, field_of_view: float | None = None) -> RGBDFrame:
     """Read and check a scene; ``estimate`` makes the depth of a photo without, ``field_of_view`` degrees wide.
-
-    Raises:
-        InputError: a file is missing or unreadable, sizes differ in shape, the camera is incomplete or not finite,
-            too little was measured, or the depth is in another unit than the camera says.
-    """
+    Raises InputError: a file is missing or unreadable, sizes differ in shape, the camera is incomplete or not finite,
+    too little was measured, or the depth is in another unit than the camera says."""
     check_scene_source(source)
     recording = _read_recording(source)
     if recording.measured is not None and recording.camera is not None:

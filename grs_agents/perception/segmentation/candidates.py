@@ -36,10 +36,7 @@ DIMMED = (np.arange(256) * 0.35).astype(np.uint8)  # what each brightness is out
 
 def measure_candidates(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[Candidate, ...]:
     """Measure each segment.
-
-    Raises:
-        InputError: nothing stands on the table, or one object fills it.
-    """
+    Raises InputError: nothing stands on the table, or one object fills it."""
     clouds = {
         label: cloud for label, cloud in _clouds_by_label(frame, table, labels).items() if len(cloud) >= CONFIG.fewest
     }
