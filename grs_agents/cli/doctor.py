@@ -139,16 +139,11 @@ def _diagnose_all_extras() -> list[Diagnosis]:
     """Whether the packages of each extra are here, in a version that it takes."""
     declared = metadata(_DISTRIBUTION).get_all("Provides-Extra") or []
     wanted = [Requirement(text) for text in requires(_DISTRIBUTION) or ()]
-    return [
-        _diagnose_extra(name, [requirement for requirement in wanted if _is_required_by_extra(requirement, name)])
-        for name in declared
-    ]
+    return [_diagnose_extra(name, [one for one in wanted if _is_required_by_extra(one, name)]) for name in declared]
 
 
 def _diagnose_extra(name: str, wanted: list[Requirement]) -> Diagnosis:
-    missing = [
-        f"{need.name}{need.specifier}" for need in wanted if not need.specifier.contains(_get_version(need.name))
-    ]
+    missing = [f"{one.name}{one.specifier}" for one in wanted if not one.specifier.contains(_get_version(one.name))]
     if missing:
         detail = f"missing: {', '.join(missing)}"
         return Diagnosis(f"extra {name}", "not installed", detail, _pip_install_command(name))

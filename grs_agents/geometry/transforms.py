@@ -46,14 +46,8 @@ def eulerXYZ_to_quatXYZW(rotation: Sequence[float]) -> Quat:
     """Roll, pitch, yaw in radians (fixed axes x, then y, then z) to (x, y, z, w)."""
     roll, pitch, yaw = (float(angle) / 2 for angle in rotation)
     cr, sr, cp, sp, cy, sy = (np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw))
-    return to_unit_quaternion(
-        (
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-            cr * cp * cy + sr * sp * sy,
-        )
-    )
+    x, y = sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy
+    return to_unit_quaternion((x, y, cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy))
 
 
 def quatXYZW_to_eulerXYZ(quaternion_xyzw: Sequence[float]) -> Vec3:
@@ -86,14 +80,8 @@ def multiply_quaternions(first: Sequence[float], second: Sequence[float]) -> Qua
     """The rotation ``second`` followed by ``first``."""
     ax, ay, az, aw = first
     bx, by, bz, bw = second
-    return to_unit_quaternion(
-        (
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-            aw * bw - ax * bx - ay * by - az * bz,
-        )
-    )
+    x, y = aw * bx + ax * bw + ay * bz - az * by, aw * by - ax * bz + ay * bw + az * bx
+    return to_unit_quaternion((x, y, aw * bz + ax * by - ay * bx + az * bw, aw * bw - ax * bx - ay * by - az * bz))
 
 
 def compose_poses(pose0: Pose, pose1: Pose) -> Pose:

@@ -63,13 +63,9 @@ def compose_placements(outer: Placement, inner: Placement) -> Placement:
     (px, py, pz), (x1, y1, z1, w1) = outer
     x2, y2, z2, w2 = inner[1]
     dx, dy, dz = (float(value) for value in matrix_from_quaternion(outer[1]) @ np.asarray(inner[0]))
-    rotation = (
-        w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
-        w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
-        w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
-        w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
-    )
-    return (px + dx, py + dy, pz + dz), rotation
+    x, y = w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2, w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2
+    z, w = w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2, w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2
+    return (px + dx, py + dy, pz + dz), (x, y, z, w)
 
 
 def transform_shape(shape: Shape, placement: Placement) -> Shape:
@@ -85,12 +81,8 @@ def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quat:
     cr, sr = float(np.cos(roll / 2)), float(np.sin(roll / 2))
     cp, sp = float(np.cos(pitch / 2)), float(np.sin(pitch / 2))
     cy, sy = float(np.cos(yaw / 2)), float(np.sin(yaw / 2))
-    return (
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-        cr * cp * cy + sr * sp * sy,
-    )
+    x, y = sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy
+    return (x, y, cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy)
 
 
 def rpy_from_quaternion(quaternion: Quat) -> Vec3:

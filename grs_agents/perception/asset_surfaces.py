@@ -182,11 +182,8 @@ def _symmetry_from_corner_bytes(data: bytes, count: int) -> Symmetry:
 
 def cube_rotation_matrices() -> list[Floats]:
     """The 24 rotations of a cube, the identity first."""
-    found = [
-        np.eye(3)[list(order)] * np.array(signs)[:, None]
-        for order in permutations(range(3))
-        for signs in product((1.0, -1.0), repeat=3)
-    ]
+    turns = product(permutations(range(3)), product((1.0, -1.0), repeat=3))
+    found = [np.eye(3)[list(order)] * np.array(signs)[:, None] for order, signs in turns]
     return [matrix for matrix in found if np.linalg.det(matrix) > 0]
 
 

@@ -206,10 +206,8 @@ def _extend_block_end(
     """The end of the block from ``start``, moved on along an axis for as long as all its cells are full."""
     end = end.copy()
     while end[axis] < free.shape[axis]:
-        layer = tuple(
-            slice(int(end[at]), int(end[at]) + 1) if at == axis else slice(int(start[at]), int(end[at]))
-            for at in range(3)
-        )
+        low, high = start.tolist(), end.tolist()
+        layer = tuple(slice(high[at], high[at] + 1) if at == axis else slice(low[at], high[at]) for at in range(3))
         if not free[layer].all():
             break
         end[axis] += 1

@@ -31,10 +31,8 @@ def load_pretrained_model(kind: Any, folder: Path, setting: str, transformers: A
     Raises InputError: weights are missing; transformers would go on with random ones."""
     transformers.logging.set_verbosity_error()
     transformers.logging.disable_progress_bar()
-    model, loading = kind.from_pretrained(
-        str(folder), use_safetensors=True, output_loading_info=True, **LOCAL, **options
-    )
-    missing = sorted(loading["missing_keys"])
+    model, notes = kind.from_pretrained(str(folder), use_safetensors=True, output_loading_info=True, **LOCAL, **options)
+    missing = sorted(notes["missing_keys"])
     if missing:
         named = ", ".join(missing[:3]) + (", ..." if len(missing) > 3 else "")
         remedy = "name a folder with the whole model"

@@ -28,16 +28,9 @@ def downscale_frame(frame: RGBDFrame) -> tuple[RGBDFrame, int]:
     depth[3 * count < values.shape[-1]] = 0
     rgb = cv2.resize(frame.rgb[: rows * factor, : columns * factor], (columns, rows), interpolation=cv2.INTER_AREA)
     camera = frame.camera
-    small = camera.model_copy(
-        update={
-            "fx": camera.fx / factor,
-            "fy": camera.fy / factor,
-            "cx": (camera.cx + 0.5) / factor - 0.5,
-            "cy": (camera.cy + 0.5) / factor - 0.5,
-            "width": columns,
-            "height": rows,
-        }
-    )
+    focal = {"fx": camera.fx / factor, "fy": camera.fy / factor}
+    center = {"cx": (camera.cx + 0.5) / factor - 0.5, "cy": (camera.cy + 0.5) / factor - 0.5}
+    small = camera.model_copy(update={**focal, **center, "width": columns, "height": rows})
     return RGBDFrame(rgb.astype(np.uint8), depth, small, frame.source), factor
 
 

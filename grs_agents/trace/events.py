@@ -50,11 +50,8 @@ def summarise_value(value: Any, depth: int = 2) -> Any:
         return f"{len(value.splitlines())} lines, {len(value)} characters"
     if isinstance(value, list):
         items = cast("list[Any]", value)
-        return (
-            [summarise_value(item, 0) for item in items]
-            if depth > 0 and _is_short_list(items)
-            else f"{len(items)} items"
-        )
+        short = depth > 0 and _is_short_list(items)
+        return [summarise_value(item, 0) for item in items] if short else f"{len(items)} items"
     if isinstance(value, dict):
         fields = cast("dict[str, Any]", value)
         if depth == 0 or len(fields) > _MANY:

@@ -137,12 +137,9 @@ class EventLog:
         if id(subscriber) not in self._reported:
             self._reported.add(id(subscriber))
             name = getattr(subscriber, "__qualname__", type(subscriber).__qualname__)
-            warnings.warn(
-                f"{name} failed at event {event.sequence} ({event.kind}) and may show less than happened: "
-                + escape_control_chars(f"{type(error).__name__}: {error}"),
-                RuntimeWarning,
-                stacklevel=4,
-            )
+            said = escape_control_chars(f"{type(error).__name__}: {error}")
+            text = f"{name} failed at event {event.sequence} ({event.kind}) and may show less than happened: {said}"
+            warnings.warn(text, RuntimeWarning, stacklevel=4)
 
     def close(self) -> None:
         """Close the file; appending is over."""

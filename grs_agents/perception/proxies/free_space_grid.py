@@ -42,11 +42,9 @@ def free_space_map(
     grid = _Grid.from_box(box)
     middles = grid.cell_centers() @ rotation_about_z(box.yaw).T + box.center
     free, level = observed_free_points_mask(middles, frame, table).reshape(grid.counts), box.size[2] / grid.counts[2]
-    taken = (
-        np.zeros_like(free)
-        if around is None
-        else around.occupied_points_mask(middles, grid.longest_cell_side / 2).reshape(grid.counts)
-    )
+    taken = np.zeros_like(free)
+    if around is not None:
+        taken = around.occupied_points_mask(middles, grid.longest_cell_side / 2).reshape(grid.counts)
     free |= taken
     heights = np.where(free.any(axis=2), free.argmax(axis=2), grid.counts[2]) * level
     known = frame.depth > 0

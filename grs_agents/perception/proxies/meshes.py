@@ -88,10 +88,8 @@ def inside_colliders_mask(model: ObjectModel, library: Library, points: Floats, 
     """(N,) which of points (N, 3), m, asset's frame, are in or ``margin`` m from a collider; meshes as hulls."""
     found = np.zeros(len(points), np.bool_)
     for shape in model.colliders:
-        found |= (
-            _distance_to_shape(shape, library, (points - shape.position) @ matrix_from_quaternion(shape.quaternion))
-            < margin
-        )
+        local = (points - shape.position) @ matrix_from_quaternion(shape.quaternion)
+        found |= _distance_to_shape(shape, library, local) < margin
     return found
 
 

@@ -46,9 +46,9 @@ def bowl_wall_pieces(size: Vec3) -> list[Floats]:
     half, foot, radius = size[2] / 2, bowl_foot_radius(size), size[0] / 2
     angles = np.arange(_SEGMENTS + 1) * 2 * np.pi / _SEGMENTS
     rings = [(foot, -half), (foot - WALL, -half), (radius, half), (radius - WALL, half)]
+    pairs = (angles[at : at + 2] for at in range(_SEGMENTS))
     return [
-        np.array([[r * math.cos(angle), r * math.sin(angle), z] for r, z in rings for angle in angles[at : at + 2]])
-        for at in range(_SEGMENTS)
+        np.array([[r * math.cos(angle), r * math.sin(angle), z] for r, z in rings for angle in pair]) for pair in pairs
     ]
 
 
@@ -110,11 +110,8 @@ def choose_proxy_kind(measured: MeasuredShape, size: Vec3, around: bool, hollow:
         return "height blocks"
     if plain == "open box" or off <= _OFF:
         return plain
-    return (
-        "hull"
-        if np.abs(signed_distance_from_hull(add_unseen_side(points, size), points)).mean() < _BETTER * off
-        else plain
-    )
+    off_hull = np.abs(signed_distance_from_hull(add_unseen_side(points, size), points)).mean()
+    return "hull" if off_hull < _BETTER * off else plain
 
 
 def _do_blocks_fit(fillable: FreeColumns, measured: MeasuredShape, size: Vec3, plain: ProxyKind, off: float) -> bool:

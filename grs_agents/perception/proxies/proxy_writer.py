@@ -104,10 +104,8 @@ def write_proxy(
         hollow=kind in ("bowl", "open box"),
     )
     mesh = _build_visible_mesh(kind, extents, measured, boxes)
-    write_text(
-        root / f"proxy/{slug}.obj",
-        mesh_to_obj_text(mesh, None if texture is None else _compute_vertex_uvs(mesh, texture)),
-    )
+    uvs = None if texture is None else _compute_vertex_uvs(mesh, texture)
+    write_text(root / f"proxy/{slug}.obj", mesh_to_obj_text(mesh, uvs))
     red, green, blue = (1.0, 1.0, 1.0) if texture is not None else (round(float(channel), 3) for channel in color)
     update: dict[str, Any] = {"color": (red, green, blue, 1.0)}
     if texture is not None:

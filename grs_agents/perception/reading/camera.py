@@ -203,13 +203,6 @@ def focal_length_from_35mm(millimetres: float, size: tuple[int, int]) -> float:
 def scale_camera_to_size(camera: Camera, width: int, height: int) -> Camera:
     """The same camera for its picture scaled to another size; pixel centres are at whole numbers."""
     across, down = width / camera.width, height / camera.height
-    return camera.model_copy(
-        update={
-            "fx": camera.fx * across,
-            "fy": camera.fy * down,
-            "cx": (camera.cx + 0.5) * across - 0.5,
-            "cy": (camera.cy + 0.5) * down - 0.5,
-            "width": width,
-            "height": height,
-        }
-    )
+    focal = {"fx": camera.fx * across, "fy": camera.fy * down}
+    center = {"cx": (camera.cx + 0.5) * across - 0.5, "cy": (camera.cy + 0.5) * down - 0.5}
+    return camera.model_copy(update={**focal, **center, "width": width, "height": height})

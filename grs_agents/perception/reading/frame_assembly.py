@@ -55,11 +55,9 @@ def convert_depth_to_metres(measured: RecordedDepth) -> Depth:
         valid &= units != np.iinfo(units.dtype.name).max  # saturated
     measured_at = depth[valid]
     if measured_at.size < LEAST_MEASURED * depth.size:
-        raise InputError(
-            f"{where} has a depth at {measured_at.size} of {depth.size} pixels, "
-            f"at least {LEAST_MEASURED:.0%} are needed",
-            "record the depth again",
-        )
+        needed = f"at least {LEAST_MEASURED:.0%} are needed"
+        found = f"{where} has a depth at {measured_at.size} of {depth.size} pixels, {needed}"
+        raise InputError(found, "record the depth again")
     median = float(np.median(measured_at))
     if not NEAREST <= median <= FARTHEST:
         factor = 1000.0 if median < NEAREST else 0.001
@@ -115,10 +113,8 @@ def resize_depth(depth: Depth, width: int, height: int) -> Depth:
 
 def resize_nearest(picture: "npt.NDArray[Scalar]", width: int, height: int) -> "npt.NDArray[Scalar]":
     """A picture (H, W) at another size, each pixel that of the nearest."""
-    rows, columns = (
-        _resampled_pixel_centers(picture.shape[0], height),
-        _resampled_pixel_centers(picture.shape[1], width),
-    )
+    rows = _resampled_pixel_centers(picture.shape[0], height)
+    columns = _resampled_pixel_centers(picture.shape[1], width)
     return picture[np.ix_(np.rint(rows).astype(int), np.rint(columns).astype(int))]
 
 

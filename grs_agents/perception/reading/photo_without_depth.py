@@ -77,9 +77,7 @@ def _find_focal(recording: Recording, size: tuple[int, int], field_of_view: floa
     if field_of_view is not None:
         focal = size[0] / 2 / math.tan(math.radians(field_of_view) / 2)
         return focal, f"its focal length is that of depth.field_of_view = {field_of_view:g} degrees"
-    millimetres = recording.picture.focal_35mm
-    if millimetres is not None:
-        return focal_length_from_35mm(
-            millimetres, size
-        ), f"its focal length is EXIF's, {millimetres:g} mm on 35 mm film"
+    film_mm = recording.picture.focal_35mm
+    if film_mm is not None:
+        return focal_length_from_35mm(film_mm, size), f"its focal length is EXIF's, {film_mm:g} mm on 35 mm film"
     return None, ""

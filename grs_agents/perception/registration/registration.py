@@ -199,12 +199,9 @@ def _align_to_visible_surface(search: _Search, start: Array, source: Cloud) -> A
     pose = start
     for reach in (CONFIG.partner_distance, CONFIG.partner_distance / 2):
         turn = pose[:3, :3]
-        points, normals = (
-            part[: len(part) // CONFIG.medium] for part in (search.surface.points, search.surface.normals)
-        )
-        facing = (
-            np.einsum("ni,ni->n", normals @ turn.T, points @ turn.T + pose[:3, 3] - search.seen.camera_position) < 0
-        )
+        points, normals = (one[: len(one) // CONFIG.medium] for one in (search.surface.points, search.surface.normals))
+        gaze = points @ turn.T + pose[:3, 3] - search.seen.camera_position
+        facing = np.einsum("ni,ni->n", normals @ turn.T, gaze) < 0
         if facing.sum() < CONFIG.fewest:
             return pose
         pose = _invert_pose(align_point_clouds(Cloud(points[facing]), source, _invert_pose(pose), reach))
@@ -241,10 +238,8 @@ def _refine_pose(pose: Array, search: _Search, steps: Sequence[tuple[float, floa
             for axis in range(3):
                 tried[2 * axis, axis, 3] += shift
                 tried[2 * axis + 1, axis, 3] -= shift
-            tried[6, :3, :3], tried[7, :3, :3] = (
-                rotation_about_z(angle) @ best[:3, :3],
-                rotation_about_z(-angle) @ best[:3, :3],
-            )
+            tried[6, :3, :3] = rotation_about_z(angle) @ best[:3, :3]
+            tried[7, :3, :3] = rotation_about_z(-angle) @ best[:3, :3]
             values = search.cost_per_pose(tried, factor)
             first = int(values.argmin())
             if values[first] >= least:

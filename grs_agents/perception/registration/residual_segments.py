@@ -61,11 +61,7 @@ def label_residual_pixels(
     labels, divided = np.zeros(frame.depth.shape, np.int32), list[int]()
     for index, (mask, surface) in enumerate(zip(masks, surfaces, strict=True)):
         cloud = _Cloud.from_mask(mask, frame, table)
-        rest = (
-            _off_other_surfaces_mask(cloud, known)
-            if surface is None
-            else _unexplained_pixel_mask(cloud, surface, frame, table)
-        )
+        rest = _off_surfaces_mask(cloud, known) if surface is None else _unexplained_mask(cloud, surface, frame, table)
         if rest is None:
             continue
         pieces = label_connected_components(
@@ -97,7 +93,7 @@ class _Cloud:
         return drawn
 
 
-def _unexplained_pixel_mask(cloud: _Cloud, surface: Surface, frame: RGBDFrame, table: TableFrame) -> Picture | None:
+def _unexplained_mask(cloud: _Cloud, surface: Surface, frame: RGBDFrame, table: TableFrame) -> Picture | None:
     """(H, W) what of a segment is not on the surface of its asset; ``None`` where that says nothing."""
     off = (surface.distances_to_points(cloud.points) > CONFIG.off) & (
         cloud.points[:, 2] > CONFIG.off
@@ -107,7 +103,7 @@ def _unexplained_pixel_mask(cloud: _Cloud, surface: Surface, frame: RGBDFrame, t
     return cloud.draw_pixel_mask(off)
 
 
-def _off_other_surfaces_mask(cloud: _Cloud, surfaces: Sequence[Surface]) -> Picture | None:
+def _off_surfaces_mask(cloud: _Cloud, surfaces: Sequence[Surface]) -> Picture | None:
     """(H, W) what of a segment is not on the surfaces of other objects; ``None`` where little of it is."""
     near = np.full(len(cloud.points), np.inf)
     for surface in surfaces:

@@ -43,15 +43,9 @@ def register_objects(
 
 def registered_object_fields(registered: Registered) -> dict[str, object]:
     """The fields of a ``SceneObject`` that registration sets."""
-    return {
-        "position": registered.position,
-        "orientation": registered.orientation,
-        "size": registered.size,
-        "reachable": is_reachable_position(registered.position),
-        "method": registered.method,
-        "residual": registered.residual,
-        "round": registered.round,
-    }
+    placed = {"position": registered.position, "orientation": registered.orientation, "size": registered.size}
+    fit = {"method": registered.method, "residual": registered.residual, "round": registered.round}
+    return {**placed, **fit, "reachable": is_reachable_position(registered.position)}
 
 
 def add_residual_candidates(

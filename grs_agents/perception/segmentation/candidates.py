@@ -38,7 +38,7 @@ def measure_candidates(frame: RGBDFrame, table: TableFrame, labels: Labels) -> t
     """Measure each segment.
     Raises InputError: nothing stands on the table, or one object fills it."""
     clouds = {
-        label: cloud for label, cloud in _clouds_by_label(frame, table, labels).items() if len(cloud) >= CONFIG.fewest
+        key: cloud for key, cloud in _clouds_by_label(frame, table, labels).items() if len(cloud) >= CONFIG.fewest
     }
     supports = {
         label: (convex_footprint_hull(cloud[::5]), float(compute_percentiles(cloud[::5, 2], [95])[0]))
@@ -223,14 +223,9 @@ def _axis_aligned_rotations() -> list[Array]:
 def quaternion_from_matrix(rotation: Array) -> Quat:
     """A rotation matrix as (x, y, z, w) with w >= 0."""
     w = math.sqrt(max(0.0, 1 + float(np.trace(rotation)))) / 2
-    xyz = [
-        math.copysign(math.sqrt(max(0.0, 1 + 2 * float(rotation[i, i]) - float(np.trace(rotation)))) / 2, sign)
-        for i, sign in (
-            (0, rotation[2, 1] - rotation[1, 2]),
-            (1, rotation[0, 2] - rotation[2, 0]),
-            (2, rotation[1, 0] - rotation[0, 1]),
-        )
-    ]
+    signs = (rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1])
+    squares = (1 + 2 * np.diagonal(rotation) - np.trace(rotation)).clip(0.0) / 4
+    xyz = [math.copysign(math.sqrt(square), sign) for square, sign in zip(squares.tolist(), signs, strict=True)]
     if w < 1e-6:  # half a turn: the signs come from the products
         axis = int(np.argmax(np.abs(xyz)))
         xyz = [abs(value) * (1 if i == axis else math.copysign(1, rotation[axis, i])) for i, value in enumerate(xyz)]

@@ -73,10 +73,8 @@ def filter_proposals_on_table(
         measured = int((one.mask & ~unknown).sum())
         if standing < max(smallest, bounds.standing * measured, bounds.seen * int(one.mask.sum())):
             continue
-        if (
-            np.ptp(np.percentile(points[one.mask & above][:, :2], (2, 98), axis=0), axis=0).max()
-            > DEFAULT.measuring.largest
-        ):
+        extent = np.ptp(np.percentile(points[one.mask & above][:, :2], (2, 98), axis=0), axis=0).max()
+        if extent > DEFAULT.measuring.largest:
             continue
         mask: Mask = label_connected_components((one.mask & near).astype(np.uint8), smallest) > 0
         mask = label_connected_components((~mask).astype(np.uint8), smallest) == 0
@@ -128,10 +126,8 @@ def _join_smooth_parts(labels: Labels, proposals: Sequence[Proposal], frame: RGB
     bend = np.minimum(compute_concavity_map(frame, measured > 0, config.patches), config.patches.jump)
     strength: Array = np.asarray(cv2.dilate(bend, around), np.float64)
     count = int(labels.max()) + 1
-    length, total = (
-        np.pad(one, (0, count - len(one)))
-        for one in measure_label_borders(measured, strength, jump, jump, config.patches.jump)
-    )
+    borders = measure_label_borders(measured, strength, jump, jump, config.patches.jump)
+    length, total = (np.pad(one, (0, count - len(one))) for one in borders)
     together = _jointly_covered_labels(labels, proposals, config.proposals)
     return join_smooth_neighbors(labels, length, total, together, config.patches)
 

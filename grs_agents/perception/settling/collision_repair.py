@@ -76,18 +76,14 @@ def repair_collisions(
             moved[repair[0]] = repair[1]
         elif depth > CONFIG.deepest:
             wrong.add(max(pair, key=scene.object_fit_cost))
-    return CollisionRepairs(
-        {on[number]: pose for number, pose in moved.items() if number not in wrong},
-        frozenset(on[number] for number in wrong),
-    )
+    kept = {on[number]: pose for number, pose in moved.items() if number not in wrong}
+    return CollisionRepairs(kept, frozenset(on[number] for number in wrong))
 
 
 def _find_repair(scene: "_CollisionScene", pair: tuple[int, int], depth: float) -> tuple[int, Registered] | None:
     """Which of two objects goes where, so that they are half as deep in each other and it still shows what was seen."""
     tried = [(number, *scene.register_object_again(number)) for number in pair]
-    better = [
-        (left + cost, number, pose) for number, pose, left, cost in tried if left < depth / 2 and cost < CONFIG.worse
-    ]
+    better = [(left + cost, one, pose) for one, pose, left, cost in tried if left < depth / 2 and cost < CONFIG.worse]
     return min(better, key=lambda repair: repair[0])[1:] if better else None
 
 
@@ -111,11 +107,8 @@ class _CollisionScene:
     def deepest_overlapping_pair(self, compared: Collection[tuple[int, int]]) -> tuple[tuple[int, int], float]:
         """The two that are deepest in each other, lower number first, and how deep, m."""
         mujoco.mj_forward(self.world.model, self.world.data)
-        found = {
-            pair: depth
-            for pair, depth in overlap_depth_by_pair(self.world).items()
-            if pair not in compared and all(number in self.world.addresses for number in pair)
-        }
+        pairs, known = overlap_depth_by_pair(self.world).items(), self.world.addresses
+        found = {pair: depth for pair, depth in pairs if pair not in compared and all(one in known for one in pair)}
         return max(found.items(), key=lambda one: one[1], default=((0, 0), 0.0))
 
     def register_object_again(self, number: int) -> tuple[Registered, float, float]:
@@ -124,12 +117,8 @@ class _CollisionScene:
         asset, pose = one.placed.asset, self.poses[number]
 
         def entered(poses: Floats) -> Floats:
-            return np.array(
-                [
-                    self._place_and_measure_overlap(number, ((x, y, z), quaternion_from_matrix(turn)))
-                    for (x, y, z), turn in _positions_and_rotations(poses)
-                ]
-            )
+            placed = ((place, quaternion_from_matrix(turn)) for place, turn in _positions_and_rotations(poses))
+            return np.array([self._place_and_measure_overlap(number, pose) for pose in placed])
 
         found = register_asset(asset, self.library, one.upright, frame, table, one.mask, entered)
         left = self._place_and_measure_overlap(number, (found.position, found.orientation))

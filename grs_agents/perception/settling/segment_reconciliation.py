@@ -61,9 +61,7 @@ def reconcile_segments(
 ) -> Reconciled:
     """Find the pieces of known objects, and clip the boxes of what is not known by those and by each other.
     ``united`` are pieces of others, by index, as `match_fallen_to_support` finds them."""
-    clouds = [
-        pixels_to_robot_frame(frame, table, *np.nonzero(segment.mask & (frame.depth > 0))) for segment in segments
-    ]
+    clouds = [pixels_to_robot_frame(frame, table, *np.nonzero(one.mask & (frame.depth > 0))) for one in segments]
     surfaces = [segment.posed_asset_surface(library) for segment in segments]
     pieces = match_pieces_to_objects(clouds, surfaces)
     solids = _known_spaces(segments, pieces, library)
@@ -82,24 +80,17 @@ def reconcile_segments(
 
 def _known_spaces(segments: Sequence[Segment], pieces: Mapping[int, int], library: Library) -> dict[int, Surroundings]:
     """The space that each known object fills that is no piece."""
-    return {
-        index: Surroundings([(segment.known.asset, segment.known.pose)], (), library)
-        for index, segment in enumerate(segments)
-        if segment.known is not None and index not in pieces
-    }
+    known = {index: one.known for index, one in enumerate(segments) if one.known is not None and index not in pieces}
+    return {index: Surroundings([(one.asset, one.pose)], (), library) for index, one in known.items()}
 
 
 def _estimate_unknown_volumes(
     segments: Sequence[Segment], clouds: Sequence[Array], pieces: Mapping[int, int], around: Surroundings
 ) -> dict[int, EstimatedVolume]:
     """The space that each segment fills that has no asset and is no piece."""
-    return {
-        index: EstimatedVolume(segment.box, segment.shape, clouds[index], segment.hollow).raise_above_occupied_space(
-            around.occupied_points_mask
-        )
-        for index, segment in enumerate(segments)
-        if segment.known is None and index not in pieces
-    }
+    unknown = {index: one for index, one in enumerate(segments) if one.known is None and index not in pieces}
+    boxes = {index: EstimatedVolume(one.box, one.shape, clouds[index], one.hollow) for index, one in unknown.items()}
+    return {index: box.raise_above_occupied_space(around.occupied_points_mask) for index, box in boxes.items()}
 
 
 def _assign_boxes_filled_by_asset(

@@ -104,14 +104,9 @@ def is_over_table(placed: PlacedObject) -> bool:
 
 def to_instance_objects(objects: Sequence[PlacedObject], library: Library) -> list[InstanceObject]:
     """The objects as those of a simulation; ids count from 0."""
-    return [
-        InstanceObject(
-            id=number,
-            asset=placed.asset,
-            pose=_translate_in_own_frame(placed.pose, -_bounding_box_center(placed.asset, library)),
-        )
-        for number, placed in enumerate(objects)
-    ]
+    poses = [_translate_in_own_frame(one.pose, -_bounding_box_center(one.asset, library)) for one in objects]
+    numbered = enumerate(zip(objects, poses, strict=True))
+    return [InstanceObject(id=number, asset=one.asset, pose=pose) for number, (one, pose) in numbered]
 
 
 def build_settling_world(items: Sequence[InstanceObject], library: Library) -> World:
@@ -192,11 +187,8 @@ class _Settler:
             lowest = min(fell, key=lambda number: _lowest_corner_height(first.apart[number], self.library))
             tried.add(lowest)
             asset = self.items[lowest].asset
-            if unseen(
-                PlacedObject(
-                    asset, _translate_in_own_frame(first.apart[lowest].pose, _bounding_box_center(asset, self.library))
-                )
-            ):
+            place = _translate_in_own_frame(first.apart[lowest].pose, _bounding_box_center(asset, self.library))
+            if unseen(PlacedObject(asset, place)):
                 held.add(lowest)
                 last = self._separate_and_drop(first.apart, held)
         return last, held
@@ -218,15 +210,10 @@ class _Settler:
             if deepest_overlap_depth(world) < CONFIG.overlap:
                 break
         poses = _read_body_poses(world, items)
-        fell = [
-            item.id
-            for item, before, after in zip(items, first, poses, strict=True)
-            if _position_distance(before, after) > CONFIG.fallen
-        ]
-        moved = [
-            item.model_copy(update={"pose": before if item.id in fell else after})
-            for item, before, after in zip(items, first, apart, strict=True)
-        ]
+        moves = zip(items, first, poses, strict=True)
+        fell = [item.id for item, before, after in moves if _position_distance(before, after) > CONFIG.fallen]
+        moves = zip(items, first, apart, strict=True)
+        moved = [one.model_copy(update={"pose": old if one.id in fell else new}) for one, old, new in moves]
         return _Drop(moved, poses, fell, found, deepest_overlap_depth(world), still)
 
     def _choose_separation(self, attempt: int, overlap: float) -> Separation:

@@ -64,10 +64,8 @@ def _is_inside_container(points: Array, container: Body) -> bool:
     if not container.hollow or not bottom - CONFIG.gap < lowest < top - CONFIG.sunk * (top - bottom):
         return False
     hull = convex_footprint_hull(container.surface_points)
-    smaller = cv2.contourArea(convex_footprint_hull(points).astype(np.float32)) < cv2.contourArea(
-        hull.astype(np.float32)
-    )
-    return bool(smaller and points_in_hull_mask(points[:, :2], hull, margin=0.0).mean() > CONFIG.inside)
+    small = cv2.contourArea(convex_footprint_hull(points).astype(np.float32)) < cv2.contourArea(hull.astype(np.float32))
+    return bool(small and points_in_hull_mask(points[:, :2], hull, margin=0.0).mean() > CONFIG.inside)
 
 
 def _is_resting_on(upper: Array, lower: Array) -> bool:
@@ -76,10 +74,8 @@ def _is_resting_on(upper: Array, lower: Array) -> bool:
     if not raised or upper[:, 2].mean() <= lower[:, 2].mean():
         return False
     origin = np.minimum(upper[:, :2].min(axis=0), lower[:, :2].min(axis=0))
-    least, most = (
-        _extreme_height_by_cell(upper, origin, CONFIG.cell, lowest=True),
-        _extreme_height_by_cell(lower, origin, CONFIG.cell, lowest=False),
-    )
+    least = _extreme_height_by_cell(upper, origin, CONFIG.cell, lowest=True)
+    most = _extreme_height_by_cell(lower, origin, CONFIG.cell, lowest=False)
     gaps = np.array([least[cell] - most[cell] for cell in least.keys() & most.keys()])
     return bool(len(gaps) >= 3 and (np.abs(gaps) < 2 * CONFIG.gap).sum() >= 3)
 

@@ -47,17 +47,13 @@ def settle_and_report(
 ) -> tuple[RestState, TwinReport]:
     """The scene at rest, and its figures; ``mask`` (H, W) are the pixels of all objects."""
     rest = settle_objects(objects, library, lambda placed: may_have_unseen_support(placed, library, frame, table))
-    resting = [
-        described if placed is None else PlacedObject(described.asset, placed.pose)
-        for described, placed in zip(objects, rest.placed, strict=True)
-    ]
+    pairs = zip(objects, rest.placed, strict=True)
+    resting = [one if placed is None else PlacedObject(one.asset, placed.pose) for one, placed in pairs]
+    held = sum(placed.held for placed in rest.placed if placed is not None)
+    fidelity = measure_depth_fidelity(resting, library, frame, table, mask)
+    drift, still = rest.largest_drift, rest.still
     return rest, TwinReport(
-        found=rest.found,
-        penetration=rest.penetration,
-        drift=rest.largest_drift,
-        fidelity=measure_depth_fidelity(resting, library, frame, table, mask),
-        still=rest.still,
-        held=sum(placed.held for placed in rest.placed if placed is not None),
+        found=rest.found, penetration=rest.penetration, drift=drift, fidelity=fidelity, still=still, held=held
     )
 
 
@@ -68,11 +64,8 @@ def may_have_unseen_support(placed: PlacedObject, library: Library, frame: RGBDF
     if not len(under):
         return False
     columns = under[:, None] * (1, 1, 0) + under[:, None, 2:] * np.reshape(SUPPORT.levels, (-1, 1)) * (0, 0, 1)
-    shown = (
-        observed_free_points_mask(columns.reshape(-1, 3), frame, table)
-        .reshape(len(under), len(SUPPORT.levels))
-        .mean(axis=1)
-    )
+    free = observed_free_points_mask(columns.reshape(-1, 3), frame, table)
+    shown = free.reshape(len(under), len(SUPPORT.levels)).mean(axis=1)
     carried = under[(shown <= SUPPORT.shown) | (under[:, 2] < SUPPORT.on_table)]
     hull = convex_footprint_hull(carried).astype(np.float32)
     x, y, _ = placed.pose[0]

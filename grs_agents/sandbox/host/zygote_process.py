@@ -65,10 +65,8 @@ class Zygote:
         command = startup.build_command_line("zygote", channel, settings)
         if self.backend == "bubblewrap":
             scratch = [settings.scratch / str(slot) for slot in range(plan.slots)]
-            command = [
-                *command_lines.bubblewrap_command_prefix(self.readable, scratch, settings.scratch_bytes),
-                *command,
-            ]
+            prefix = command_lines.bubblewrap_command_prefix(self.readable, scratch, settings.scratch_bytes)
+            command = [*prefix, *command]
         with self._log_path.open("wb") as log:
             return subprocess.Popen(
                 command,

@@ -34,13 +34,8 @@ def runtime_paths() -> tuple[Path, ...]:
     package is not among them: in a source tree it is a repository with whatever lies in it."""
     packages = [Path(entry) for entry in sys.path if Path(entry).name in _PACKAGES]
     package = content.package_root()
-    paths = [
-        Path(sys.prefix),
-        Path(sys.base_prefix),
-        *packages,
-        package,
-        *content_paths(content.content_search_roots()),
-    ]
+    roots = content.content_search_roots()
+    paths = [Path(sys.prefix), Path(sys.base_prefix), *packages, package, *content_paths(roots)]
     return outermost_paths(path for path in paths if path.exists() and path not in (Path("/"), Path.home()))
 
 

@@ -94,9 +94,9 @@ def _parse_syscall_table(text: str) -> dict[str, int]:
     return numbers
 
 
+_TABLES = {"x86_64": _X86_64, "aarch64": _AARCH64}
 NUMBERS: Mapping[str, Mapping[str, int]] = {
-    "x86_64": _parse_syscall_table(_X86_64 + _BOTH),
-    "aarch64": _parse_syscall_table(_AARCH64 + _BOTH),
+    machine: _parse_syscall_table(table + _BOTH) for machine, table in _TABLES.items()
 }
 """Name to number, for each machine."""
 

@@ -228,10 +228,8 @@ def build_policy_tree(machine: kernel.Machine, pid: int, landlock_abi: int) -> N
     answers: dict[str, Node] = dict.fromkeys(ALLOWED.split(), ALLOW)
     answers |= dict.fromkeys(DENIED.split(), DENY)
     answers |= _build_argument_policies(pid) | _build_open_policies(truncation=landlock_abi >= 3)
-    return Load(
-        ARCHITECTURE,
-        branch_if_equal(_ARCHITECTURES[machine], Load(NUMBER, _branch_by_call_number(machine, answers)), KILL),
-    )
+    by_number = Load(NUMBER, _branch_by_call_number(machine, answers))
+    return Load(ARCHITECTURE, branch_if_equal(_ARCHITECTURES[machine], by_number, KILL))
 
 
 def _branch_by_call_number(machine: kernel.Machine, answers: Mapping[str, Node]) -> Node:
@@ -253,9 +251,8 @@ def _build_argument_policies(pid: int) -> dict[str, Node]:
     )
     own_or_caller = load_argument_low_half(0, branch_if_one_of((0, pid), null, DENY))
     thread = branch_if_any_bit(_CLONE_THREAD, branch_if_any_bit(_NEW_NAMESPACES, DENY, ALLOW), DENY)
-    no_larger = load_argument_high_half(
-        2, branch_if_equal(0, load_argument_low_half(2, branch_if_at_least(_PIPE_SIZE + 1, DENY, ALLOW)), DENY)
-    )
+    low_half = load_argument_low_half(2, branch_if_at_least(_PIPE_SIZE + 1, DENY, ALLOW))
+    no_larger = load_argument_high_half(2, branch_if_equal(0, low_half, DENY))
     return {
         "clone": load_argument_low_half(0, thread),
         "clone3": UNKNOWN,  # its flags lie in memory, out of a filter's sight; the C library falls back to clone

@@ -63,11 +63,8 @@ class Arm:
     def home_joints(self) -> FloatArray:
         """Joint positions (dof,) of the waiting arm: radians, or metres of a slide."""
         posture = ArmModel(self.add)
-        guesses = [
-            self._guess,
-            posture.joint_range_midpoints,
-            *posture.low + (posture.high - posture.low) * np.random.default_rng(0).random((60, posture.dof)),
-        ]
+        spread = np.random.default_rng(0).random((60, posture.dof))
+        guesses = [self._guess, posture.joint_range_midpoints, *posture.low + (posture.high - posture.low) * spread]
         for point in _HOMES:
             for guess in guesses:
                 joints = posture.solve_ik(np.array(point), DOWN, guess, guess, 200)
@@ -129,10 +126,8 @@ class Arm:
 
     def is_path_within_limits(self, path: FloatArray) -> bool:
         """Whether joint positions (N, dof) are all finite and within the limits."""
-        return bool(
-            np.isfinite(path).all()
-            and ((path >= self.lower_joint_limits - 1e-6) & (path <= self.upper_joint_limits + 1e-6)).all()
-        )
+        within = (path >= self.lower_joint_limits - 1e-6) & (path <= self.upper_joint_limits + 1e-6)
+        return bool(np.isfinite(path).all() and within.all())
 
     def first_collision_along(self, path: FloatArray) -> Collision | None:
         """Where the arm first meets the table or itself along joint positions (N, dof), seen every ``_NEAR`` rad."""

@@ -122,11 +122,9 @@ class ArmModel:
 
     def touching_body_pairs(self, joints: FloatArray) -> list[tuple[str, str]]:
         """Pairs of bodies that meet at joint positions (dof,)."""
-        return (
-            []
-            if self.first_collision_along(joints[None]) is None
-            else [(gap.first, gap.second) for gap in self._current_collisions()]
-        )
+        if self.first_collision_along(joints[None]) is None:
+            return []
+        return [(gap.first, gap.second) for gap in self._current_collisions()]
 
     def _current_collisions(self) -> list[Collision]:
         collisions: list[Collision] = []

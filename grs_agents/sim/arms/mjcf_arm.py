@@ -35,9 +35,7 @@ def load_arm(path: Path) -> Arm:
     for turn in _QUARTERS:
         arm = Arm(str(path), lambda world, turn=turn: _attach_arm_to_world(world, _parse_mjcf(path), path, turn), guess)
         try:
-            arm.home_joints.setflags(
-                write=False
-            )  # looked for now, so that an arm of no use is refused before it is used
+            arm.home_joints.setflags(write=False)  # looked for now, so that an arm of no use is refused before use
         except InputError as error:
             refusal = refusal or error
             continue

@@ -67,11 +67,9 @@ class PickPlace:
     def pick_and_place(self, pick: Pose, place: Pose) -> PickPlaceResult:
         """Pick where the cup touches, and place with the cup lowered at its place pose until contact.
         What is held is turned, and tilted, as ``place`` is against ``pick``."""
-        turn, tilt = split_into_yaw_and_tilt(
-            transforms.multiply_quaternions(
-                transforms.to_unit_quaternion(place[1]), transforms.invert_pose(((0, 0, 0), pick[1]))[1]
-            )
-        )
+        back = transforms.invert_pose(((0, 0, 0), pick[1]))[1]
+        between = transforms.multiply_quaternions(transforms.to_unit_quaternion(place[1]), back)
+        turn, tilt = split_into_yaw_and_tilt(between)
         ready = self._choose_pick_yaw(transforms.to_vec3(pick[0]), transforms.to_vec3(place[0]), turn)
         grasped, note = self._pick_object(transforms.to_vec3(pick[0]), ready)
         if grasped is None:
@@ -189,11 +187,8 @@ class PickPlace:
 
     def _put_down_held_object(self) -> None:
         physics, held, tip = self.physics, self.physics.held_object_id, self._current_tool_pose()
-        self._descend_until(
-            tip,
-            tip.shifted_by(np.array([0.0, 0.0, -0.02])),
-            lambda: held is not None and physics.is_object_supported(held),
-        )
+        lower = tip.shifted_by(np.array([0.0, 0.0, -0.02]))
+        self._descend_until(tip, lower, lambda: held is not None and physics.is_object_supported(held))
         self._release_and_retreat(_UP)
 
     def _release_and_retreat(self, up: FloatArray) -> None:
@@ -254,11 +249,8 @@ class PickPlace:
     def _follow_tool_poses(self, poses: Sequence[ToolPose], speed: float) -> bool:
         """Follow straight stretches; False, without moving, if the arm cannot or would hit the table or itself."""
         physics = self.physics
-        gait = safe_pace_for_mass(
-            speed,
-            None if physics.held_object_id is None else physics.object_mass(physics.held_object_id),
-            physics.timestep,
-        )
+        mass = None if physics.held_object_id is None else physics.object_mass(physics.held_object_id)
+        gait = safe_pace_for_mass(speed, mass, physics.timestep)
         careful = replace(
             gait, acceleration=min(gait.acceleration, _LIGHT if physics.held_object_id is None else _CAREFUL)
         )

@@ -59,14 +59,8 @@ def _free_position_mask(
     arm: Arm,
     gap: float,
 ) -> npt.NDArray[np.bool_]:
-    around = np.array(
-        [
-            [bounds[0, 0], bounds[1, 0]],
-            [bounds[0, 1], bounds[1, 0]],
-            [bounds[0, 1], bounds[1, 1]],
-            [bounds[0, 0], bounds[1, 1]],
-        ]
-    )
+    (x0, x1), (y0, y1) = bounds[:2]
+    around = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
     free = margins_inside_outline(outline, around, offsets) >= 0
     for height in (top, top + 0.15):
         free &= arm.reachable_mask(np.column_stack([offsets, np.full(len(offsets), height)]))
@@ -137,11 +131,8 @@ def find_free_spot(
         inside = offsets[within]
         neighbours = _obstacles_near_region(obstacles, region, shape)
         heights = rest_heights_at_offsets(shape, neighbours, inside, gap)
-        floor = (
-            float(rest_heights_at_offsets(shape, neighbours, inside, -0.002).min())
-            if not stack
-            else float(heights.min())
-        )
+        resting = heights if stack else rest_heights_at_offsets(shape, neighbours, inside, -0.002)
+        floor = float(resting.min())
         level = (heights <= max(floor, 0.0) + _LEVEL) if not stack else np.ones(len(heights), dtype=bool)
         good = level & suits(inside, heights)
         steady = good & _centre_held_mask(inside, heights, neighbours)

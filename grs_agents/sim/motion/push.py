@@ -60,10 +60,8 @@ class Push(PickPlace):
         physics = self.physics
         before = {number: physics.object_pose(number)[0] for number in physics.world.addresses}
         note = self._execute_stroke(*way)
-        moved = {
-            number: float(np.linalg.norm(np.subtract(physics.object_pose(number)[0], start)))
-            for number, start in before.items()
-        }
+        ways = ((number, np.subtract(physics.object_pose(number)[0], start)) for number, start in before.items())
+        moved = {number: float(np.linalg.norm(way)) for number, way in ways}
         pushed = sorted((number for number in moved if moved[number] > _MOVED), key=lambda number: -moved[number])
         return PushResult(tuple(pushed), note)
 

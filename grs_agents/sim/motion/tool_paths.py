@@ -138,9 +138,7 @@ def candidate_routes(start: Vec3, end: Vec3) -> list[list[Vec3]]:
     """Ways over the table: straight first, then drawn in (or out) to a circle around the base and along it."""
     ways: list[list[Vec3]] = [[start, end]]
     for radius in _DETOURS:
-        corners = [
-            (radius * float(np.cos(angle)), radius * float(np.sin(angle)), start[2])
-            for angle in (np.arctan2(start[1], start[0]), np.arctan2(end[1], end[0]))
-        ]
+        sides = (np.arctan2(start[1], start[0]), np.arctan2(end[1], end[0]))
+        corners = [(radius * float(np.cos(angle)), radius * float(np.sin(angle)), start[2]) for angle in sides]
         ways.append([start, *corners, end])
     return ways

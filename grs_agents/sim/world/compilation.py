@@ -96,9 +96,7 @@ def load_object_model(item: InstanceObject, library: Library) -> ObjectModel:
 def _load_filled_template(item: InstanceObject, library: Library) -> ObjectModel:
     shapes = library.load_filled_template(item.asset, item.fill)
     solids = [shape.size for shape in shapes.colliders if shape.kind != "mesh"]
-    thinnest = min(
-        [LARGEST, *(shapes.size if shapes.colliders else ()), *(length for size in solids for length in size)]
-    )
+    thinnest = min([LARGEST, *(shapes.size if shapes.colliders else ()), *(side for size in solids for side in size)])
     if max(shapes.size) > LARGEST or thinnest < SMALLEST:
         found = f"{item.asset} filled in is {_format_size(shapes.size)} m, its thinnest part {thinnest:.1e} m"
         raise SimulationError(found, f"give lengths that make it at most {LARGEST} m, each part at least {SMALLEST} m")
@@ -278,9 +276,7 @@ def _add_background(spec: Any, shapes: ObjectModel, library: Library, visuals: b
 
 def _add_collider_geoms(spec: Any, body: Any, shapes: ObjectModel, library: Library, visuals: bool) -> list[Any]:
     """Add what is touched; it is seen only where ``visuals`` are not."""
-    geoms = [
-        _add_geom(spec, body, shape, library, f"{body.name}_{index}") for index, shape in enumerate(shapes.colliders)
-    ]
+    geoms = [_add_geom(spec, body, one, library, f"{body.name}_{index}") for index, one in enumerate(shapes.colliders)]
     for geom in geoms:
         geom.contype, geom.conaffinity, geom.group = 1, 1 | ROBOT_CONTYPE, 3 if visuals else 0
         geom.condim, geom.friction = 4, (shapes.friction, 0.01, 0.0)

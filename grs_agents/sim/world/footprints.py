@@ -126,10 +126,8 @@ def _collider_points_at_pose(model: ObjectModel, pose: Pose) -> list[FloatArray]
 
 def collider_prisms_at_pose(model: ObjectModel, pose: Pose, owner: int = -1) -> list[Prism]:
     """One prism for each collider of an object at ``pose``."""
-    return [
-        Prism(convex_hull(points[:2].T), float(points[2].min()), float(points[2].max()), owner)
-        for points in _collider_points_at_pose(model, pose)
-    ]
+    clouds = _collider_points_at_pose(model, pose)
+    return [Prism(convex_hull(one[:2].T), float(one[2].min()), float(one[2].max()), owner) for one in clouds]
 
 
 def lowest_height_at_pose(model: ObjectModel, pose: Pose) -> float:
@@ -138,9 +136,8 @@ def lowest_height_at_pose(model: ObjectModel, pose: Pose) -> float:
     if x == y == 0:
         return pose[0][2] + _lowest_point_when_upright(model)
     upward = np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])  # what turns into height
-    return pose[0][2] + min(
-        (float((upward @ points).min()) + drop for points, drop in _rotating_collider_points(model)), default=0.0
-    )
+    heights = (float((upward @ points).min()) + drop for points, drop in _rotating_collider_points(model))
+    return pose[0][2] + min(heights, default=0.0)
 
 
 def object_prism_at_pose(model: ObjectModel, pose: Pose, owner: int = -1) -> Prism:
@@ -216,14 +213,8 @@ def find_nearby_prisms(prism: Prism, others: Iterable[Prism], offset: Sequence[f
     """Those of the others that may be within ``reach`` (m) of a prism shifted by an offset (2,), seen from above."""
     (x0, y0, x1, y1), (dx, dy) = prism.bounding_box_xy, offset
     x0, y0, x1, y1 = x0 + dx - reach, y0 + dy - reach, x1 + dx + reach, y1 + dy + reach
-    return [
-        other
-        for other in others
-        if other.bounding_box_xy[0] <= x1
-        and other.bounding_box_xy[1] <= y1
-        and other.bounding_box_xy[2] >= x0
-        and other.bounding_box_xy[3] >= y0
-    ]
+    boxes = ((other, other.bounding_box_xy) for other in others)
+    return [other for other, (x2, y2, x3, y3) in boxes if x2 <= x1 and y2 <= y1 and x3 >= x0 and y3 >= y0]
 
 
 def nearest_point_of_outline(outline: FloatArray, point: FloatArray) -> FloatArray:

@@ -149,9 +149,9 @@ class Physics:
 
     def max_free_body_speed(self) -> float:
         """The fastest free body, m/s (turning counts a radian as 0.1 m)."""
-        return self._max_speed_in_velocities(self.data.qvel[self.dof :])
+        return self._max_speed(self.data.qvel[self.dof :])
 
-    def _max_speed_in_velocities(self, velocities: FloatArray) -> float:
+    def _max_speed(self, velocities: FloatArray) -> float:
         if not len(velocities):
             return 0.0
         velocity = np.abs(velocities.reshape(-1, 6))
@@ -162,7 +162,7 @@ class Physics:
         if number not in self.world.addresses:
             return 0.0
         start = self.model.body_dofadr[self.world.bodies[number]]
-        return self._max_speed_in_velocities(self.data.qvel[start : start + 6])
+        return self._max_speed(self.data.qvel[start : start + 6])
 
     def simulate_until_at_rest(self, seconds: float = 1.2) -> None:
         """Wait until everything rests, at most ``seconds`` of simulated time; errors as ``raise_if_diverged``."""
@@ -179,10 +179,7 @@ class Physics:
         self.step(_GLANCE - 1)
         before = np.array(self.data.qvel[self.dof :])
         self.step()
-        return (
-            max(self.max_free_body_speed(), self._max_speed_in_velocities(self.data.qvel[self.dof :] - before) / _SURGE)
-            < _STILL
-        )
+        return max(self.max_free_body_speed(), self._max_speed(self.data.qvel[self.dof :] - before) / _SURGE) < _STILL
 
     def separate_overlapping_bodies(self, seconds: float = 0.8) -> None:
         """Let overlapping bodies part slowly rather than burst: their speed is held down at every step."""

@@ -44,12 +44,7 @@ class Recording:
         self._physics.observer = None
         times, positions, quaternions, tool = (np.array(column) for column in zip(*self._frames, strict=True))
         buffer = io.BytesIO()
-        np.savez_compressed(
-            buffer,
-            times=times,
-            positions=positions.astype(np.float32),
-            quaternions=quaternions[..., [1, 2, 3, 0]].astype(np.float32),
-            names=np.array(self.names),
-            tool=tool.astype(np.float32),
-        )
+        turns, names = quaternions[..., [1, 2, 3, 0]].astype(np.float32), np.array(self.names)
+        positions, tool = positions.astype(np.float32), tool.astype(np.float32)
+        np.savez_compressed(buffer, times=times, positions=positions, quaternions=turns, names=names, tool=tool)
         return write_bytes(path, buffer.getvalue())

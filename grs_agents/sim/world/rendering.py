@@ -116,11 +116,8 @@ def _trace_picture(
     shade = np.clip(np.abs(normal.reshape(-1, 3) @ _LIGHT), 0.3, 1.0)
     color = np.where(hit[:, None], paint[geom] * shade[:, None], 0.93) * 255
     owner = np.where(hit, np.asarray(scene.owners, dtype=np.int32)[geom], -1)
-    return Picture(
-        color.astype(np.uint8).reshape(*shape, 3),
-        np.where(hit, distance, 0).astype(np.float32).reshape(shape),
-        owner.reshape(shape),
-    )
+    depth = np.where(hit, distance, 0).astype(np.float32).reshape(shape)
+    return Picture(color.astype(np.uint8).reshape(*shape, 3), depth, owner.reshape(shape))
 
 
 def encode_png(color: npt.NDArray[np.uint8]) -> bytes:
@@ -139,7 +136,4 @@ def encode_png(color: npt.NDArray[np.uint8]) -> bytes:
 def render_observation(sight: VisibleScene) -> dict[str, tuple[npt.NDArray[Any], ...]]:
     """The three observation cameras: ``color`` and ``depth``."""
     pictures = render_views(sight, (FRONT, LEFT, RIGHT))
-    return {
-        "color": tuple(picture.color for picture in pictures),
-        "depth": tuple(picture.depth for picture in pictures),
-    }
+    return {"color": tuple(one.color for one in pictures), "depth": tuple(one.depth for one in pictures)}

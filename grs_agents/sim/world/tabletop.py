@@ -229,11 +229,8 @@ class Tabletop:
         if known is None or known[0] != pose:
             shapes = self.object_model(number)
             parts = footprints.collider_prisms_at_pose(shapes, pose, number)
-            known = (
-                pose,
-                parts,
-                parts[0] if len(parts) == 1 else footprints.object_prism_at_pose(shapes, pose, number),
-            )
+            whole = parts[0] if len(parts) == 1 else footprints.object_prism_at_pose(shapes, pose, number)
+            known = (pose, parts, whole)
             self._outlines[number] = known
         return known
 

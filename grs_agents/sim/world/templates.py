@@ -153,17 +153,12 @@ def describe_assumed_values(library: Library, template: str, replace: Mapping[st
     preset = library.template_defaults(base)
     if not preset:
         return ["it is no template, used as it is"]
-    known, assumed = (
-        known_placeholder_stems(preset),
-        resolve_template_values(_make_lengths_positive(replace, preset), preset)[1],
-    )
+    known = known_placeholder_stems(preset)
+    _, assumed = resolve_template_values(_make_lengths_positive(replace, preset), preset)
     clauses = [f"{stem} left out takes its default {_format_row(row)}" for stem, row in assumed.items()]
     clauses += [f"{stem} is no placeholder of it, ignored" for stem in replace if stem not in known]
-    negative = [
-        stem
-        for stem in replace
-        if stem in known and _is_length_placeholder(stem, preset) and _has_negative_value(replace[stem])
-    ]
+    lengths = [stem for stem in replace if stem in known and _is_length_placeholder(stem, preset)]
+    negative = [stem for stem in lengths if _has_negative_value(replace[stem])]
     return clauses + [f"{stem} has negative lengths, taken without their sign" for stem in negative]
 
 
