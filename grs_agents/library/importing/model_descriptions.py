@@ -148,16 +148,11 @@ def _build_source_model(
             notes += more
         else:
             colliders.append(shape.model_copy(update={"color": None, "texture": None}))
+    parts = [_apply_shape_color(part, shape) for shape in model.visuals for part in _shape_to_mesh_parts(shape, meshes)]
+    mass = Quantity(value=model.mass, provenance="catalogue", deviation=0.1) if model.mass > 0 else None
+    friction = Quantity(value=model.friction, provenance="catalogue", deviation=0.2) if has_friction else None
     return SourceModel(
-        parts=[
-            _apply_shape_color(part, shape) for shape in model.visuals for part in _shape_to_mesh_parts(shape, meshes)
-        ],
-        colliders=colliders or None,
-        unit="m",
-        up="z",
-        mass=Quantity(value=model.mass, provenance="catalogue", deviation=0.1) if model.mass > 0 else None,
-        friction=Quantity(value=model.friction, provenance="catalogue", deviation=0.2) if has_friction else None,
-        notes=notes,
+        parts=parts, colliders=colliders or None, unit="m", up="z", mass=mass, friction=friction, notes=notes
     )
 
 

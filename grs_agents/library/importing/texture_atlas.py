@@ -109,9 +109,7 @@ def _build_palette(parts: Sequence[MeshPart]) -> tuple[Image, Ints]:
     if not parts:
         return np.zeros((0, 0, 3), np.uint8), np.zeros(0, np.int64)
     grey = np.full((1, 3), 180, np.uint8)
-    colors = np.concatenate(
-        [np.repeat(grey, len(part.faces), 0) if part.colors is None else part.colors for part in parts]
-    )
+    colors = np.concatenate([np.repeat(grey, len(one.faces), 0) if one.colors is None else one.colors for one in parts])
     step = 1
     levels, index = np.unique(colors, axis=0, return_inverse=True)
     while len(levels) > _PALETTE:

@@ -87,9 +87,7 @@ class Zygote:
         confined = self.backend == "sandbox-exec"
         # neither macOS's sandbox nor its libraries bear forks
         single_use = folders if confined or sys.platform == "darwin" else []
-        wrapping = [
-            command_lines.seatbelt_command_prefix(self.readable, folder) if confined else () for folder in single_use
-        ]
+        wrapping = [command_lines.seatbelt_command_prefix(self.readable, one) if confined else () for one in single_use]
         return Settings(
             preload=plan.preload,
             overlays=tuple(allowlist.content_overlays()),

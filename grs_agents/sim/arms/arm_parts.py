@@ -83,14 +83,11 @@ def add_suction_cup(flange: Any, position: Sequence[float], quaternion: Sequence
     """Fix the suction cup to a body: body and geom ``cup``, site ``tip``; it points along z of the given frame."""
     cup = flange.add_body(name="cup", pos=position, quat=quaternion, gravcomp=1.0)
     shared: dict[str, Any] = {"contype": ROBOT_CONTYPE, "conaffinity": 0, "group": 1}
+    size = (0.008, 0, 0)
+    fromto = (0, 0, 0.0, 0, 0, TOOL_LENGTH - 0.025)
+    rgba = (0.2, 0.2, 0.22, 1.0)
     cup.add_geom(
-        name="tool",
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        size=(0.008, 0, 0),
-        mass=0.1,
-        fromto=(0, 0, 0.0, 0, 0, TOOL_LENGTH - 0.025),
-        rgba=(0.2, 0.2, 0.22, 1.0),
-        **shared,
+        name="tool", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=size, mass=0.1, fromto=fromto, rgba=rgba, **shared
     )
     cup.add_geom(
         name="cup",
