@@ -10,23 +10,9 @@ from grs_agents.errors import InputError
 MOST_ENTRIES, MOST_LEVELS = 20_000, 16
 """A run of 60 objects and ten fixes has some hundred files on three levels."""
 _MIB = 1 << 20
-MOST_BYTES = {
-    ".json": 8 * _MIB,
-    ".jsonl": 32 * _MIB,
-    ".npz": 64 * _MIB,
-    ".png": 64 * _MIB,
-    ".jpg": 64 * _MIB,
-    ".obj": 32 * _MIB,
-    ".urdf": _MIB,
-    ".xml": _MIB,
-    ".mtl": _MIB,
-    ".py": _MIB,
-    ".diff": 2 * _MIB,
-    ".md": 8 * _MIB,
-    ".txt": 8 * _MIB,
-    ".toml": _MIB,
-    ".sqlite": 256 * _MIB,
-}
+_TEXTS = {1: ".urdf .xml .mtl .py .toml", 2: ".diff", 8: ".json .md .txt"}
+_DATA = {32: ".jsonl .obj", 64: ".npz .png .jpg", 256: ".sqlite"}
+MOST_BYTES = {suffix: mib * _MIB for mib, names in (_TEXTS | _DATA).items() for suffix in names.split()}
 """The largest file of each kind that GRS reads from a run folder; about 100 times what the sample run has."""
 MOST_TOGETHER = 512 * _MIB
 """Of all files of these kinds: `grs share` packs them in memory."""

@@ -139,10 +139,9 @@ def _render_labelled_box(name: str, box: Rectangle, scale: float) -> str:
     left, top, width, height = box
     look = f'fill="none" stroke="#ffcd3c" stroke-width="{2 * scale:.1f}"'
     outline = f'stroke="#000" stroke-width="{3 * scale:.1f}" paint-order="stroke" fill="#ffcd3c"'
-    return (
-        f'<rect x="{left}" y="{top}" width="{width}" height="{height}" {look}/>'
-        f'<text x="{left}" y="{top - 3 * scale:.1f}" font-size="{15 * scale:.1f}" {outline}>{escape_html(name)}</text>'
-    )
+    rectangle = f'<rect x="{left}" y="{top}" width="{width}" height="{height}" {look}/>'
+    place = f'x="{left}" y="{top - 3 * scale:.1f}" font-size="{15 * scale:.1f}"'
+    return f"{rectangle}<text {place} {outline}>{escape_html(name)}</text>"
 
 
 def _encode_jpeg(image: npt.NDArray[np.uint8]) -> bytes:
@@ -298,13 +297,9 @@ def _render_header(record: dict[str, Any], events: Sequence[trace.Event]) -> str
     seconds: dict[str, Any] = record.get("seconds") or {}
     counted = {**counts, "seconds": seconds.get("total", "?")}
     figures = render_table(["what", "how much"], [(key.replace("_", " "), value) for key, value in counted.items()])
-    return (
-        f"<header><h1>{escape_html(record.get('id', 'run'))}</h1>\n"
-        f'<p><span class="status {kind}">{escape_html(status)}</span> {escape_html(record.get("reason", ""))}</p>'
-        + render_paragraph(how, "quiet")
-        + render_collapsible("Figures", figures)
-        + "</header>"
-    )
+    title = f"<header><h1>{escape_html(record.get('id', 'run'))}</h1>\n"
+    ended = f'<p><span class="status {kind}">{escape_html(status)}</span> {escape_html(record.get("reason", ""))}</p>'
+    return title + ended + render_paragraph(how, "quiet") + render_collapsible("Figures", figures) + "</header>"
 
 
 def _render_task_fields(events: Sequence[trace.Event]) -> Iterator[str]:
@@ -323,13 +318,8 @@ def _render_step_table(rows: Sequence[Step]) -> str:
 def _step_row_cells(step: Step) -> tuple[object, ...]:
     name = f"{step.node} ×{step.visit}" if step.visit > 1 else step.node
     tokens = f"{step.total_tokens:,}" if step.total_tokens else ""
-    seconds, details = f"{step.seconds:.1f}", step.joined_details[:1000]
-    return (step.number, step.attempt, name, _step_status_text(step), seconds, tokens, details)
-
-
-def _step_status_text(step: Step) -> str:
-    """How a step ended; of one that did its work and found faults, that."""
-    return "found faults" if step.status == "done" and step.problem_summary else step.status
+    status = "found faults" if step.status == "done" and step.problem_summary else step.status
+    return (step.number, step.attempt, name, status, f"{step.seconds:.1f}", tokens, step.joined_details[:1000])
 
 
 def _verdict_css_class(well: bool) -> Verdict:
@@ -348,14 +338,9 @@ def _render_test_runs(rows: Sequence[Step]) -> Iterator[str]:
     runs = [step for step in rows if any(isinstance(event, trace.TestsRun) for event in step.events)]
     for step in runs:
         text_of_step = "\n\n".join(f"{part.heading}\n{part.text}" for part in iter_step_sections(step))
-        last = step is runs[-1]
-        heading = f"step {step.number}: {step.joined_details}"
-        yield render_collapsible(
-            heading,
-            render_code_block(text_of_step),
-            opened=last and bool(step.problem_summary),
-            verdict=_verdict_css_class(not step.problem_summary),
-        )
+        heading, trouble = f"step {step.number}: {step.joined_details}", bool(step.problem_summary)
+        opened = trouble and step is runs[-1]
+        yield render_collapsible(heading, render_code_block(text_of_step), opened, _verdict_css_class(not trouble))
 
 
 def _render_audit_findings(events: Sequence[trace.Event]) -> str:

@@ -56,9 +56,8 @@ class Progress:
 
     def __enter__(self) -> "Progress":
         if self._console.is_terminal:
-            live = Live(console=self._console, get_renderable=self._render_progress, refresh_per_second=4)
-            self._live = live
-            live.start()
+            self._live = Live(console=self._console, get_renderable=self._render_progress, refresh_per_second=4)
+            self._live.start()
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -44,7 +44,8 @@ def free_space_map(
     free, level = observed_free_points_mask(middles, frame, table).reshape(grid.counts), box.size[2] / grid.counts[2]
     taken = np.zeros_like(free)
     if around is not None:
-        taken = around.occupied_points_mask(middles, grid.longest_cell_side / 2).reshape(grid.counts)
+        side = float((grid.size / grid.counts)[:2].max())  # what is thinner stands between the middles of two cells
+        taken = around.occupied_points_mask(middles, side / 2).reshape(grid.counts)
     free |= taken
     heights = np.where(free.any(axis=2), free.argmax(axis=2), grid.counts[2]) * level
     known = frame.depth > 0
@@ -79,11 +80,6 @@ class _Grid:
     def from_box(cls, box: UprightBox) -> "_Grid":
         x, y, z = (min(max(int(np.ceil(side / CELL)), 1), MOST) for side in box.size)
         return cls((x, y, z), np.array(box.size))
-
-    @property
-    def longest_cell_side(self) -> float:
-        """The longer side of a cell, m: what is thinner stands between the middles of two."""
-        return float((self.size / self.counts)[:2].max())
 
     def cell_centers(self) -> Array:
         """(N, 3) of all cells, the last axis fastest."""

@@ -39,11 +39,6 @@ class RecordedDepth:
     where: str  # what errors call it
     scale_source: str = "depth_scale in camera.json"  # where its scale is told, for the remedy of a wrong one
 
-    @property
-    def uint16_depth_scale(self) -> float:
-        """Metres per unit of a 16-bit picture that holds these depths."""
-        return self.scale if self.units.dtype == np.uint16 else MILLIMETRE
-
 
 def convert_depth_to_metres(measured: RecordedDepth) -> Depth:
     """(H, W) float32 metres, 0 where nothing was measured."""
@@ -181,7 +176,8 @@ def assemble_frame(recording: Recording, camera: Camera, measured: RecordedDepth
         rgb = downscale_rgb(rgb, *target)
     if target != (width, height):
         depth = resize_depth(depth, *target)
-    camera = scale_camera_to_size(camera, *target).model_copy(update={"depth_scale": measured.uint16_depth_scale})
+    depth_scale = measured.scale if measured.units.dtype == np.uint16 else MILLIMETRE  # as a 16-bit picture holds it
+    camera = scale_camera_to_size(camera, *target).model_copy(update={"depth_scale": depth_scale})
     return RGBDFrame(rgb, depth, camera, recording.source, recording.notes)
 
 

@@ -176,19 +176,15 @@ def run_call_in_child(zygote: Zygote, slot: int, frame: dict[str, Any], limits: 
     streams = Streams(frames, trace, output, control)
     try:
         try:
-            ordered = zygote.send_order(
-                slot, limits, (frames_end.fileno(), trace_end, output_end, control_end.fileno())
-            )
+            ends = (frames_end.fileno(), trace_end, output_end, control_end.fileno())
+            ordered = zygote.send_order(slot, limits, ends)
         finally:
             frames_end.close()
             control_end.close()
             os.close(trace_end)
             os.close(output_end)
-        if (
-            not ordered
-            or not _send_request(frames, wire.encode(streams.attach_frame_key(frame)))
-            or not _await_worker_ready(streams)
-        ):
+        data = wire.encode(streams.attach_frame_key(frame))
+        if not (ordered and _send_request(frames, data) and _await_worker_ready(streams)):
             return None
         started = time.monotonic()
         ending = streams.read_until_answer(started + limits.wall_seconds, limits.output_mib << 20)

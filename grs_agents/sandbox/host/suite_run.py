@@ -97,9 +97,8 @@ def run_tests(
 
 
 def _assemble_report(expected: ExpectedTests, batch: BatchResult, sources: dict[str, str]) -> TestReport:
-    cases = tuple(_build_test_case(item, expected, batch, sources) for item in expected.ids) + _build_extra_cases(
-        expected, batch
-    )
+    built = (_build_test_case(item, expected, batch, sources) for item in expected.ids)
+    cases = (*built, *_build_extra_cases(expected, batch))
     report = _report_load_failure(batch, sources) or _judge_cases(cases, batch)
     totals = {
         "seconds": sum(call.seconds for call in batch.calls),
@@ -204,13 +203,10 @@ def _build_ended_test_case(item: str, expected: ExpectedTests, batch: BatchResul
 
 def _parse_reported_case(item: str, event: dict[str, Any]) -> TestCase | None:
     """The case as the worker reported it, texts cut to their bounds; None if it is malformed."""
-    fields: dict[str, Any] = {
-        key: value[: _BOUNDS[key]] if key in _BOUNDS and isinstance(value, str) else value
-        for key, value in event.items()
-        if key not in ("item", "phase", "line")
-    }
+    kept = {key: value for key, value in event.items() if key not in ("item", "phase", "line")}
+    texts = {key: kept[key][:most] for key, most in _BOUNDS.items() if isinstance(kept.get(key), str)}
     try:
-        case = TestCase(id=item, **fields)
+        case = TestCase(id=item, **(kept | texts))
         return case if len(json.dumps(case.episode)) <= _MAX_EPISODE else None
     except (ValueError, TypeError):  # pydantic's are ValueErrors
         return None

@@ -64,7 +64,7 @@ class Arm:
         """Joint positions (dof,) of the waiting arm: radians, or metres of a slide."""
         posture = ArmModel(self.add)
         spread = np.random.default_rng(0).random((60, posture.dof))
-        guesses = [self._guess, posture.joint_range_midpoints, *posture.low + (posture.high - posture.low) * spread]
+        guesses = [self._guess, (posture.low + posture.high) / 2, *posture.low + (posture.high - posture.low) * spread]
         for point in _HOMES:
             for guess in guesses:
                 joints = posture.solve_ik(np.array(point), DOWN, guess, guess, 200)

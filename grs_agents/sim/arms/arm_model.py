@@ -56,11 +56,6 @@ class ArmModel:
         self.links = tuple(str(self._model.body(number).name) for number in range(1, self._model.nbody))
         self._jacobian = np.zeros((6, self.dof))
 
-    @property
-    def joint_range_midpoints(self) -> FloatArray:
-        """Half-way between the limits (dof,)."""
-        return (self.low + self.high) / 2
-
     def has_vertical_base_hinge(self) -> bool:
         """Whether the first joint turns the whole arm about the vertical through the origin."""
         model, data = self._model, self._data

@@ -46,10 +46,8 @@ def add_link_chain(spec: Any, links: Sequence[Link], flange: Vec3) -> None:
         body = parent.add_body(name=link.name, pos=link.position, quat=quaternion_about_x(link.roll), gravcomp=1.0)
         body.explicitinertial = True
         body.mass, body.ipos, body.fullinertia = link.mass, link.center, link.inertia
-        name = link.name
-        body.add_joint(
-            name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 0, 1), armature=0.1, range=link.limits, limited=True
-        )
+        hinge = mujoco.mjtJoint.mjJNT_HINGE
+        body.add_joint(name=link.name, type=hinge, axis=(0, 0, 1), armature=0.1, range=link.limits, limited=True)
         for index, (start, end, radius) in enumerate(link.capsules):
             body.add_geom(
                 name=f"{link.name}_{index}",

@@ -98,13 +98,10 @@ def _load_filled_template(item: InstanceObject, library: Library) -> ObjectModel
     solids = [shape.size for shape in shapes.colliders if shape.kind != "mesh"]
     thinnest = min([LARGEST, *(shapes.size if shapes.colliders else ()), *(side for size in solids for side in size)])
     if max(shapes.size) > LARGEST or thinnest < SMALLEST:
-        found = f"{item.asset} filled in is {_format_size(shapes.size)} m, its thinnest part {thinnest:.1e} m"
+        size = " x ".join(f"{extent:.3g}" for extent in shapes.size)
+        found = f"{item.asset} filled in is {size} m, its thinnest part {thinnest:.1e} m"
         raise SimulationError(found, f"give lengths that make it at most {LARGEST} m, each part at least {SMALLEST} m")
     return shapes
-
-
-def _format_size(size: Sequence[float]) -> str:
-    return " x ".join(f"{extent:.3g}" for extent in size)
 
 
 def is_movable(item: InstanceObject, shapes: ObjectModel) -> bool:

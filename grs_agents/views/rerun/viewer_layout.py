@@ -13,14 +13,8 @@ from grs_agents.views.rerun.recording import Paths
 def build_run_blueprint(nodes: tuple[str, ...]) -> rrb.Blueprint:
     """The default layout of one run; ``nodes`` are those of its graph, which the graph view is fitted to."""
     views = _Views(nodes)
-    tabs = (
-        views.overview_tab(),
-        views.scene_tab(),
-        views.programs_tab(),
-        views.tests_and_fixes_tab(),
-        views.rollouts_tab(),
-        views.model_calls_tab(),
-    )
+    stages = (views.overview_tab(), views.scene_tab(), views.programs_tab(), views.tests_and_fixes_tab())
+    tabs = (*stages, views.rollouts_tab(), views.model_calls_tab())
     return _make_blueprint(rrb.Tabs(*tabs, active_tab=0))
 
 
