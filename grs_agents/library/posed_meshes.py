@@ -58,12 +58,9 @@ def build_posed_triangles(posed: Sequence[tuple[str, Placement]], library: Libra
 
 def visual_triangle_corners(asset: str, library: Library) -> Floats:
     """(T, 3, 3) corners (m, its own frame) of the triangles that are seen of an asset."""
-    return np.concatenate(
-        [
-            _triangulate_shape(shape, library)[0] @ matrix_from_quaternion(shape.quaternion).T + shape.position
-            for shape in library.load_object_model(asset).visuals
-        ]
-    )
+    triangles = ((one, _triangulate_shape(one, library)[0]) for one in library.load_object_model(asset).visuals)
+    placed = [corners @ matrix_from_quaternion(one.quaternion).T + one.position for one, corners in triangles]
+    return np.concatenate(placed)
 
 
 def compute_smooth_normals(corners: Floats, limit: float = 0.7) -> Floats:

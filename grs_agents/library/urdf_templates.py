@@ -111,10 +111,8 @@ def fill_template(text: str, replace: Values, defaults: Mapping[str, Sequence[Va
     else:
         values, _ = resolve_template_values(replace, defaults)
     lengths = [float(value) for value in values.get("DIM", ())]
-    derived: dict[str, tuple[Value, ...]] = {
-        "HALF": tuple(length / 2 for length in lengths),
-        "INSET": tuple(max(0.0, length - WALL) / 2 for length in lengths),
-    }
+    insets = tuple(max(0.0, length - WALL) / 2 for length in lengths)
+    derived: Filled = {"HALF": tuple(length / 2 for length in lengths), "INSET": insets}
     return _substitute_placeholders(text, derived | values)
 
 

@@ -68,12 +68,9 @@ def find_table(frame: RGBDFrame, rng: np.random.Generator, choice: TableChoice =
     planes = find_level_planes(sample, given, rng)
     if not planes:
         level = " that is level in the frame of T_robot_cam" if given is not None else ""
-        raise _no_table_error(
-            f"{frame.source}: found no table plane with at least {CONFIG.least_share:.0%} of the measured pixels"
-            + level,
-            "take the photo so that the table fills more of it and the camera looks down on it",
-            (sample, given, rng),
-        )
+        found = f"{frame.source}: found no table plane with at least {CONFIG.least_share:.0%} of the measured pixels"
+        remedy = "take the photo so that the table fills more of it and the camera looks down on it"
+        raise _no_table_error(found + level, remedy, (sample, given, rng))
     plane = planes[_choose_table_plane(planes, sample, given, choice, frame)]
     height = 0.0 if given is None else plane.height_in_frame(given)
     if given is not None and abs(height) > CONFIG.highest:
@@ -146,13 +143,10 @@ def _fit_largest_plane(points: Array, up: Array | None, total: int, rng: np.rand
         offset = float(-normal @ center)
     distance = points @ normal + offset
     within = np.abs(distance) < bound
-    return Plane(
-        normal=normal,
-        offset=offset,
-        center=np.median(points.compress(within, axis=0), axis=0),
-        residual=float(np.sqrt(np.mean(distance[within] ** 2))),
-        share=float(np.count_nonzero(within) / total),
-    )
+    center = np.median(points.compress(within, axis=0), axis=0)
+    residual = float(np.sqrt(np.mean(distance[within] ** 2)))
+    share = float(np.count_nonzero(within) / total)
+    return Plane(normal=normal, offset=offset, center=center, residual=residual, share=share)
 
 
 def _choose_table_plane(
@@ -248,13 +242,11 @@ def _table_frame_from_plane(plane: Plane) -> TableFrame:
     transform = np.eye(4)
     transform[:3, :3] = rotation
     transform[2, 3] = plane.offset
-    return TableFrame(
-        T_robot_cam=matrix_to_tuples(transform),
-        origin="table_plane",
-        residual=plane.residual,
-        inliers=plane.share,
-        note="no T_robot_cam given: the robot frame is laid on the table found in the photo",
+    note, pose = (
+        "no T_robot_cam given: the robot frame is laid on the table found in the photo",
+        matrix_to_tuples(transform),
     )
+    return TableFrame(T_robot_cam=pose, origin="table_plane", residual=plane.residual, inliers=plane.share, note=note)
 
 
 def _calibrated_table_frame(plane: Plane, given: Array) -> TableFrame:
@@ -265,13 +257,9 @@ def _calibrated_table_frame(plane: Plane, given: Array) -> TableFrame:
     notes = [f"the table top lies at z = {height:+.3f} m of the calibrated frame"] if abs(height) > 0.005 else []
     if tilt > CONFIG.doubtful_tilt:
         notes.append(f"the table tilts by {np.rad2deg(tilt):.1f} degrees against the calibrated frame")
+    pose, note, residual = matrix_to_tuples(moved), "; ".join(notes), plane.residual
     return TableFrame(
-        T_robot_cam=matrix_to_tuples(moved),
-        origin="calibrated",
-        residual=plane.residual,
-        inliers=plane.share,
-        height=height,
-        note="; ".join(notes),
+        T_robot_cam=pose, origin="calibrated", residual=residual, inliers=plane.share, height=height, note=note
     )
 
 

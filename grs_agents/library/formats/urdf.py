@@ -193,10 +193,8 @@ class _Reader:
         if geometry.tag == "box":
             kind, size = "box", self._parse_positive_sizes(geometry, "size", 3)
         elif geometry.tag == "cylinder":
-            radius, length = (
-                self._parse_positive_sizes(geometry, "radius", 1),
-                self._parse_positive_sizes(geometry, "length", 1),
-            )
+            radius = self._parse_positive_sizes(geometry, "radius", 1)
+            length = self._parse_positive_sizes(geometry, "length", 1)
             kind, size = "cylinder", (*radius, *length)
         elif geometry.tag == "sphere":
             kind, size = "sphere", self._parse_positive_sizes(geometry, "radius", 1)

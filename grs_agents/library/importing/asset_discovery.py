@@ -116,14 +116,9 @@ def _find_gso_items(names: list[str]) -> Iterator[SourceItem]:
         if name.endswith("meshes/model.obj"):
             home = name.removesuffix("meshes/model.obj")
             picture, metadata = f"{home}materials/textures/texture.png", f"{home}metadata.pbtxt"
-            yield SourceItem(
-                kind="gso",
-                name=PurePosixPath(home).name or "model",
-                file=name,
-                files=(metadata,) if metadata in known else (),
-                texture=picture if picture in known else None,
-                license=OPEN_LICENSE,
-            )
+            files, texture = (metadata,) if metadata in known else (), picture if picture in known else None
+            label = PurePosixPath(home).name or "model"
+            yield SourceItem(kind="gso", name=label, file=name, files=files, texture=texture, license=OPEN_LICENSE)
 
 
 def _find_ycb_items(names: list[str]) -> Iterator[SourceItem]:

@@ -39,9 +39,7 @@ def find_obj_material_files(folder: SourceFolder, obj: str) -> tuple[list[str], 
     materials: list[str] = []
     pictures: list[str] = []
     with folder.resolve_file(obj).open(encoding="utf-8", errors="replace") as lines:
-        names = [
-            row.split(None, 1)[1].strip() for row in lines if row.startswith("mtllib ") and row.strip() != "mtllib"
-        ]
+        names = [row.split(None, 1)[1].strip() for row in lines if row.startswith("mtllib ") and row.split()[1:]]
     for name in names:
         path = folder.resolve_file(name, obj)
         materials.append(folder.relative_file_name(path))

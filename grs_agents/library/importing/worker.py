@@ -54,12 +54,8 @@ class Worker:
     def _ensure_process_pipes(self) -> tuple[IO[bytes], IO[bytes]]:
         """Standard input and output of the process."""
         if self._process is None or self._process.poll() is not None:
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", __name__, str(self._memory)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-            )
+            command, pipe = [sys.executable, "-P", "-m", __name__, str(self._memory)], subprocess.PIPE
+            self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL)
         if self._process.stdin is None or self._process.stdout is None:
             raise RuntimeError("the worker has no pipes")
         return self._process.stdin, self._process.stdout

@@ -153,10 +153,10 @@ def assemble_frame(recording: Recording, camera: Camera, measured: RecordedDepth
     """Put colour, depth and camera on the colour picture's grid."""
     height, width = measured.units.shape
     if min(*recording.picture_size, width, height) < SMALLEST:
-        raise InputError(
-            f"{recording.picture.file} is {'x'.join(map(str, recording.picture_size))} and its depth {width}x{height}",
-            f"give pictures of at least {SMALLEST} pixels a side",
+        found = (
+            f"{recording.picture.file} is {'x'.join(map(str, recording.picture_size))} and its depth {width}x{height}"
         )
+        raise InputError(found, f"give pictures of at least {SMALLEST} pixels a side")
     recording = apply_exif_orientation(recording, [(camera.width, camera.height), (width, height)])
     size, file = recording.picture_size, recording.picture.file
     if not have_same_aspect_ratio(size, (width, height)):

@@ -57,10 +57,8 @@ def assemble_frame_from_photo(recording: Recording, estimate: Estimator, field_o
     if focal is None:
         focal, source_note = found.focal, "its focal length is the depth tool's estimate"
     if focal is None:
-        raise InputError(
-            f"{name} does not say its focal length, nor does the depth tool",
-            "add camera.json beside it, or give its angle: --set depth.field_of_view=DEGREES",
-        )
+        advice = "add camera.json beside it, or give its angle: --set depth.field_of_view=DEGREES"
+        raise InputError(f"{name} does not say its focal length, nor does the depth tool", advice)
     if camera is None:
         camera = camera_from_focal_length(focal, size, f"{name}, {source_note}")
         recording = replace(recording, picture=Picture(recording.picture.file, rgb)).with_note(source_note)

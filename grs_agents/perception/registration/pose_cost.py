@@ -57,10 +57,8 @@ def free_space_cost(surface: Surface, poses: Array, seen: ObservedPoints) -> Arr
     turns = poses[:, :3, :3].transpose(0, 2, 1)
     points = surface.points[: seen.samples] @ turns + poses[:, None, :3, 3]
     facing = ((surface.normals[: seen.samples] @ turns) * (points - seen.camera_position)).sum(axis=2) < 0
-    measured, depth = (
-        values.reshape(points.shape[:2])
-        for values in measured_depth_at_points(points.reshape(-1, 3), seen.frame, seen.table)
-    )
+    depths = measured_depth_at_points(points.reshape(-1, 3), seen.frame, seen.table)
+    measured, depth = (values.reshape(points.shape[:2]) for values in depths)
     known = facing & (measured > 0)
     before = np.where(known, np.clip(measured - depth - CONFIG.free_space, 0, CONFIG.farthest), 0.0).sum(axis=1)
     below = np.where(facing, np.clip(-points[..., 2] - CONFIG.free_space / 2, 0, CONFIG.farthest), 0.0).sum(axis=1)

@@ -124,15 +124,10 @@ def register_asset(
     if registered > boxed - CONFIG.better or off > CONFIG.worst:
         off, cost = search.residual_at_pose(begin), float(search.cost_without_neighbors(begin[None])[0])
         return Registered(position, orientation, size, off, "box", _is_yaw_symmetric(begin, search.symmetry), cost)
-    return Registered(
-        to_vec3(best[:3, 3]),
-        quaternion_from_matrix(best[:3, :3]),
-        _extents_without_yaw(best[:3, :3], search.surface),
-        off,
-        "registered",
-        _is_yaw_symmetric(best, search.symmetry),
-        float(search.cost_without_neighbors(best[None])[0]),
-    )
+    position, rotation = to_vec3(best[:3, 3]), quaternion_from_matrix(best[:3, :3])
+    extents, free = _extents_without_yaw(best[:3, :3], search.surface), _is_yaw_symmetric(best, search.symmetry)
+    cost = float(search.cost_without_neighbors(best[None])[0])
+    return Registered(position, rotation, extents, off, "registered", free, cost)
 
 
 def registration_cost(

@@ -67,7 +67,5 @@ def add_residual_candidates(
     ]
     residual = find_residual_candidates(masks, surfaces, frame, table, max(record.id for record in records) + 1)
     added = save_additional_candidates(frame, residual.candidates, records, folder) if residual.candidates else ()
-    return added, tuple(
-        DroppedCandidate(id=objects[index].id, reason="much of it belongs to known things; the rest is looked at again")
-        for index in residual.divided
-    )
+    reason = "much of it belongs to known things; the rest is looked at again"
+    return added, tuple(DroppedCandidate(id=objects[index].id, reason=reason) for index in residual.divided)

@@ -37,9 +37,7 @@ DIMMED = (np.arange(256) * 0.35).astype(np.uint8)  # what each brightness is out
 def measure_candidates(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[Candidate, ...]:
     """Measure each segment.
     Raises InputError: nothing stands on the table, or one object fills it."""
-    clouds = {
-        key: cloud for key, cloud in _clouds_by_label(frame, table, labels).items() if len(cloud) >= CONFIG.fewest
-    }
+    clouds = {key: one for key, one in _clouds_by_label(frame, table, labels).items() if len(one) >= CONFIG.fewest}
     supports = {
         label: (convex_footprint_hull(cloud[::5]), float(compute_percentiles(cloud[::5, 2], [95])[0]))
         for label, cloud in clouds.items()

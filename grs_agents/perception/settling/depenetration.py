@@ -57,11 +57,8 @@ def separate_objects(world: World, guessed: Collection[int], way: Separation) ->
 def _move_pair_apart(world: World, pair: tuple[int, int], guessed: Collection[int], way: Separation) -> bool:
     """Move one of two objects, or each half the way; whether one of them can be moved free of others."""
     free = CONFIG.free * way.deep
-    moves = {
-        number: move
-        for number in pair
-        if number in world.addresses and (move := _find_shortest_free_move(world, number, way.steps, free)) is not None
-    }
+    tried = ((one, _find_shortest_free_move(world, one, way.steps, free)) for one in pair if one in world.addresses)
+    moves = {number: move for number, move in tried if move is not None}
     if not moves:
         return False
     number = min(moves, key=lambda moved: _move_cost(moves[moved], moved in guessed))
@@ -98,11 +95,8 @@ def overlap_depth_by_pair(world: World) -> dict[tuple[int, int], float]:
 
 def _deepest_overlapping_pair(world: World, stuck: set[tuple[int, int]], deep: float) -> tuple[int, int] | None:
     """The objects, lower number first, that overlap most, if by more than ``deep`` m."""
-    found = {
-        pair: depth
-        for pair, depth in overlap_depth_by_pair(world).items()
-        if depth > deep and pair not in stuck and any(number in world.addresses for number in pair)
-    }
+    left = {pair: depth for pair, depth in overlap_depth_by_pair(world).items() if depth > deep and pair not in stuck}
+    found = {pair: depth for pair, depth in left.items() if any(number in world.addresses for number in pair)}
     return max(found, key=lambda pair: found[pair], default=None)
 
 

@@ -81,13 +81,10 @@ def read_motion(file: Path) -> Motion:
             raise InputError(f"{name} in {file} has the shape {arrays[name].shape}, not that of {wanted}", _REMEDY)
         if name != "names" and not np.isfinite(arrays[name]).all():
             raise InputError(f"{name} in {file} are not all finite", _REMEDY)
-    return Motion(
-        times=times,
-        names=tuple(str(name) for name in names),
-        positions=arrays["positions"].astype(np.float32, copy=False),
-        quaternions=arrays["quaternions"].astype(np.float32, copy=False),
-        tool=arrays["tool"].astype(np.float32, copy=False),
-    )
+    keys = ("positions", "quaternions", "tool")
+    positions, quaternions, tool = (arrays[key].astype(np.float32, copy=False) for key in keys)
+    named = tuple(str(name) for name in names)
+    return Motion(times=times, names=named, positions=positions, quaternions=quaternions, tool=tool)
 
 
 def read_motion_duration(file: Path) -> float:
