@@ -1,8 +1,6 @@
 """Content found by name: graphs, tools, prompts, assets and evals, one file for each thing a user may swap.
-
-The content lies beside the package in a source tree and inside it (``_bundled``) in a wheel. A folder of the
-user's own, laid over it with ``--content DIR``, wins where it has a file of the same name.
-"""
+The content lies beside the package in a source tree and inside it (``_bundled``) in a wheel. A folder of the user's
+own, laid over it with ``--content DIR``, wins where it has a file of the same name."""
 
 import importlib.util
 import sys

@@ -16,12 +16,8 @@ assets_app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-LibraryFolder = Annotated[
-    Path | None,
-    typer.Option(
-        "--library", help="The content folder of your assets; that of --content, else ./grs-content.", metavar="DIR"
-    ),
-]
+_FOLDER = "The content folder of your assets; that of --content, else ./grs-content."
+LibraryFolder = Annotated[Path | None, typer.Option("--library", help=_FOLDER, metavar="DIR")]
 Names = Annotated[list[str] | None, typer.Argument(help="Assets or collections, e.g. ycb/024_bowl.urdf or ycb.")]
 Shipped = Annotated[bool, typer.Option("--all", help="The assets that GRS ships, too.")]
 

@@ -46,10 +46,11 @@ SCENE = typer.Argument(
 )
 Scene = Annotated[Path, SCENE]
 RunFolder = Annotated[Path, typer.Argument(help="A run folder.")]
-Seeds = Annotated[
-    int | None,
-    typer.Option("--seeds", help="How many task instances to solve; audit.seeds by default.", min=1, max=100),
-]
+_SEEDS = "How many task instances to solve; audit.seeds by default."
+Seeds = Annotated[int | None, typer.Option("--seeds", help=_SEEDS, min=1, max=100)]
+_PAGE = "The file, - for standard output; report.html in the run folder by default."
+_ZIP = "The zip file, - for standard output; beside the run folder by default."
+_CONTENT = "Your own graphs, tools, prompts and assets; their code is executed."
 
 
 def _print_version(wanted: bool) -> None:
@@ -62,10 +63,7 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def apply_global_options(
-    content_folder: Annotated[
-        Path | None,
-        typer.Option("--content", help="Your own graphs, tools, prompts and assets; their code is executed."),
-    ] = None,
+    content_folder: Annotated[Path | None, typer.Option("--content", help=_CONTENT)] = None,
     version: Annotated[bool, typer.Option("--version", callback=_print_version, is_eager=True)] = False,
 ) -> None:
     """From a photo with depth to a validated MuJoCo robot task."""
@@ -191,12 +189,7 @@ def trace(
 @app.command()
 def report(
     run: RunFolder,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", help="The file, - for standard output; report.html in the run folder by default.", metavar="FILE"
-        ),
-    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help=_PAGE, metavar="FILE")] = None,
 ) -> None:
     """Write a run as one HTML page that needs nothing else: photo, task, pictures, decisions, changes, tests."""
     from grs_agents.cli.run_outputs import report_run
@@ -223,12 +216,7 @@ def play(
 @app.command()
 def share(
     run: RunFolder,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", help="The zip file, - for standard output; beside the run folder by default.", metavar="FILE.zip"
-        ),
-    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help=_ZIP, metavar="FILE.zip")] = None,
 ) -> None:
     """Pack a run into one zip file without keys and home folders, with its recording and report."""
     from grs_agents.cli.run_outputs import share_run_as_zip

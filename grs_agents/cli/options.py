@@ -12,10 +12,8 @@ if TYPE_CHECKING:
     from grs_agents.config import Effective
 
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="A TOML configuration file.", metavar="FILE")]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", help="Override one key, e.g. --set max_fixes=5. Repeatable.", metavar="KEY=VALUE"),
-]
+_SET = typer.Option("--set", help="Override one key, e.g. --set max_fixes=5. Repeatable.", metavar="KEY=VALUE")
+Settings = Annotated[list[str] | None, _SET]
 Seed = Annotated[int | None, typer.Option("--seed", help="The seed of everything random.", metavar="N")]
 Models = Annotated[
     list[str] | None,

@@ -25,10 +25,8 @@ class Buffer:
 
 def rasterise_triangles(corners: Floats, nearness: Floats, width: int, height: int) -> Buffer:
     """Draw triangles, ``corners`` (T, 3, 2) in pixels, into a z-buffer; pixel (0, 0) is sampled at (0, 0).
-
     ``nearness`` (T, 3) is linear over the picture of a plane and grows towards the viewer: one over depth for a
-    perspective camera, minus depth for a parallel one.
-    """
+    perspective camera, minus depth for a parallel one."""
     buffer = Buffer(np.full((height, width), -1, dtype=np.int64), np.full((height, width), -np.inf))
     low = np.maximum(np.ceil(corners.min(axis=1)), 0).astype(int)
     high = np.minimum(np.floor(corners.max(axis=1)), (width - 1, height - 1)).astype(int)

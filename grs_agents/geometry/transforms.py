@@ -67,13 +67,9 @@ def yaw_of_quaternion(quaternion: Sequence[float]) -> float:
 def quaternion_to_matrix(quaternion: Sequence[float]) -> FloatArray:
     """The 3 x 3 matrix of (x, y, z, w)."""
     x, y, z, w = to_unit_quaternion(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    first = [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)]
+    second = [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]
+    return np.array([first, second, [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
 
 
 def multiply_quaternions(first: Sequence[float], second: Sequence[float]) -> Quat:

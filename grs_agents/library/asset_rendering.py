@@ -1,8 +1,6 @@
 """Pictures of an asset from given directions, drawn by a z-buffer with its textures: no GL, no randomness.
-
 The same asset gives the same picture on every machine, which a graphics driver would not promise: what assets are
-matched and described by is drawn so.
-"""
+matched and described by is drawn so."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 """The surface of an asset as points with normals, about the centre of its bounding box or placed, and its symmetry.
-
 Nearest points and point-to-plane alignment come from small_gicp. Two rotations are compared up to those turns that
-leave the asset's shape as it is.
-"""
+leave the asset's shape as it is."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache

@@ -1,8 +1,6 @@
 """What the photo shows besides the table and the objects, as a surface to look at and boxes to bump into.
-
 The surface comes from one depth image: a truncated signed distance on a grid, then marching cubes. Boxes stand for its
-solid parts because MuJoCo takes a mesh for its convex hull, which would fill a room.
-"""
+solid parts because MuJoCo takes a mesh for its convex hull, which would fill a room."""
 
 import importlib
 from collections.abc import Sequence

@@ -1,8 +1,6 @@
 """Every constant of perception, by stage, with its unit and why it has this value.
-
 Functions of a stage take the part that they need; `DEFAULT` is what all of them are measured with. Lengths are metres,
-angles radians, areas shares of the picture, unless a comment says otherwise.
-"""
+angles radians, areas shares of the picture, unless a comment says otherwise."""
 
 import math
 from dataclasses import dataclass, replace

@@ -101,10 +101,8 @@ def axes_from_yaws(yaws: Array) -> Array:
 
 def fit_smallest_rectangle(cloud: Array) -> tuple[tuple[float, float], tuple[float, float], float]:
     """Centre, sides (m) and yaw (rad, within 45 degrees) of the smallest rectangle that holds 99 % of each side.
-
     Of two sides that meet in a corner without a top, rectangles at several yaws are equally small: of those about as
-    small as the smallest, the one whose sides are nearest to the points is taken.
-    """
+    small as the smallest, the one whose sides are nearest to the points is taken."""
     flat = cloud[:: len(cloud) // 1000 + 1, :2]
     yaws = np.deg2rad(np.arange(-45.0, 45.0, 1.5))
     axes = axes_from_yaws(yaws)

@@ -238,10 +238,8 @@ class Prompt(Stamped):
 
 class Reply(Stamped):
     """What the model answered; ``error`` says why an answer could not be used, or why none came (``answered``).
-
     ``cached_tokens`` of the input were read from the provider's cache; ``cost`` is in US dollars, where the provider
-    tells it.
-    """
+    tells it."""
 
     kind: Literal["reply"] = "reply"
     call: Text

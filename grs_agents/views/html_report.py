@@ -1,8 +1,6 @@
 """A run as one HTML page to send to somebody who has none of this installed.
-
 The page needs nothing from anywhere, and all text from outside is escaped. Its pictures: the photo with its boxes, its
-twin, and the rollouts from beginning to end.
-"""
+twin, and the rollouts from beginning to end."""
 
 import base64
 import html

@@ -1,8 +1,6 @@
 """A run as OpenTelemetry spans with the semantic conventions for generative AI (attributes ``gen_ai.*``).
-
 Any backend that speaks OTLP shows the same tree: the run, its nodes, and in each node its model calls, tools and
-decisions. Spans are made from events, live or later, with the events' own times.
-"""
+decisions. Spans are made from events, live or later, with the events' own times."""
 
 import importlib
 import json
@@ -136,11 +134,8 @@ class SpanView:
         if isinstance(event, trace.TestsRun | trace.Rollout):
             tool = "run_tests" if isinstance(event, trace.TestsRun) else "rollout"
             seconds = float(event.report.get("seconds") or 0) if isinstance(event, trace.TestsRun) else 0.0
-            named = {
-                "gen_ai.operation.name": "execute_tool",
-                "gen_ai.tool.name": tool,
-                "grs.result": summarise_event(event),
-            }
+            said = summarise_event(event)
+            named = {"gen_ai.operation.name": "execute_tool", "gen_ai.tool.name": tool, "grs.result": said}
             begin = self._last - round(seconds * 1e9)
             self._end_span(self._start_span(f"execute_tool {tool}", span, named, begin))
             return

@@ -20,10 +20,8 @@ MAX_VERTICES: Final = 64
 
 def repair_mesh(solid: TexturedMesh) -> tuple[TexturedMesh, bool, list[str]]:
     """The mesh without degenerate and duplicate faces, all turned outwards; whether it is watertight; what was done.
-
     Holes of three or four edges are closed; a larger one may be an opening that the object has. Winding and holes need
-    ``networkx``, which the extra ``assets`` installs; without it the mesh stays as it is, and a note says so.
-    """
+    ``networkx``, which the extra ``assets`` installs; without it the mesh stays as it is, and a note says so."""
     kept = _valid_face_indices(solid.faces)
     notes = [f"{dropped} degenerate or duplicate faces dropped"] if (dropped := len(solid.faces) - len(kept)) else []
     faces, uvs = solid.faces[kept], solid.uvs[kept]

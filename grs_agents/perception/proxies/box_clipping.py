@@ -118,10 +118,8 @@ class _Cut:
 
 def clip_boxes(claims: Sequence[EstimatedVolume], occupied: Array) -> list[EstimatedVolume]:
     """Move the sides of boxes inwards until they leave out (M, 3) points of what stands ``occupied``, and each other.
-
-    Of two boxes the one gives way that loses fewer of its own points; one that would lose too many stays as it is.
-    A cylinder that is cut at its side becomes a box.
-    """
+    Of two boxes the one gives way that loses fewer of its own points; one that would lose too many stays as it is. A
+    cylinder that is cut at its side becomes a box."""
     found = list(claims)
     for _ in range(ROUNDS):
         before = list(found)

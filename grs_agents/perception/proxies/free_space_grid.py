@@ -35,10 +35,8 @@ def free_space_map(
     frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox, around: Surroundings | None = None
 ) -> FreeColumns:
     """What a candidate, (H, W) pixels, may fill of its box, from the bottom of that or from what stands below it.
-
     It reaches up to where space is shown to be free or another object stands, at least as high as the candidate was
-    measured, and 0 where only other objects were.
-    """
+    measured, and 0 where only other objects were."""
     grid = _Grid.from_box(box)
     middles = grid.cell_centers() @ rotation_about_z(box.yaw).T + box.center
     free, level = observed_free_points_mask(middles, frame, table).reshape(grid.counts), box.size[2] / grid.counts[2]

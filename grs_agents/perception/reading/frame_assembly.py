@@ -66,10 +66,8 @@ def convert_depth_to_metres(measured: RecordedDepth) -> Depth:
 
 def guess_depth_unit(units: Units) -> DepthUnit:
     """What one unit of depth (H, W) is taken to be where ``camera.json`` does not say it.
-
     Floats are metres. 16-bit integers are millimetres, as nearly all sensors write them, if the middle of the photo
-    then is at the distance of a table: units of 0.1 or 0.2 mm, which some data sets have, would put it beyond that.
-    """
+    then is at the distance of a table: units of 0.1 or 0.2 mm, which some data sets have, would put it beyond that."""
     if units.dtype.kind == "f":
         return DepthUnit(1.0)
     if units.dtype != np.uint16:
@@ -90,10 +88,8 @@ def have_same_aspect_ratio(size: tuple[int, int], other: tuple[int, int]) -> boo
 
 def resize_depth(depth: Depth, width: int, height: int) -> Depth:
     """Depth at another size, registered: smaller by the nearest pixel, larger between pixels of one surface.
-
     Between four neighbours of one surface inverse depth is interpolated, which is exact on planes; elsewhere the
-    nearest pixel counts, so that no depth is made up between an object and what is behind it.
-    """
+    nearest pixel counts, so that no depth is made up between an object and what is behind it."""
     nearest = resize_nearest(depth, width, height)
     if width <= depth.shape[1]:
         return nearest

@@ -168,10 +168,8 @@ def _parse_ply_header(lines: list[list[str]], where: str) -> tuple[str, dict[str
 
 def decompress_lzf(data: bytes, size: int, where: str) -> bytes:
     """LZF-packed data as ``size`` bytes; ``where`` is what errors call the file.
-
     A control byte below 32 is followed by so many bytes, and one more, as they are. Any other holds a length in its
-    upper three bits (7: the next byte is added) and, with the byte after it, how far back to copy from.
-    """
+    upper three bits (7: the next byte is added) and, with the byte after it, how far back to copy from."""
     out = bytearray()
     at, end = 0, len(data)
     while at < end and len(out) <= size:

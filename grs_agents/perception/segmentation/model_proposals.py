@@ -59,10 +59,8 @@ def filter_proposals_on_table(
     proposals: Iterable[Proposal], above: Mask, points: Array, config: Segmentation
 ) -> list[Proposal]:
     """The proposals of which most stands on the table (``above``), without islands, holes, and the table around them.
-
     What is longer than an object may be is a group, or all that is in the picture. ``points`` are (H, W, 3) in the
-    robot frame, NaN where unknown.
-    """
+    robot frame, NaN where unknown."""
     bounds = config.proposals
     unknown = np.isnan(points[..., 2])
     smallest = int(config.filter.smallest * above.size)
@@ -115,10 +113,8 @@ def paint_proposal_labels(proposals: Sequence[Proposal], frame: RGBDFrame, small
 
 def _join_smooth_parts(labels: Labels, proposals: Sequence[Proposal], frame: RGBDFrame, config: Segmentation) -> Labels:
     """Join the parts that one proposal covers where the depth between them neither jumps nor creases.
-
     A print on a box, or its faces, are parts of it; so the depth says, and a mask of the whole that is no worse than
-    theirs. Without such a mask two boxes side by side stay two.
-    """
+    theirs. Without such a mask two boxes side by side stay two."""
     measured = np.where(frame.depth > 0, labels, 0)
     around = np.ones((2 * config.proposals.blur + 1,) * 2, np.uint8)
     below, right = find_depth_jumps(frame.depth)

@@ -39,10 +39,8 @@ class OcclusionEdges:
 
     def is_seen_over_edge(self, near: int, far: int, width: int) -> bool:
         """Whether ``far`` is seen over most of the edge of ``near``; the narrower of them is ``width`` columns wide.
-
         What stands in a hollow object has its far wall behind it, and a whole hollow object its own inside: these are
-        no edges of a wall.
-        """
+        no edges of a wall."""
         pair = self._edge_indices_of_pair(near, far)
         if len(pair) < max(self.config.span * width, self.config.fewest):
             return False

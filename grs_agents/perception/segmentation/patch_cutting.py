@@ -94,10 +94,8 @@ def _keep_surfaces_over_table(above: Mask, inside: Mask, depth: Depth) -> Mask:
 
 def _find_table_hull(points: Array, flat: Mask, eye: Array, config: Foreground) -> Array | None:
     """(M, 2) corners of the visible table, over the gaps that objects make in it.
-
     The largest piece of plane is table, and so is every other piece, unless the camera sees something lower between
-    them: then that one is a chair, a shelf or a floor of the same height.
-    """
+    them: then that one is a chair, a shelf or a floor of the same height."""
     labels = label_connected_components(cv2.erode(flat.astype(np.uint8), np.ones((5, 5), np.uint8)), 50)
     if labels.max() == 0:
         return None

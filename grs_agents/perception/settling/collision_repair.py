@@ -1,8 +1,6 @@
 """Assets that were registered into each other: one of them is somewhere else, and is registered again beside the other.
-
 Each object is registered by itself first, and what another object hides says nothing against a pose: one that is half
-hidden may come to stand in what hides it.
-"""
+hidden may come to stand in what hides it."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

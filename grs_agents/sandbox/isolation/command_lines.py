@@ -10,10 +10,8 @@ from grs_agents.sandbox.isolation import allowlist
 
 def bubblewrap_command_prefix(readable: Sequence[Path], scratch: Sequence[Path], scratch_bytes: int) -> list[str]:
     """What to put before a command, for name spaces of its own and a file system of what is named.
-
     ``readable`` is visible read-only, beside the system's own files; each folder of ``scratch`` is a writable file
-    system of ``scratch_bytes`` bytes.
-    """
+    system of ``scratch_bytes`` bytes."""
     command = [shutil.which("bwrap") or "bwrap", "--unshare-all", "--unshare-user", "--cap-drop", "ALL"]
     command += ["--hostname", "sandbox"]
     for path in allowlist.system_paths():

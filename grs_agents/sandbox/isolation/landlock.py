@@ -1,8 +1,6 @@
 """What a process may do with files, connections and signals, kept by the kernel's Landlock.
-
 Landlock does not cover what belongs to a path but not to its content: permission bits, owner, times, extended
-attributes. The seccomp filter denies those calls.
-"""
+attributes. The seccomp filter denies those calls."""
 
 import ctypes
 import errno

@@ -60,10 +60,8 @@ def hide_from_other_processes(hidden: bool = True) -> None:
 
 def use_unique_user_id() -> bool:
     """Be counted as a user of its own, since the kernel keeps no limit on the number of root's threads.
-
     Only the *real* user id changes, by which the kernel counts; files are opened as before. Call it while the process
-    still holds its capabilities. False without CAP_SETUID or in a name space of few user ids: all stays as it was.
-    """
+    still holds its capabilities. False without CAP_SETUID or in a name space of few user ids: all stays as it was."""
     try:
         os.setresuid(_ACCOUNTS + int.from_bytes(os.urandom(3), "little"), -1, -1)
     except OSError as error:
@@ -98,10 +96,8 @@ class Allowance:
 
 def set_resource_limits(allowance: Allowance, alone: bool) -> bool:
     """Set all limits, soft and hard, for ever; none is raised above what already holds. The stack's is kept.
-
     ``alone`` says that no other process counts as this user's (``use_unique_user_id``). The answer is whether the limit
-    on threads binds: it does not bind root.
-    """
+    on threads binds: it does not bind root."""
     cpu = math.ceil(time.process_time() + allowance.cpu_seconds)
     _lower_resource_limit("CPU", cpu, cpu + 1)
     _lower_resource_limit("FSIZE", allowance.file_mib << 20)

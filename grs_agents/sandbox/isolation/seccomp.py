@@ -200,10 +200,8 @@ def unavailability_reason() -> str:
 
 def install_filter(landlock_abi: int) -> None:
     """Filter the system calls of this process, all its threads included, for ever.
-
     Landlock below version 3 leaves truncation free, which is denied here then. ``OSError`` if the kernel took no
-    filter, or the process may still gain privileges.
-    """
+    filter, or the process may still gain privileges."""
     machine = kernel.detect_architecture()
     if machine is None:
         raise OSError(errno.ENOSYS, "the system calls of this machine are not known")

@@ -1,8 +1,6 @@
 """What a robot arm can do: bring the suction cup to poses within its joints' limits, and keep clear of itself.
-
-``Arm`` serves any serial arm of hinges and slides by numbers (damped least squares on MuJoCo's Jacobian); an arm
-whose kinematics have a closed form overrides ``solve_ik_tool_down``, ``solve_ik_for_poses`` and ``reachable_mask``.
-"""
+``Arm`` serves any serial arm of hinges and slides by numbers (damped least squares on MuJoCo's Jacobian); an arm whose
+kinematics have a closed form overrides ``solve_ik_tool_down``, ``solve_ik_for_poses`` and ``reachable_mask``."""
 
 from collections.abc import Callable
 from functools import cached_property
@@ -32,10 +30,8 @@ _NEAR: Final = 0.2
 
 class Arm:
     """A serial arm whose base is at the origin of the robot frame, with the suction cup at its end.
-
     ``add`` adds its bodies, joints (in their order from the base on), one position actuator a joint, the body ``cup``
-    and the site ``tip`` to a world. It works near the joint angles ``guess`` (dof,).
-    """
+    and the site ``tip`` to a world. It works near the joint angles ``guess`` (dof,)."""
 
     nearest: float  # from the base axis to where the tip can be brought, tool down, metres; for words only
     farthest: float

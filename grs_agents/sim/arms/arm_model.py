@@ -74,10 +74,8 @@ class ArmModel:
         self, tip: FloatArray, tool: FloatArray, start: FloatArray, rest: FloatArray, iterations: int
     ) -> FloatArray | None:
         """Joint positions (dof,) within limits that bring the tip to a pose (position in m, rotation (3, 3)), or None.
-
         Damped least squares from ``start``; what freedom the pose leaves draws the joints towards ``rest``. The z axis
-        of the tip points out of the cup.
-        """
+        of the tip points out of the cup."""
         model, data, jacobian = self._model, self._data, self._jacobian
         joints = np.clip(start, self.low, self.high)
         wanted, present, turn, error = np.empty(4), np.empty(4), np.empty(4), np.empty(6)

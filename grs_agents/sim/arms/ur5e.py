@@ -29,14 +29,8 @@ NEAREST: Final = 0.22
 """Closer to the base axis than this the arm would fold into itself, metres."""
 _SHOULDER: Final = 0.105
 """Radii of the shoulder and the forearm together, with a little room, metres."""
-LINKS: Final = (
-    (0.0, D1, np.pi / 2),
-    (A2, 0.0, 0.0),
-    (A3, 0.0, 0.0),
-    (0.0, D4, np.pi / 2),
-    (0.0, D5, -np.pi / 2),
-    (0.0, D6, 0.0),
-)
+_SHOULDER_TO_ELBOW: Final = ((0.0, D1, np.pi / 2), (A2, 0.0, 0.0), (A3, 0.0, 0.0))
+LINKS: Final = (*_SHOULDER_TO_ELBOW, (0.0, D4, np.pi / 2), (0.0, D5, -np.pi / 2), (0.0, D6, 0.0))
 """(a, d, alpha) of each joint."""
 
 

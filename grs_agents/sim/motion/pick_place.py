@@ -219,10 +219,8 @@ class PickPlace:
         clearance: float = _CLEARANCE,
     ) -> bool:
         """Go over the table to a pose and down to it, each leg just above what lies within ``radius`` (m) of it.
-
         ``drop`` (m) is how far what hangs from the cup reaches below it. False if there was no way (the arm has not
-        moved) or the cup let go, where it stops.
-        """
+        moved) or the cup let go, where it stops."""
         tip, held, self._hindrance = self.physics.tip_position, self.physics.held_object_id, ""
         for route in candidate_routes(tip, end.point):
             way: list[Vec3] = [tip]

@@ -107,16 +107,13 @@ class Tabletop:
             raise SimulationError(f"add_object: category {category!r} is unknown", f"use one of {CATEGORIES}")
         if category == "deformable":
             self.record_warning(f"add_object({name!r}): 'deformable' moves as 'rigid' does")
-        return self.insert_object(
-            InstanceObject(
-                id=self._next_object_id,
-                asset=filling.template if filling else name,
-                fill=dict(filling.values) if filling else {},
-                color=None if color is None else color_to_rgba(color),
-                pose=parse_pose(pose, f"add_object({name!r})"),
-                category=category,
-            )
+        number, asset = self._next_object_id, filling.template if filling else name
+        rgba = None if color is None else color_to_rgba(color)
+        at = parse_pose(pose, f"add_object({name!r})")
+        item = InstanceObject(
+            id=number, asset=asset, fill=dict(filling.values) if filling else {}, color=rgba, pose=at, category=category
         )
+        return self.insert_object(item)
 
     def insert_object(self, item: InstanceObject) -> int:
         """Add a typed object and return the id it has here; refuse what is too large, too thin or one too many."""

@@ -53,10 +53,8 @@ def set_environment_defaults(
     background: str | None = None,
 ) -> None:
     """Say which library, seed and robot an ``Environment`` uses when its caller, e.g. a test program, names none.
-
     ``limits`` bound all environments of this process together from now on; None leaves them. ``background`` is the
-    library name of what stands fixed around the robot in all of them.
-    """
+    library name of what stands fixed around the robot in all of them."""
     defaults.library, defaults.seed, defaults.robot, defaults.background = library, seed, robot, background
     if limits is not None:
         budget.set_call_limits(limits)

@@ -1,8 +1,6 @@
 """The process that draws a film or opens MuJoCo's window: ``python -m grs_agents.views.film.worker``.
-
 It is a process of its own because MuJoCo decides when it is imported which graphics library it draws with. An order
-(JSON) comes on stdin; the frames go to stdout one after the other, (height, width, 3) bytes each.
-"""
+(JSON) comes on stdin; the frames go to stdout one after the other, (height, width, 3) bytes each."""
 
 import importlib
 import json

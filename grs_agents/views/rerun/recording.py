@@ -1,8 +1,6 @@
 """A rerun recording file with the four timelines; nothing is ever sent over a network.
-
 Times come from the events alone, so that a live and a rebuilt recording agree. Small rows are sent together: rerun
-takes about as long for one row as for many. The blueprint and the writers agree on the names of entities here.
-"""
+takes about as long for one row as for many. The blueprint and the writers agree on the names of entities here."""
 
 import math
 import shutil

@@ -122,10 +122,8 @@ def _stop_process(process: subprocess.Popen[bytes]) -> None:
 
 def _start_viewer(command: list[str], fed: Sequence[Path] = ()) -> subprocess.Popen[bytes]:
     """The process of a viewer that did not end at once, with the files ``fed`` on its standard input.
-
-    That stays open as long as the process object lives: once all its sources have ended, rerun's server keeps a
-    whole processor busy.
-    """
+    That stays open as long as the process object lives: once all its sources have ended, rerun's server keeps a whole
+    processor busy."""
     with tempfile.TemporaryFile() as output, contextlib.ExitStack() as interrupted:
         stdin = subprocess.PIPE if fed else subprocess.DEVNULL
         process = subprocess.Popen(command, stdin=stdin, stdout=output, stderr=output, env=viewer_environment())
