@@ -50,7 +50,7 @@ def summarise_value(value: Any, depth: int = 2) -> Any:
         return f"{len(value.splitlines())} lines, {len(value)} characters"
     if isinstance(value, list):
         items = cast("list[Any]", value)
-        short = depth > 0 and len(items) <= _FEW and not any(isinstance(item, list | dict) for item in items)
+        short = depth > 0 and _is_short_list(items)
         return [summarise_value(item, 0) for item in items] if short else f"{len(items)} items"
     if isinstance(value, dict):
         fields = cast("dict[str, Any]", value)
@@ -58,6 +58,10 @@ def summarise_value(value: Any, depth: int = 2) -> Any:
             return f"{len(fields)} fields"
         return {key: summarise_value(item, depth - 1) for key, item in fields.items()}
     return value
+
+
+def _is_short_list(items: list[Any]) -> bool:
+    return len(items) <= _FEW and not any(isinstance(item, list | dict) for item in items)
 
 
 _LONG, _FEW, _MANY = 160, 4, 16

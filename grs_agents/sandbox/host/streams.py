@@ -227,19 +227,11 @@ def _build_call_result(
         outcome, value, error = ended.stopped, None, ""
     elif outcome is None:
         outcome, value, error = _explain_exit(ended, limits)
-    return CallResult.model_validate(
-        {
-            "outcome": outcome,
-            "value": value,
-            "error": error or ("" if outcome == "ok" else _describe_broken_limit(outcome, limits)),
-            "output": streams.captured_text("output"),
-            "stack": streams.captured_text("trace"),
-            "events": tuple(streams.events),
-            "seconds": seconds,
-            "cpu_seconds": ended.cpu_seconds,
-            "backend": backend,
-        }
-    )
+    said = error or ("" if outcome == "ok" else _describe_broken_limit(outcome, limits))
+    answer = {"outcome": outcome, "value": value, "error": said, "events": tuple(streams.events)}
+    written = {"output": streams.captured_text("output"), "stack": streams.captured_text("trace")}
+    spent = {"seconds": seconds, "cpu_seconds": ended.cpu_seconds, "backend": backend}
+    return CallResult.model_validate({**answer, **written, **spent})
 
 
 def _explain_exit(ended: Exit, limits: Limits) -> Ending:

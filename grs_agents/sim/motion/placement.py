@@ -55,7 +55,7 @@ def _free_position_mask(
     top: float,
     offsets: FloatArray,
     bounds: FloatArray,
-    obstacles: Sequence[Prism],
+    others: Sequence[Prism],
     arm: Arm,
     gap: float,
 ) -> npt.NDArray[np.bool_]:
@@ -64,8 +64,8 @@ def _free_position_mask(
     free = margins_inside_outline(outline, around, offsets) >= 0
     for height in (top, top + 0.15):
         free &= arm.reachable_mask(np.column_stack([offsets, np.full(len(offsets), height)]))
-    for obstacle in obstacles:
-        free &= signed_outline_gaps(outline, obstacle.outline, offsets) >= gap
+    for other in others:
+        free &= signed_outline_gaps(outline, other.outline, offsets) >= gap
     return free
 
 

@@ -54,8 +54,7 @@ def _make_event_section(event: trace.Event) -> Section | None:
         case trace.TaskDefined():
             section = Section("task", json.dumps(event.task, indent=2, ensure_ascii=False))
         case trace.SceneStage():
-            files = "\n".join(f"[{kind} {name}]" for kind, name in event.files.items())
-            section = Section(f"scene: {event.stage}", files)
+            section = _make_scene_section(event)
         case trace.Rollout():
             section = _make_rollout_section(event)
         case trace.Finding():
@@ -72,6 +71,10 @@ def _make_event_section(event: trace.Event) -> Section | None:
 def _make_prompt_section(event: trace.Prompt) -> Section:
     pictures = "".join(f"\n[picture {name}]" for name in event.images)
     return Section(f"prompt of {event.role} to {event.model} (call {event.call})", event.text + pictures)
+
+
+def _make_scene_section(event: trace.SceneStage) -> Section:
+    return Section(f"scene: {event.stage}", "\n".join(f"[{kind} {name}]" for kind, name in event.files.items()))
 
 
 def _make_rollout_section(event: trace.Rollout) -> Section:

@@ -114,6 +114,7 @@ def _load_texture(path: Path) -> Any:
 
 
 Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.float32]
 FRAMES_PER_SECOND = 25.0
 _TABLE = ((0.5, 0.0, -0.011), (0.62, 1.1, 0.02), (152, 128, 98))  # centre, size, colour
 _WHITE, _ORANGE, _YELLOW, _GREEN = (240, 240, 240), (235, 130, 35), (255, 210, 60), (70, 215, 120)
@@ -255,13 +256,7 @@ def _show_grasps(recording: Recording, motion: Motion, names: dict[str, str]) ->
         recording.log_columns(Paths.GRASPS, np.array([motion.times[frame] for frame, _, _ in moments]), lines)
 
 
-def _show_body_poses(
-    recording: Recording,
-    name: str,
-    seconds: Array,
-    positions: npt.NDArray[np.float32],
-    quaternions: npt.NDArray[np.float32],
-) -> None:
+def _show_body_poses(recording: Recording, name: str, seconds: Array, positions: Rows, quaternions: Rows) -> None:
     """The poses of one body, (N, 3) and (N, 4) xyzw; a row only where it moves."""
     step = np.abs(np.diff(positions, axis=0)).max(axis=1) + np.abs(np.diff(quaternions, axis=0)).max(axis=1)
     moves = step > 1e-5
