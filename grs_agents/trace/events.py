@@ -214,7 +214,9 @@ class NodeStarted(Stamped):
 
 class NodeEnded(Stamped):
     """A node is done: wall ``seconds``, the state fields it changed, and the error that ended it, if any.
-    ``values`` tells in brief what the fields became: what is long, such as a program, is in the node's other events."""
+
+    ``values`` tells in brief what the fields became: what is long, such as a program, is in the node's other events.
+    """
 
     kind: Literal["node_ended"] = "node_ended"
     node: Text
@@ -242,8 +244,10 @@ class Prompt(Stamped):
 
 class Reply(Stamped):
     """What the model answered; ``error`` says why an answer could not be used, or why none came (``answered``).
+
     ``cached_tokens`` of the input were read from the provider's cache; ``cost`` is in US dollars, where the provider
-    tells it."""
+    tells it.
+    """
 
     kind: Literal["reply"] = "reply"
     call: Text
