@@ -87,9 +87,8 @@ def print_import_report(outcomes: Sequence[ImportOutcome], library: Path | None,
         return 1 if refused else 0
     counts = Counter(outcome.status for outcome in outcomes)
     folder = user_content_folder(library)
-    print_escaped(
-        f"{counts['imported']} imported, {counts['duplicate']} duplicates, {counts['refused']} refused; in {folder}"
-    )
+    told = f"{counts['imported']} imported, {counts['duplicate']} duplicates, {counts['refused']} refused"
+    print_escaped(f"{told}; in {folder}")
     for outcome in refused:
         print_escaped(f"refused {outcome.source}: {outcome.reason}")
     print_escaped(f"look: grs assets show --library {folder}   use: grs --content {folder} run SCENE")

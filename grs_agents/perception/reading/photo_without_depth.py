@@ -63,9 +63,8 @@ def assemble_frame_from_photo(recording: Recording, estimate: Estimator, field_o
         camera = camera_from_focal_length(focal, size, f"{name}, {source_note}")
         recording = replace(recording, picture=Picture(recording.picture.file, rgb)).with_note(source_note)
     measured = RecordedDepth(depth, 1.0, f"the depth estimated for {name}", "the depth tool: it must give metres")
-    return assemble_frame(
-        recording.with_note("depth was estimated from the colours alone, not measured"), camera, measured
-    )
+    noted = recording.with_note("depth was estimated from the colours alone, not measured")
+    return assemble_frame(noted, camera, measured)
 
 
 def _find_focal(recording: Recording, size: tuple[int, int], field_of_view: float | None) -> tuple[float | None, str]:

@@ -77,9 +77,8 @@ class _Search:
         """What `pose_cost.costs` says, and what is unlikely about each of (K, 4, 4) poses: (K,) m."""
         if self.entered is None:
             return self.cost_without_neighbors(poses, factor)
-        return self.cost_without_neighbors(poses, factor) + CONFIG.entered_weight * np.maximum(
-            self.entered(poses) - CONFIG.entered, 0
-        )
+        beyond = np.maximum(self.entered(poses) - CONFIG.entered, 0)
+        return self.cost_without_neighbors(poses, factor) + CONFIG.entered_weight * beyond
 
     def cost_without_neighbors(self, poses: Array, factor: int = 1) -> Array:
         """The same, whatever stands around."""

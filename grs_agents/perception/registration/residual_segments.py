@@ -64,9 +64,8 @@ def label_residual_pixels(
         rest = _off_surfaces_mask(cloud, known) if surface is None else _unexplained_mask(cloud, surface, frame, table)
         if rest is None:
             continue
-        pieces = label_connected_components(
-            cv2.morphologyEx(rest, cv2.MORPH_OPEN, KERNEL), int(CONFIG.smallest * rest.size)
-        )
+        opened = cv2.morphologyEx(rest, cv2.MORPH_OPEN, KERNEL)
+        pieces = label_connected_components(opened, int(CONFIG.smallest * rest.size))
         labels = np.where(pieces > 0, pieces + labels.max(), labels)
         divided += [index] if surface is None else []
     return labels, tuple(divided)

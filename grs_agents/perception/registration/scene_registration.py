@@ -34,9 +34,8 @@ def register_objects(
         update: dict[str, object] = {}
         if item.matched:
             mask = load_mask(folder / item.mask)
-            update = registered_object_fields(
-                register_asset(item.asset, library, by_number[item.id].upright, frame, table, mask)
-            )
+            found = register_asset(item.asset, library, by_number[item.id].upright, frame, table, mask)
+            update = registered_object_fields(found)
         placed.append(item.model_copy(update=update))
     return tuple(placed)
 

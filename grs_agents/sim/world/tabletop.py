@@ -320,9 +320,8 @@ def parse_pose(value: Any, what: str) -> Pose:
         if is_vector(value, 3):
             value = (value, transforms.IDENTITY)
         position = np.asarray(value[0], dtype=np.float64).ravel()
-        rotation = np.asarray(
-            value[1] if len(value) > 1 and value[1] is not None else transforms.IDENTITY, dtype=np.float64
-        )
+        turn = value[1] if len(value) > 1 and value[1] is not None else transforms.IDENTITY
+        rotation = np.asarray(turn, dtype=np.float64)
     except (TypeError, ValueError, IndexError) as error:
         raise SimulationError(f"{what}: {value!r} is not a pose", "give ((x, y, z), (qx, qy, qz, qw))") from error
     if position.shape != (3,) or rotation.shape != (4,) or not np.isfinite([*position, *rotation]).all():

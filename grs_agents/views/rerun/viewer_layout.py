@@ -159,15 +159,11 @@ class _Views:
         )
 
     def _metric_chart_tabs(self, first: str = "Reward") -> rrb.Tabs:
-        reward = rrb.ScalarAxis(range=(-0.05, 1.1), zoom_lock=True)
-        metrics = self._prefixed_path(Paths.METRICS)
-        return rrb.Tabs(
-            rrb.TimeSeriesView(origin=f"{metrics}/reward", name="Reward", axis_y=reward),
-            rrb.TimeSeriesView(origin=f"{metrics}/tests", name="Tests passed"),
-            rrb.TimeSeriesView(origin=f"{metrics}/tokens", name="Tokens"),
-            rrb.TimeSeriesView(origin=f"{metrics}/seconds", name="Seconds"),
-            active_tab=first,
-        )
+        axis, metrics = rrb.ScalarAxis(range=(-0.05, 1.1), zoom_lock=True), self._prefixed_path(Paths.METRICS)
+        reward = rrb.TimeSeriesView(origin=f"{metrics}/reward", name="Reward", axis_y=axis)
+        named = (("tests", "Tests passed"), ("tokens", "Tokens"), ("seconds", "Seconds"))
+        others = (rrb.TimeSeriesView(origin=f"{metrics}/{key}", name=name) for key, name in named)
+        return rrb.Tabs(reward, *others, active_tab=first)
 
 
 _PHOTO = ("rgb", "masks", "boxes")
