@@ -122,9 +122,8 @@ class SpanView:
                 attributes["gen_ai.input.messages"] = _dump_message("user", asked.text)
             attributes["gen_ai.output.messages"] = _dump_message("assistant", event.text, event.finish_reason or "stop")
         begin = round(asked.time * 1e9) if asked else self._last - round(event.seconds * 1e9)
-        self._end_span(
-            self._start_span(f"chat {name or provider}", self._node or self._run, attributes, begin, "CLIENT"), event.error
-        )
+        span = self._start_span(f"chat {name or provider}", self._node or self._run, attributes, begin, "CLIENT")
+        self._end_span(span, event.error)
 
     def _record_other_event(self, event: trace.Event) -> None:
         """Whatever else happens is an event of the node's span; a rollout and a test run are tools."""
