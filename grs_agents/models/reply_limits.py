@@ -47,12 +47,15 @@ def watch_http_client(client: Any, by_line: bool = False) -> None:
         return
     client.headers["accept-encoding"] = "gzip, deflate"  # these grow at most 1000 times, so a chunk stays small
     hooks: dict[str, list[Any]] = client.event_hooks
-    if _note_request not in hooks["request"]:  # LangChain shares a client among models
+    if _store_server_url not in hooks["request"]:  # LangChain shares a client among models
         watch = partial(_watch_response, by_line)
-        client.event_hooks = {"request": [*hooks["request"], _note_request], "response": [*hooks["response"], watch]}
+        client.event_hooks = {
+            "request": [*hooks["request"], _store_server_url],
+            "response": [*hooks["response"], watch],
+        }
 
 
-def _note_request(request: Any) -> None:
+def _store_server_url(request: Any) -> None:
     if (call := _call.get()) is not None:
         call.server, call.status, call.retry_after = f"{request.url.scheme}://{request.url.netloc.decode()}", None, ""
 

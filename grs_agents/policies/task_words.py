@@ -58,12 +58,12 @@ class WordedTask:
         movers = [found[0] for found in instances if len(found) == 1]
         places = _find_instances(relation.place, motions)
         for mover in movers if places else ():
-            yield from self._find_miss(mover, relation, places)
+            yield from self._explain_unmet_placement(mover, relation, places)
         for lower, upper in pairwise(movers):
             if relation.bottom_up and upper.end[2] <= lower.end[2]:
                 yield f"{upper.asset} belongs above {lower.asset}, it ended below it"
 
-    def _find_miss(
+    def _explain_unmet_placement(
         self, mover: ObjectMotion, relation: WordedRelation, places: Sequence[ObjectMotion]
     ) -> Iterator[str]:
         """How an object misses every one of its ``places``, if it does."""

@@ -88,7 +88,7 @@ def _run_graph_and_record(
             record = compare_with_recording(config.cassette, record, folder)
     except (Exception, KeyboardInterrupt) as error:
         record, problem = _mark_record_failed(record, error, folder)
-    return _add_record_figures(record, log, state).write(folder), problem
+    return _add_metrics_to_record(record, log, state).write(folder), problem
 
 
 def _block_nodes_on_interrupt(event: Event) -> None:
@@ -219,7 +219,7 @@ def _make_services(config: Config, folder: Path, log: EventLog, sandbox: Sandbox
     )
 
 
-def _add_record_figures(record: RunRecord, log: EventLog, state: State) -> RunRecord:
+def _add_metrics_to_record(record: RunRecord, log: EventLog, state: State) -> RunRecord:
     """The record with its figures; a log or state that cannot be read leaves them out, and the end stands."""
     history: list[Event] = []
     update: dict[str, Any] = {}

@@ -31,10 +31,10 @@ def judge_evidence(evidence: Evidence, neglected: tuple[str, ...] = ()) -> tuple
         evidence: what was found out.
         neglected: the assets that the task's words move and the program does not.
     """
-    return _judge_without_running(evidence) or _judge_errors(evidence) or _judge_the_run(evidence, neglected)
+    return _blame_by_static_checks(evidence) or _blame_by_errors(evidence) or _blame_by_episode(evidence, neglected)
 
 
-def _judge_without_running(evidence: Evidence) -> tuple[str, str] | None:
+def _blame_by_static_checks(evidence: Evidence) -> tuple[str, str] | None:
     against = dict(reversed(evidence.static))
     for program, verdict in (("simulation", "fix_code"), ("tests", "fix_test")):
         if program in against:
@@ -44,7 +44,7 @@ def _judge_without_running(evidence: Evidence) -> tuple[str, str] | None:
     return None
 
 
-def _judge_errors(evidence: Evidence) -> tuple[str, str] | None:
+def _blame_by_errors(evidence: Evidence) -> tuple[str, str] | None:
     case = next((case for case in evidence.cases if case.where or case.outcome in _NO_CHECK), None)
     if case is None:
         return None
@@ -52,7 +52,7 @@ def _judge_errors(evidence: Evidence) -> tuple[str, str] | None:
     return verdict, f"{case.id} ended as {case.outcome}: {case.message or 'it checks nothing'}."
 
 
-def _judge_the_run(evidence: Evidence, neglected: tuple[str, ...]) -> tuple[str, str]:
+def _blame_by_episode(evidence: Evidence, neglected: tuple[str, ...]) -> tuple[str, str]:
     if neglected:
         return "fix_code", f"The task's words move {', '.join(neglected)}, which the robot did not: the goals lack it."
     if evidence.shortfalls:

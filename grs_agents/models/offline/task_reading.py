@@ -58,7 +58,7 @@ def parse_clauses(task: Json, objects: Sequence[SceneObject]) -> list[Clause]:
 
 def _parse_clause(name: str, text: str, mentions: Mapping[SceneObject, str], unnamed: Sequence[SceneObject]) -> Clause:
     ends = _find_places_for_others(text, mentions)
-    plain = _without_labels(text, mentions, ends)
+    plain = _replace_object_mentions(text, mentions, ends)
     family = infer_task_family(name, plain)
     _refuse_uncovered_words(plain, family)
     support = _choose_support(family, ends, mentions, unnamed)
@@ -80,7 +80,7 @@ def _refuse_uncovered_words(text: str, family: Family) -> None:
         raise UnplannableTaskError(f"the words {found[0]!r} of the task ask for what no task family here does")
 
 
-def _without_labels(text: str, mentions: Mapping[SceneObject, str], ends: Sequence[SceneObject]) -> str:
+def _replace_object_mentions(text: str, mentions: Mapping[SceneObject, str], ends: Sequence[SceneObject]) -> str:
     """``text`` with what it calls the objects replaced, so that no label passes for a word about the family."""
     for obj, pattern in sorted(mentions.items(), key=lambda item: -len(item[1])):
         text = re.sub(pattern, "container" if obj in ends and obj.hollow else "it", text)

@@ -77,7 +77,7 @@ def align_asset_to_points(asset: Appearance, start: AlignmentStart, seen: Observ
     for _ in range(_ROUNDS):
         rotations, centers = _run_icp_step(asset, rotations, centers, seen.points[::2])
     residual = _mean_surface_distances(asset, rotations, centers, seen.points)
-    free_space, height = _free_space_cost_and_height(asset, rotations, centers, view)
+    free_space, height = _measure_floating_and_lowest_z(asset, rotations, centers, view)
     best = np.argsort(residual + 0.7 * free_space, kind="stable")[:KEPT]
     return AlignedPoses(rotations[best], centers[best], residual[best], free_space[best], height[best])
 
@@ -140,7 +140,7 @@ def _run_icp_step(asset: Appearance, rotations: Floats, centers: Floats, points:
     return moved, centers - (moved @ step[:, :3, None])[:, :, 0]
 
 
-def _free_space_cost_and_height(
+def _measure_floating_and_lowest_z(
     asset: Appearance, rotations: Floats, centers: Floats, view: View
 ) -> tuple[Floats, Floats]:
     """(K,) how far the facing surface stands in the air or below the table, and how high its lowest point is, m."""

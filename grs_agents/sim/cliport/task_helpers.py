@@ -35,7 +35,7 @@ def add_rope(
 
     Raises ``SimulationError`` for beads that are too few or do not fit, ``NoFreeSpaceError`` where there is no room.
     """
-    first, last = (_parse_corner_point(corner) for corner in corners)
+    first, last = (_corner_to_xyz(corner) for corner in corners)
     step = (last - first) / max(n_parts, 1)
     spacing = float(np.linalg.norm(step))
     if n_parts < 2 or spacing < 0.002:
@@ -59,7 +59,7 @@ def add_rope(
     return [(number, (0.0, None)) for number in numbers], targets, matches
 
 
-def _parse_corner_point(corner: Any) -> FloatArray:
+def _corner_to_xyz(corner: Any) -> FloatArray:
     point = np.asarray(corner[0] if np.ndim(corner[0]) else corner, dtype=np.float64)
     if point.shape != (3,) or not np.isfinite(point).all():
         raise SimulationError(f"make_ropes: corner {corner!r} is no point", "give (x, y, z) in metres")

@@ -254,7 +254,7 @@ def _candidate_reference_spots(
 
 def _candidate_spots_beside(goal: Goal, number: int, view: SceneView, lift: float) -> Iterator[Spot]:
     """Free spots around the other object, at no more than the distance asked for."""
-    other, bound = view.object_prism(goal.reference_id), goal.relation_distance or 0.0
+    other, bound = view.object_prism(goal.reference_id), goal.required_distance or 0.0
     body, center = view.object_prism(number), view.object_pose(number)[0]
     x0, y0, x1, y1 = other.bounding_box_xy
     for turn in (0.0, wrap_angle(view.object_yaw(goal.reference_id) - view.object_yaw(number), np.pi / 2), np.pi / 2):
@@ -297,7 +297,7 @@ def _plan_line_positions(goal: Goal, view: SceneView, lift: float) -> dict[int, 
         for number in objects
     ]
     least = max((first + second) / 2 for first, second in pairwise(widths)) + _BESIDE
-    step = goal.relation_distance or least
+    step = goal.required_distance or least
     places = (np.arange(len(objects)) - (len(objects) - 1) / 2) * step
     obstacles = view.prisms_of_other_objects(*objects)
     bounds = view.bounds

@@ -99,7 +99,7 @@ def _explain_not_stacked(goal: Goal, number: int, view: SceneView) -> str:
 
 
 def _explain_not_near(goal: Goal, number: int, view: SceneView) -> str:
-    other, bound = goal.reference_id, goal.relation_distance or 0.0
+    other, bound = goal.reference_id, goal.required_distance or 0.0
     if other in supporting_object_ids(number, view):
         return f"lies on {view.object_label(other)}, not beside it"
     gap = gap_between_objects(number, other, view)
@@ -129,14 +129,14 @@ def _explain_not_aligned(goal: Goal, number: int, view: SceneView) -> str:
     lows = [view.object_prism(other).low for other in goal.objects]
     if abs(lows[row] - float(np.median(lows))) > POSITION_TOLERANCE:
         return "lies higher or lower than the others of its line"
-    if goal.relation_distance is None:
+    if goal.required_distance is None:
         return ""
     ranks = np.argsort(along)
-    steps = np.abs(np.diff(along[ranks]) - goal.relation_distance)
+    steps = np.abs(np.diff(along[ranks]) - goal.required_distance)
     rank = int(np.flatnonzero(ranks == row)[0])
     beside = [float(steps[index]) for index in (rank - 1, rank) if 0 <= index < len(steps)]
     wrong = [step for step in beside if step > POSITION_TOLERANCE]
-    return f"is {max(wrong):.3f} m off the spacing of {goal.relation_distance:.3f} m" if wrong else ""
+    return f"is {max(wrong):.3f} m off the spacing of {goal.required_distance:.3f} m" if wrong else ""
 
 
 def project_onto_best_line(points: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:

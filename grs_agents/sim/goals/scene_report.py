@@ -21,7 +21,7 @@ def describe_goal(goal: Goal, view: SceneView, pos_eps: float) -> str:
         return f"zone, {' or '.join(map(_format_zone, goal.zones))}: {_list_objects(goal.objects, view)}"
     if goal.metric == "pose":
         return f"pose, within {pos_eps:.3g} m: {_describe_targets(goal, view)}"
-    kind, bound = str(goal.relation_kind), goal.relation_distance
+    kind, bound = str(goal.relation_kind), goal.required_distance
     words = f"{kind}, from the bottom up" if kind == "stacked" else kind
     if len(goal.mentioned_object_ids) > len(goal.objects):
         reference = goal.reference_id

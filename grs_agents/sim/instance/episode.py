@@ -163,13 +163,13 @@ class Recorder:
     end: EndState = EndState()  # as last measured
 
     @property
-    def is_played(self) -> bool:
+    def has_any_action(self) -> bool:
         """Whether anything acted, or stopped, rather than only a scene being set up."""
         return bool(self.actions) or self.stop is not None
 
     def freeze(self) -> None:
         """Measure for the last time: the scene is about to be cleared away."""
-        if self.is_played and self.measure is not None:
+        if self.has_any_action and self.measure is not None:
             self.end = self.measure()
         self.measure = None
 
@@ -225,12 +225,12 @@ _latest: list[Recorder] = []
 
 def set_last_recorder(recorder: Recorder) -> None:
     """Make ``recorder`` the one that ``last_episode`` reads, once anything acts in it."""
-    _latest[:] = [*[other for other in _latest if other.is_played and other is not recorder][-1:], recorder]
+    _latest[:] = [*[other for other in _latest if other.has_any_action and other is not recorder][-1:], recorder]
 
 
 def last_episode() -> dict[str, Any] | None:
     """The last episode in this process in which something acted, or that an error ended, as JSON; None without one."""
-    played = [recorder for recorder in _latest if recorder.is_played]
+    played = [recorder for recorder in _latest if recorder.has_any_action]
     return played[-1].build_episode().model_dump(mode="json") if played else None
 
 

@@ -100,7 +100,7 @@ class Goal(Frozen):
         return self.relation.kind if self.relation is not None else None
 
     @property
-    def relation_distance(self) -> float | None:
+    def required_distance(self) -> float | None:
         """The distance that a typed goal asks for, metres, if it asks for any."""
         return self.relation.distance if self.relation is not None else None
 

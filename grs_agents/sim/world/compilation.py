@@ -22,7 +22,7 @@ _BEAD_DAMPING: Final = 6e-5
 """Of what is tied at a point: added to its inertia (kg m^2), and against its turning (N m s/rad)."""
 
 
-def ids_of_point_tied_objects(ties: Sequence[InstanceTie]) -> frozenset[int]:
+def find_object_ids_in_point_ties(ties: Sequence[InstanceTie]) -> frozenset[int]:
     """Ids of what a point ties to another."""
     return frozenset(number for tie in ties if tie.kind == "point" for number in (tie.parent, tie.child))
 
@@ -169,7 +169,7 @@ def build_world(
         _use_iterative_solver(spec)
     _add_suction_welds(spec, graspable, timestep)
     add_tie_constraints(spec, ties, timestep)
-    return _make_indexed_world(_compile_spec(spec), arm, models, free, graspable, ids_of_point_tied_objects(ties))
+    return _make_indexed_world(_compile_spec(spec), arm, models, free, graspable, find_object_ids_in_point_ties(ties))
 
 
 def _make_indexed_world(
