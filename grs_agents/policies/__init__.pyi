@@ -1,5 +1,5 @@
-from .loading import POLICIES as POLICIES
-from .loading import load_policy as load_policy
+from .policy_registry import POLICIES as POLICIES
+from .policy_registry import load_policy as load_policy
 from .types import Cause as Cause
 from .types import Policy as Policy
 from .types import Routed as Routed
