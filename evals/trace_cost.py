@@ -89,7 +89,7 @@ class Clumsy(BaseChatModel):
         self.good = text = self.good or str(reply.text)
         if self.made < self.faults:
             self.made += 1
-            text = re.sub(r"self\.max_steps = \d+", f"self.max_steps = 1  # try {self.made}", text)
+            text = re.sub(r"self\.max_steps = \d+", f"self.max_steps = {1 + self.made % 2}  # try {self.made}", text)
         message = AIMessage(text, response_metadata=reply.response_metadata)
         message.usage_metadata = reply.usage_metadata
         return ChatResult(generations=[ChatGeneration(message=message)])
@@ -101,7 +101,7 @@ class ClumsyAgents(Agents):
     faults = 10
     _clumsy: Clumsy | None = None
 
-    def model(self, role: str) -> BaseChatModel:
+    def chat_model_for_role(self, role: str) -> BaseChatModel:
         """The chat model that serves ``role``."""
         if role not in ("simulation", "fix_code"):
             return super().chat_model_for_role(role)
