@@ -18,7 +18,7 @@ from .compilation import TIMESTEP as TIMESTEP
 from .compilation import World as World
 from .compilation import arm_spheres_at_home as arm_spheres_at_home
 from .compilation import build_world as build_world
-from .compilation import ids_of_point_tied_objects as ids_of_point_tied_objects
+from .compilation import find_object_ids_in_point_ties as find_object_ids_in_point_ties
 from .compilation import load_object_model as load_object_model
 from .compilation import reset_world_to_poses as reset_world_to_poses
 from .footprints import Prism as Prism

@@ -2,7 +2,7 @@
 
 from grs_agents.library import Library
 from grs_agents.sim import InstanceObject, InstanceTie
-from grs_agents.sim.world import build_world, ids_of_point_tied_objects
+from grs_agents.sim.world import build_world, find_object_ids_in_point_ties
 
 FLAT = (0.0, 0.0, 0.0, 1.0)
 ORIGIN = ((0.0, 0.0, 0.0), FLAT)
@@ -19,7 +19,7 @@ def thing(number: int, asset: str) -> InstanceObject:
 
 
 def test_only_what_a_point_ties_is_limp() -> None:
-    assert ids_of_point_tied_objects((tie("point", 1, 2), tie("fixed", 2, 3))) == {1, 2}
+    assert find_object_ids_in_point_ties((tie("point", 1, 2), tie("fixed", 2, 3))) == {1, 2}
 
 
 def test_a_large_thing_on_a_joint_is_no_bead_and_must_seal() -> None:
