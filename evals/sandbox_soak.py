@@ -30,7 +30,7 @@ def inside(request):
     if request["code"]:
         exec(request["code"], {})
         return {}
-    task = sim.find_task_class_name(sandbox.load_program(request["simulation"]))()
+    task = sim.find_task_class(sandbox.load_program(request["simulation"]))()
     done = sim.rollout(sim.instantiate(task, request["seed"]))
     return {"reward": done.episode.reward, "final": sorted(done.final.items())}
 """

@@ -82,7 +82,7 @@ import resource
 from grs_agents import sandbox, sim
 
 def inside(request):
-    task = sim.find_task_class_name(sandbox.load_program(request["simulation"]))()
+    task = sim.find_task_class(sandbox.load_program(request["simulation"]))()
     done = sim.rollout(sim.instantiate(task, 0))
     assert done.episode.outcome == "success"
     return {"pages": resource.getrusage(resource.RUSAGE_SELF).ru_minflt}

@@ -90,8 +90,8 @@ EXITED = "the process ended itself"
 class CallResult(Frozen):
     """How one call ended."""
 
-    outcome: CallOutcome  # `all_passed`, or what stopped it
-    value: dict[str, Any] | None = None  # what the tool returned; None unless the outcome is `all_passed`
+    outcome: CallOutcome  # `ok`, or what stopped it
+    value: dict[str, Any] | None = None  # what the tool returned; None unless the outcome is `ok`
     error: str = ""  # why there is no value, with the traceback if there is one
     output: str = ""  # the last 64 KiB written to standard output and standard error since the last event
     stack: str = ""  # where the code was when it crashed or ran out of time, as `faulthandler` writes it
