@@ -30,6 +30,7 @@ def audit_task(
     task: TaskDefinition | None = None,
     scene: SceneDescription | None = None,
     original: TaskDefinition | None = None,
+    further: Sequence[Finding] = (),
 ) -> AuditReport:
     """Judge a task from what trusted code measured.
 
@@ -42,6 +43,7 @@ def audit_task(
         task: the definition the program must keep to; ``None`` for a program without one.
         scene: the photo the program must keep to; ``None`` for a program without one.
         original: the definition before the task was revised; ``None`` for one that was not.
+        further: what other checks found, of the words and of the tests.
     """
     findings = [
         _check_all_seeds_instantiate(instances, failures, config),
@@ -57,6 +59,7 @@ def audit_task(
         findings.append(_check_revision(task, original, scene))
     if scene is not None:
         findings.append(_check_scene_assets(instances, scene, library))
+    findings += further
     return AuditReport(
         accepted=all(finding.passed for finding in findings),
         findings=tuple(findings),
@@ -78,10 +81,12 @@ def _describe_verdict_scope(instances: Sequence[TaskInstance]) -> str:
 def _check_all_seeds_instantiate(
     instances: Sequence[TaskInstance], failures: Sequence[str], config: AuditConfig
 ) -> Finding:
-    detail = f"{len(instances)} of {config.seeds} seeds gave a task instance"
-    if failures:
-        detail += "; " + "; ".join(failures)
-    return Finding(check="instantiated", passed=len(instances) == config.seeds and not failures, detail=detail)
+    return Finding(
+        check="instantiated",
+        passed=len(instances) == config.seeds and not failures,
+        measured="; ".join([f"{len(instances)} of {config.seeds} seeds gave a task instance", *failures]),
+        bound="each must",
+    )
 
 
 def _check_oracle_solves(rollouts: Sequence[Rollout], config: AuditConfig) -> Finding:
@@ -90,14 +95,19 @@ def _check_oracle_solves(rollouts: Sequence[Rollout], config: AuditConfig) -> Fi
         ", ".join(f"{episode.strict:.2f} (published {episode.reward:.2f}, {episode.outcome})" for episode in episodes)
         or "none"
     )
-    detail = f"strict scores {scores}; each of {config.seeds} must reach {config.reward} with every goal met"
+    measured = f"strict scores {scores}"
     weakest = min((episode.weakest for episode in episodes), default=0.0)
     if weakest < GOAL:
-        detail += f", the weakest goal is at {weakest:.2f}, at least {GOAL} is asked of each"
+        measured += f", the weakest goal is at {weakest:.2f}"
     if shortfalls := dict.fromkeys(clause for episode in episodes for clause in episode.shortfalls):
-        detail += f"; short of it: {'; '.join(shortfalls)}"
+        measured += f"; short of it: {'; '.join(shortfalls)}"
     solved = all(_is_episode_solved(episode, config.reward) for episode in episodes) and weakest >= GOAL
-    return Finding(check="solved", passed=len(episodes) == config.seeds and solved, detail=detail)
+    return Finding(
+        check="solved",
+        passed=len(episodes) == config.seeds and solved,
+        measured=measured,
+        bound=f"each of {config.seeds} must reach {config.reward}, and every goal {GOAL}",
+    )
 
 
 def _is_episode_solved(episode: Episode, least: float) -> bool:
@@ -108,9 +118,13 @@ def _check_idle_reward_low(rollouts: Sequence[Rollout]) -> Finding:
     rewards = [rollout.idle_reward for rollout in rollouts]
     shown = ", ".join(f"{reward:.2f}" for reward in rewards) or "none"
     seconds = max((rollout.idle_seconds for rollout in rollouts), default=0.0)
-    detail = f"doing nothing for as long as an episode may last ({seconds:.0f} s) earns {shown} "
-    detail += f"(1 where the scene stays in motion); must stay below {IDLE}"
-    return Finding(check="not_idle", passed=bool(rewards) and max(rewards) < IDLE, detail=detail)
+    return Finding(
+        check="not_idle",
+        passed=bool(rewards) and max(rewards) < IDLE,
+        measured=f"doing nothing for as long as an episode may last ({seconds:.0f} s) earns {shown} "
+        "(1 where the scene stays in motion)",
+        bound=f"it must stay below {IDLE}",
+    )
 
 
 def _check_objects_moved(
@@ -127,8 +141,12 @@ def _check_objects_moved(
         movable = min((sum(map(_count_objects_to_move, instance.goals)) for instance in instances), default=0)
         why = f"the goals ask for {movable}"
     needed = max(1, min(2, movable))
-    detail = f"objects moved by the robot: {counts}; at least {needed} must be, {why}"
-    return Finding(check="moved", passed=bool(counts) and min(counts) >= needed, detail=detail)
+    return Finding(
+        check="moved",
+        passed=bool(counts) and min(counts) >= needed,
+        measured=f"objects moved by the robot: {counts}",
+        bound=f"at least {needed} must be, {why}",
+    )
 
 
 def _count_objects_to_move(goal: Goal) -> int:
@@ -144,8 +162,8 @@ def _check_nothing_fell_off(rollouts: Sequence[Rollout]) -> Finding:
         for number, (position, _) in rollout.final.items()
         if position[2] < TABLE_TOP
     ]
-    detail = f"fallen off the table: {'; '.join(fallen)}" if fallen else "everything ends on the table"
-    return Finding(check="on_table", passed=not fallen, detail=detail)
+    measured = f"fallen off the table: {'; '.join(fallen)}" if fallen else "everything ends on the table"
+    return Finding(check="on_table", passed=not fallen, measured=measured, bound="nothing may fall off the table")
 
 
 def _check_library_and_timestep(instances: Sequence[TaskInstance], library: Library) -> Finding:
@@ -157,8 +175,12 @@ def _check_library_and_timestep(instances: Sequence[TaskInstance], library: Libr
     faults += [f"{name} is no template" for name in sorted(filled)]
     steps = {instance.timestep for instance in instances} - {TIMESTEP}
     faults += [f"a time step of {step} s instead of {TIMESTEP} s" for step in sorted(steps)]
-    detail = "; ".join(faults) or "every object is the library's, and the time step is the runtime's"
-    return Finding(check="as_in_library", passed=not faults, detail=detail)
+    return Finding(
+        check="as_in_library",
+        passed=not faults,
+        measured="; ".join(faults) or "all of them are",
+        bound="every object must be the library's, and the time step the runtime's",
+    )
 
 
 def _check_task_assets(instances: Sequence[TaskInstance], task: TaskDefinition) -> Finding:
@@ -168,8 +190,12 @@ def _check_task_assets(instances: Sequence[TaskInstance], task: TaskDefinition) 
         used = {item.asset for item in instance.objects}
         faults |= {f"{name} is not in the task definition" for name in used - wanted}
         faults |= {f"{name} is in the task definition but not used" for name in wanted - used}
-    detail = "; ".join(sorted(faults)) or f"the {len(wanted)} assets of the task definition, no others"
-    return Finding(check="assets_of_task", passed=not faults, detail=detail)
+    return Finding(
+        check="assets_of_task",
+        passed=not faults,
+        measured="; ".join(sorted(faults)) or f"the {len(wanted)} assets of the task definition, no others",
+        bound="the instances must have the assets of the task definition",
+    )
 
 
 def _check_scene_assets(instances: Sequence[TaskInstance], scene: SceneDescription, library: Library) -> Finding:
@@ -181,10 +207,11 @@ def _check_scene_assets(instances: Sequence[TaskInstance], scene: SceneDescripti
         for name, count in Counter(item.asset for item in instance.objects).items()
         if name not in fixtures and count > seen[name]
     }
-    detail = f"the photo shows {len(seen)} assets"
+    measured = f"the photo shows {len(seen)} assets"
     if absent:
-        detail += f"; not there: {', '.join(sorted(absent))}"
-    return Finding(check="assets_of_scene", passed=not absent, detail=detail)
+        measured += f"; not there: {', '.join(sorted(absent))}"
+    bound = "objects must be in the photo, or fixtures"
+    return Finding(check="assets_of_scene", passed=not absent, measured=measured, bound=bound)
 
 
 def _check_revision(task: TaskDefinition, original: TaskDefinition, scene: SceneDescription | None) -> Finding:
@@ -193,7 +220,7 @@ def _check_revision(task: TaskDefinition, original: TaskDefinition, scene: Scene
     before = set(original.assets) & shown
     gone = sorted(before - set(task.assets))
     kept, least = len(before) - len(gone), max(min(2, len(before)), -(-len(before) // 2))
-    detail = f"the revised task keeps {kept} of {len(before)} objects, at least {least} must stay"
+    measured = f"the revised task keeps {kept} of {len(before)} objects"
     if gone:
-        detail += f"; gone: {', '.join(gone)}"
-    return Finding(check="revision", passed=kept >= least, detail=detail)
+        measured += f"; gone: {', '.join(gone)}"
+    return Finding(check="revision", passed=kept >= least, measured=measured, bound=f"at least {least} must stay")

@@ -11,7 +11,13 @@ class Finding(Frozen):
 
     check: str
     passed: bool
-    detail: str
+    measured: str  # what was found, with numbers, names and units
+    bound: str  # what is asked
+
+    @property
+    def detail(self) -> str:
+        """Both in one line."""
+        return f"{self.measured}; {self.bound}" if self.bound else self.measured
 
 
 class Change(Frozen):

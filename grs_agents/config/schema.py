@@ -117,6 +117,8 @@ class SceneConfig(Frozen):
     # `auto`; `largest`, the level plane with most pixels; `highest`; or the number of one of `frame.planes` in
     # `scene.json`
     table: TableChoice = "auto"
+    # whether what the task does not use stands on the table too, as the photo shows it
+    bystanders: bool = True
 
 
 class SegmentConfig(Frozen):
@@ -173,6 +175,8 @@ class AuditConfig(Frozen):
     seeds: int = Field(default=3, ge=1, le=100)  # how many task instances are solved
     # the least strict score, and the least published reward, that the oracle must reach on each
     reward: float = Field(default=0.99, gt=0, le=1)
+    # which model compares the task's words with its goals: `offline`, another model, or that of the role `judge`
+    judge: str | None = None
 
 
 class BudgetConfig(Frozen):

@@ -1,4 +1,6 @@
 from .asset_matching import make_model_matcher as make_model_matcher
+from .auditing import AuditedPrograms as AuditedPrograms
+from .auditing import audit_programs as audit_programs
 from .authoring import generate_sim as generate_sim
 from .authoring import generate_task as generate_task
 from .authoring import generate_tests as generate_tests

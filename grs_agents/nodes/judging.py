@@ -4,8 +4,8 @@ from typing import Literal, cast
 
 from grs_agents.agents import TaskDefinition, Verdict
 from grs_agents.audit import AuditReport, StaticFinding, check_programs
-from grs_agents.audit import audit_task as judge
 from grs_agents.files import write_json, write_text
+from grs_agents.nodes.auditing import AuditedPrograms, audit_programs
 from grs_agents.nodes.authoring import PROGRAM_FILES, task_from_state, write_task_file
 from grs_agents.nodes.fix_history import (
     LONGEST_STREAK,
@@ -16,7 +16,6 @@ from grs_agents.nodes.fix_history import (
 )
 from grs_agents.nodes.fixing import judged_programs
 from grs_agents.nodes.services import Services, Update, logged_node
-from grs_agents.nodes.task_instances import solve_task_instances
 from grs_agents.perception import SceneDescription
 from grs_agents.policies import Routed, RoutingContext, RoutingDecision, failures_without_run_details
 from grs_agents.sandbox import TestReport
@@ -76,18 +75,15 @@ def decide_what_to_fix(state: RunState, services: Services) -> Update:
 @logged_node("audit")
 def audit_task(state: RunState, services: Services) -> Update:
     """Instantiate the program for each seed and let the trusted oracle solve the instances."""
-    scene = SceneDescription.model_validate(state["scene"])
-    measured = solve_task_instances(state["simulation"], services, scene.background)
-    report = judge(
-        measured.instances,
-        measured.failures,
-        measured.rollouts,
-        services.config.audit,
-        services.library,
-        TaskDefinition.model_validate(state["task"]),
-        scene,
-        TaskDefinition.model_validate(state["revised"]["from"]) if state.get("revised") else None,
+    audited = AuditedPrograms(
+        simulation=state["simulation"],
+        tests=state["tests"],
+        report=TestReport.model_validate(state["report"]) if state.get("report") else None,
+        task=TaskDefinition.model_validate(state["task"]),
+        original=TaskDefinition.model_validate(state["revised"]["from"]) if state.get("revised") else None,
+        scene=SceneDescription.model_validate(state["scene"]),
     )
+    report = audit_programs(audited, services)
     record_audit(report, services)
     return record_outcome(state, {"audit": report.model_dump(mode="json")})
 

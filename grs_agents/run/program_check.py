@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from grs_agents.agents import Agents
-from grs_agents.audit import AuditReport, audit_task
+from grs_agents.audit import AuditReport
 from grs_agents.config import Config
 from grs_agents.foreign import read_text
-from grs_agents.nodes import Services, solve_task_instances
+from grs_agents.nodes import AuditedPrograms, Services, audit_programs
 from grs_agents.perception import read_scene_description
 from grs_agents.policies import load_policy
 from grs_agents.run.sandbox_setup import open_sandbox
@@ -53,9 +53,7 @@ def check_user_program(order: CheckOrder) -> tuple[TestReport | None, AuditRepor
                 robot=services.robot_name_or_path,
                 seed=order.config.seed,
             ).report
-        scene = order.run / "scene.json" if order.run else None
-        background = read_scene_description(scene).background if scene and scene.is_file() else None
-        measured = solve_task_instances(simulation, services, background)
-    return report, audit_task(
-        measured.instances, measured.failures, measured.rollouts, order.config.audit, services.library
-    )
+        photo = order.run / "scene.json" if order.run else None
+        scene = read_scene_description(photo) if photo and photo.is_file() else None
+        audited = AuditedPrograms(simulation=simulation, tests=tests, report=report, scene=scene)
+        return report, audit_programs(audited, services)

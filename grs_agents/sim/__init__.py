@@ -35,7 +35,8 @@ from grs_agents.sim.instance import (
     stacked,
     upright,
 )
-from grs_agents.sim.instance_runs import InstanceTask, Rollout, instantiate, rollout, run_oracle
+from grs_agents.sim.instantiation import instantiate
+from grs_agents.sim.rollouts import InstanceTask, Rollout, rollout, run_oracle
 from grs_agents.sim.world import describe_reached_limit, latest_limit_error, reset_before_test, set_environment_defaults
 
 __all__ = [

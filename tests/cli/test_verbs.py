@@ -138,7 +138,7 @@ def test_check_rejects_a_program_without_a_task_that_writes_instances_itself(tmp
     done = grs("check", "forger.py", "--json", folder=tmp_path)
     found = json.loads(done.stdout)
     assert (done.returncode, found["status"]) == (1, "rejected")
-    assert "class Name(Task)" in found["audit"]["findings"][0]["detail"]
+    assert "class Name(Task)" in found["audit"]["findings"][0]["measured"]
 
 
 def test_check_says_that_the_verdict_is_about_the_instances(tmp_path: Path, program: Path) -> None:

@@ -180,8 +180,8 @@ def test_the_audit_tells_its_failures_and_the_seed_that_fell_shortest() -> None:
         for seed, outcome, strict in ends
     ]
     findings = (
-        Finding(check="solved", passed=False, detail="strict scores 1.00, 0.00"),
-        Finding(check="moved", passed=True, detail=""),
+        Finding(check="solved", passed=False, measured="strict scores 1.00, 0.00", bound=""),
+        Finding(check="moved", passed=True, measured="", bound=""),
     )
     audit = AuditReport(accepted=False, findings=findings, changes=(), rollouts=tuple(rollouts), rewards=(1.0, 0.0))
     lines = render_evidence(None, audit).splitlines()

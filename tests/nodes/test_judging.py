@@ -22,7 +22,7 @@ PASSED = {**REPORT, "outcome": "passed", "cases": [{"id": "T.test_a", "outcome":
 
 def audited(accepted: bool) -> dict[str, Any]:
     """An audit with one finding."""
-    finding = {"check": "solved", "passed": accepted, "detail": "strict score 0.20"}
+    finding = {"check": "solved", "passed": accepted, "measured": "strict score 0.20", "bound": ""}
     return {"accepted": accepted, "findings": [finding], "changes": [], "rollouts": [], "rewards": []}
 
 

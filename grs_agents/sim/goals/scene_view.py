@@ -108,6 +108,14 @@ class SceneView:
         """Whether it can be moved."""
         return self._table.is_object_movable(number)
 
+    def is_bystander(self, number: int) -> bool:
+        """Whether it stands there because the photo shows it, and must stay as it is."""
+        return self._items[number].role == "bystander"
+
+    def may_robot_move(self, number: int) -> bool:
+        """Whether the robot may move it: it is loose and belongs to the task."""
+        return self.is_object_movable(number) and not self.is_bystander(number)
+
     def is_object_hollow(self, number: int) -> bool:
         """Whether things can be put into it."""
         return self._table.library.asset(self.object_name(number)).hollow

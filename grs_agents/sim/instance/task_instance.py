@@ -48,6 +48,8 @@ class InstanceObject(Frozen):
     # ``fixed`` cannot move; ``deformable`` moves as ``rigid`` does
     category: Literal["fixed", "rigid", "deformable"] = "rigid"
     color: RGBA | None = None  # 0..1, laid over the asset's own
+    # a ``bystander`` stands there because the photo shows it: solid, named by no goal, at the end where it was
+    role: Literal["task", "bystander"] = "task"
 
     @model_validator(mode="after")
     def _check_pose_and_fill(self) -> Self:
@@ -79,7 +81,7 @@ class InstanceTie(Frozen):
 class TaskInstance(Frozen):
     """A simulated task for one seed: everything a trusted process needs to build, run and score it."""
 
-    version: Literal[2] = 2
+    version: Literal[3] = 3
     task: Annotated[str, Field(max_length=200)]  # class name of the program it came from
     seed: Annotated[int, Field(ge=0, lt=2**32)]
     max_steps: Annotated[int, Field(ge=1, le=200)]
@@ -102,10 +104,7 @@ class TaskInstance(Frozen):
         ids = {item.id for item in self.objects}
         if len(ids) != len(self.objects):
             raise ValueError("object ids must differ")
-        if unknown := {number for goal in self.goals for number in goal.mentioned_object_ids} - ids:
-            raise ValueError(f"goals name objects {sorted(unknown)} that the instance does not have")
-        if unknown := {number for tie in self.ties for number in (tie.parent, tie.child)} - ids:
-            raise ValueError(f"ties name objects {sorted(unknown)} that the instance does not have")
+        self._check_object_ids(ids, {item.id for item in self.objects if item.role == "bystander"})
         pairs = sum(len(goal.objects) * max(1, len(goal.targets)) for goal in self.goals)
         if pairs > MOST_PAIRS:
             raise ValueError(
@@ -113,6 +112,16 @@ class TaskInstance(Frozen):
             )
         self._check_tie_gaps()
         return self
+
+    def _check_object_ids(self, ids: set[int], bystanders: set[int]) -> None:
+        """Refuse goals and ties that name what is not there, and goals that name a bystander."""
+        named = {number for goal in self.goals for number in goal.mentioned_object_ids}
+        if unknown := named - ids:
+            raise ValueError(f"goals name objects {sorted(unknown)} that the instance does not have")
+        if named & bystanders:
+            raise ValueError(f"goals name objects {sorted(named & bystanders)}, which are bystanders and must stay")
+        if unknown := {number for tie in self.ties for number in (tie.parent, tie.child)} - ids:
+            raise ValueError(f"ties name objects {sorted(unknown)} that the instance does not have")
 
     def _check_tie_gaps(self) -> None:
         poses = {item.id: item.pose for item in self.objects}
