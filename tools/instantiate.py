@@ -13,7 +13,14 @@ from grs_agents import sandbox
 from grs_agents.base import Frozen
 from grs_agents.config import Limits
 from grs_agents.sandbox import BatchResult, CallResult, Trace
-from grs_agents.sim import InstanceError, TaskInstance, defines_task_class, describe_first_error, parse_instance_json
+from grs_agents.sim import (
+    InstanceError,
+    InstanceObject,
+    TaskInstance,
+    defines_task_class,
+    describe_first_error,
+    parse_instance_json,
+)
 from grs_agents.toolkit import ToolContext, open_library, readable_folders
 
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
@@ -59,6 +66,7 @@ class Request(Frozen):
         library_roots: asset folders, later ones win; none means the library shipped with GRS.
         robot: ``ur5e``, ``panda`` or the path of an MJCF file.
         background: library name of what stands fixed around the robot, so that nothing is placed in it.
+        bystanders: what the photo shows, which stands on the table before the program sets its scene up.
     """
 
     simulation: str
@@ -66,6 +74,7 @@ class Request(Frozen):
     library_roots: tuple[str, ...] = ()
     robot: str = "ur5e"
     background: str | None = None
+    bystanders: tuple[InstanceObject, ...] = ()
 
 
 class Failure(Frozen):
@@ -173,8 +182,14 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
 
     import_hook.install()
     library = open_library(request["library_roots"])
-    limits, background = Limits.model_validate(request["limits"]), request["background"]
-    sim.set_environment_defaults(library, robot=request["robot"], limits=limits, background=background)
+    bystanders = [sim.InstanceObject.model_validate(item) for item in request["bystanders"]]
+    sim.set_environment_defaults(
+        library,
+        robot=request["robot"],
+        limits=Limits.model_validate(request["limits"]),
+        background=request["background"],
+        bystanders=bystanders,
+    )
     items: Sequence[str] = request["items"]
     task: Any = None
     with sandbox.CapturedError() as loading:

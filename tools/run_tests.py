@@ -8,6 +8,7 @@ from grs_agents import sandbox
 from grs_agents.base import Frozen
 from grs_agents.config import Limits
 from grs_agents.sandbox import TestReport, TestRun
+from grs_agents.sim import InstanceObject
 from grs_agents.toolkit import ToolContext, open_library, readable_folders
 
 
@@ -21,6 +22,7 @@ class Request(Frozen):
         library_roots: asset folders, later ones win; none means the library shipped with GRS.
         robot: ``ur5e``, ``panda`` or the path of an MJCF file.
         background: library name of what stands fixed around the robot, so that nothing is placed in it.
+        bystanders: what the photo shows, which stands on the table before the program sets its scene up.
         seed: seeds ``random`` and ``numpy.random`` before each test.
     """
 
@@ -30,6 +32,7 @@ class Request(Frozen):
     library_roots: tuple[str, ...] = ()
     robot: str = "ur5e"
     background: str | None = None
+    bystanders: tuple[InstanceObject, ...] = ()
     seed: int = Field(default=0, ge=0, lt=2**32)
 
 
@@ -53,6 +56,7 @@ def run(request: Request, context: ToolContext) -> Result:
             "library_roots": request.library_roots,
             "robot": request.robot,
             "background": request.background,
+            "bystanders": [item.model_dump(mode="json") for item in request.bystanders],
             "limits": context.limits.model_dump(mode="json"),
         },
     )
@@ -69,5 +73,6 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     extra = request["extra"]
     limits = Limits.model_validate(extra["limits"])
     library, background = open_library(extra["library_roots"]), extra["background"]
-    sim.set_environment_defaults(library, request["seed"], extra["robot"], limits, background)
+    bystanders = [sim.InstanceObject.model_validate(item) for item in extra["bystanders"]]
+    sim.set_environment_defaults(library, request["seed"], extra["robot"], limits, background, bystanders)
     return sandbox.run_tests_inside(request)

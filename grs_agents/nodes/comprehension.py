@@ -10,9 +10,10 @@ from typing import Literal
 import numpy as np
 
 from grs_agents.agents import Description
-from grs_agents.errors import InputError
+from grs_agents.errors import GrsError, InputError
 from grs_agents.library import write_background_asset
 from grs_agents.nodes.asset_matching import match_candidates
+from grs_agents.nodes.bystanders import hold_unstable_objects
 from grs_agents.nodes.describing import describe_segments
 from grs_agents.nodes.scene_objects import MatchedCandidate, drop_reason, place_object, replace_misfit_assets
 from grs_agents.nodes.scene_settling import settle_scene
@@ -231,6 +232,10 @@ def settle_objects(state: RunState, services: Services) -> Update:
         relations=settled.relations,
         twin=settled.twin,
     )
+    try:
+        scene = hold_unstable_objects(scene, services.library, services.robot_name_or_path)
+    except GrsError as error:
+        services.log.append(Note(level="warning", text=f"whether all stays at rest is not known: {error.message}"))
     scene.write(services.folder / "scene.json")
     services.log.append(SceneStage(stage="matched", summary=scene.model_dump(mode="json")))
     masks = {item.name: load_mask(services.folder / item.mask) for item in scene.objects}

@@ -235,7 +235,7 @@ class SceneObject(Frozen):
     round: bool = False  # the asset looks the same at any yaw, which therefore says nothing
     settled: Pose | None = None  # where it comes to rest in the twin: centre (m) and rotation (xyzw)
     drift: float | None = None  # how far its centre moves until then, m
-    held: bool = False  # it would fall, and may stand on something that the photo does not show
+    held: bool = False  # it would fall, in the twin or in the world of its tasks, and is kept in the air
     match: MatchEvidence | None = None  # scores, runner-up and reason of the match
     # the same box along its own axes; ``None`` in descriptions of before there was one
     upright: UprightBox | None = None

@@ -13,6 +13,11 @@ def instantiate(task: Task, seed: int, library: Library | None = None) -> TaskIn
     env = Environment(library=library, seed=seed)
     env.set_task(task)
     env.reset(settle=False)
+    return describe_instance(env, task, seed)
+
+
+def describe_instance(env: Environment, task: Task, seed: int) -> TaskInstance:
+    """What stands in an environment that a task has just set up, written down; errors as ``instantiate``."""
     return TaskInstance(
         task=type(task).__name__[:200],
         seed=seed,

@@ -1,9 +1,9 @@
 """The environment: typed objects on a table, an arm with a suction cup, rewards from the task."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from grs_agents.sim.goals import ScoredTask, StrictScorer
 from grs_agents.sim.instance import (
     ActionRecord,
     Episode,
+    InstanceObject,
     Recorder,
     SimulationError,
     make_stop_from_error,
@@ -29,6 +30,7 @@ from grs_agents.sim.world import (
     DEFAULT_BUDGET,
     Budget,
     Prism,
+    load_object_model,
     object_prism_at_pose,
     parse_pose,
     signed_outline_gaps,
@@ -65,6 +67,28 @@ class EpisodeTask(ScoredTask, Protocol):
         ...
 
 
+class Witness(Protocol):
+    """What watches every environment of a process, and may change what was set up."""
+
+    def begin_reset(self, env: "Environment") -> None:
+        """A reset begins; the last scene still stands."""
+        ...
+
+    def finish_reset(self, env: "Environment") -> None:
+        """The task has set its scene up, nothing has settled yet."""
+        ...
+
+    def recall_or_act(
+        self, env: "Environment", pick: Pose, place: Pose, act: Callable[[Pose, Pose], PickPlaceResult]
+    ) -> PickPlaceResult:
+        """Do an action with ``act``, or what came of the same one."""
+        ...
+
+    def watch_oracle(self, oracle: Any, env: "Environment") -> Any:
+        """The oracle that a test is given in place of one."""
+        ...
+
+
 class Environment(Workcell):
     """A table with objects and a robot arm whose base is at the origin (x forward, y left, z up, table top z = 0).
 
@@ -84,6 +108,8 @@ class Environment(Workcell):
         env.set_task(task)
         obs = env.reset()
     """
+
+    witness: ClassVar[Witness | None] = None
 
     def __init__(
         self,
@@ -125,6 +151,8 @@ class Environment(Workcell):
         if self.task is None:
             raise SimulationError("env.reset() without a task", "call env.set_task(task) first")
         pybullet.set_current_environment(self)
+        if self.witness is not None:
+            self.witness.begin_reset(self)
         self.recorder.freeze()
         self.places = {}
         self.remove_all_objects()
@@ -139,6 +167,9 @@ class Environment(Workcell):
             raise
         self.task.goals = [convert_to_goal(goal) for goal in self.task.goals]
         self.task.grs.finish_reset(self)
+        self.restore_bystanders()
+        if self.witness is not None:
+            self.witness.finish_reset(self)
         if settle:
             placed = {number: self.get_object_pose(number) for number in self._objects}
             self.settle_scene()
@@ -150,7 +181,8 @@ class Environment(Workcell):
     @property
     def info(self) -> Info:
         """``{id: (position, rotation, size), ..., 'lang_goal': str}``."""
-        info: Info = {number: (*self.get_object_pose(number), self.get_object_size(number)) for number in self._objects}
+        own = [item.id for item in self._task_objects]
+        info: Info = {number: (*self.get_object_pose(number), self.get_object_size(number)) for number in own}
         info["lang_goal"] = self.get_lang_goal()
         return info
 
@@ -197,16 +229,23 @@ class Environment(Workcell):
         """Do what the task's primitive does, score, and write it down; returns the reward that it added."""
         if self.tool == "spatula":
             pushed = self.push(pose0, pose1)
-            moved, number, note = pushed.pushed, next(iter(pushed.pushed), None), pushed.note
+            moved, number, note, trouble = pushed.pushed, next(iter(pushed.pushed), None), pushed.note, None
         else:
             result = self.pick_place(pose0, pose1)
-            moved, number, note = (), result.grasped, result.note
+            moved, number, note, trouble = (), result.grasped, result.note, result.trouble
         self.physics.raise_if_diverged()
         reward = self.task.reward()[0] if self.task is not None else 0.0
         asset = "" if number is None else self.object_by_id(number).asset
         self.recorder.actions.append(
             ActionRecord(
-                object=number, asset=asset, pick=pose0[0], place=pose1[0], reward=reward, note=note, pushed=moved
+                object=number,
+                asset=asset,
+                pick=pose0[0],
+                place=pose1[0],
+                reward=reward,
+                note=note,
+                trouble=trouble,
+                pushed=moved,
             )
         )
         set_last_recorder(self.recorder)
@@ -214,17 +253,24 @@ class Environment(Workcell):
 
     def push(self, pose0: Pose, pose1: Pose) -> PushResult:
         """Push along the table from one pose to another with the spatula; does not score."""
-        return Push(self.physics, self.collider_prisms(), self._labels_by_id()).push(pose0, pose1)
+        return Push(self.physics, self.collider_prisms, self._labels_by_id()).push(pose0, pose1)
 
     def pick_place(self, pick: Pose, place: Pose) -> PickPlaceResult:
         """Pick at one pose of the tip and place at another; does not score."""
-        return PickPlace(self.physics, self.collider_prisms(), self._labels_by_id()).pick_and_place(pick, place)
+        act = PickPlace(self.physics, self.collider_prisms, self._labels_by_id()).pick_and_place
+        return act(pick, place) if self.witness is None else self.witness.recall_or_act(self, pick, place, act)
+
+    def replace_object(self, item: InstanceObject) -> None:
+        """Put another object in the place of the one with its id, before anything has moved."""
+        self.object_by_id(item.id)
+        self._objects[item.id], self._models[item.id] = item, load_object_model(item, self.library)
+        self._physics, self._stale = None, False
 
     def _labels_by_id(self) -> dict[int, str]:
         return {number: f"{item.asset} #{number}" for number, item in self._objects.items()}
 
     def find(self, asset: str) -> list[int]:
-        """Ids of the objects made of an asset, in the order in which they were added.
+        """Ids of the task's objects made of an asset, in the order in which they were added.
 
         ``asset`` is a library name; a template's finds all that were filled from it, what ``task.fill_template``
         returned those filled alike. An unknown name is an ``UnknownNameError``.
@@ -233,9 +279,9 @@ class Environment(Workcell):
         filling = templates.find_filling_by_name(name)
         if filling is None:
             self.library.asset(name)
-            return [item.id for item in self._objects.values() if item.asset == name]
+            return [item.id for item in self._task_objects if item.asset == name]
         alike = (filling.template, dict(filling.values))
-        return [item.id for item in self._objects.values() if (item.asset, item.fill) == alike]
+        return [item.id for item in self._task_objects if (item.asset, item.fill) == alike]
 
     def _warn_about_settling(self, placed: Mapping[int, Pose]) -> None:
         """Note what did not stay where the program put it, and why not."""

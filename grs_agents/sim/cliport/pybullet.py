@@ -116,8 +116,8 @@ def resetBasePositionAndOrientation(bodyUniqueId: int, posObj: Any, ornObj: Any,
 
 
 def getNumBodies(*_: Any, **__: Any) -> int:
-    """How many objects there are."""
-    return len(_current_environment().objects)
+    """How many objects the task has."""
+    return sum(map(len, _current_environment().obj_ids.values()))
 
 
 def multiplyTransforms(

@@ -36,7 +36,7 @@ class Task(TaskKit):
     """A robot task: derive from it, set the scene up in ``reset`` and state the goals.
 
     Attributes:
-        max_steps: pick-and-place actions allowed; give at least one for each object, better twice as many.
+        max_steps: pick-and-place actions allowed; one and a half for each object that moves, rounded up, or more.
         lang_template: what a person would say, e.g. ``"pack the {} in the box"``.
         task_completed_desc: said at the end.
         sixdof: kept for CLIPort programs.
@@ -167,7 +167,7 @@ class Task(TaskKit):
     def get_random_pose(
         self, env: Environment, obj_size: Sequence[float]
     ) -> tuple[list[float], Quat] | tuple[None, None]:
-        """A free pose on the table, in reach of the arm, for an object of ``obj_size`` (x, y, z) metres.
+        """A free pose on the table for an object of ``obj_size`` (x, y, z) metres, its centre in reach, its yaw random.
 
         Returns:
             ``([x, y, z], rotation xyzw)``, or ``(None, None)`` when there is no room. The position is a list, since
@@ -246,9 +246,9 @@ class Task(TaskKit):
 
     def oracle(self, env: Environment) -> Oracle:
         """An agent that solves the task: ``agent.act(obs, info)`` gives the next action, or None when it stops."""
-        return (
-            PushOracle(self, env) if end_effectors.uses_push_primitive(self.ee, self.primitive) else Oracle(self, env)
-        )
+        pushes = end_effectors.uses_push_primitive(self.ee, self.primitive)
+        agent = PushOracle(self, env) if pushes else Oracle(self, env)
+        return agent if env.witness is None else env.witness.watch_oracle(agent, env)
 
 
 class PublishedTask(Task):

@@ -13,6 +13,9 @@ Outcome = Literal[
     "partial",
     "step_limit",
     "unreachable",
+    "hindered",
+    "no_seal",
+    "would_tip",
     "dropped",
     "toppled",
     "target_occupied",
@@ -75,6 +78,7 @@ class ActionRecord(Frozen):
     place: Vec3
     reward: float
     note: str  # what the primitive reports, e.g. "placed" or "nothing to grasp at (0.50, 0.10, 0.02)"
+    trouble: Outcome | None = None  # what kind of failure the note tells; None where all went well, or of no kind
     pushed: tuple[int, ...] = ()  # ids of everything that a push moved, farthest first
 
 

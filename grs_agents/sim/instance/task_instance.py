@@ -99,6 +99,11 @@ class TaskInstance(Frozen):
     # what the runtime had to assume
     warnings: Annotated[tuple[Annotated[str, Field(max_length=500)], ...], Field(max_length=500)] = ()
 
+    @property
+    def task_objects(self) -> tuple[InstanceObject, ...]:
+        """What the task put there itself: every object but the bystanders."""
+        return tuple(item for item in self.objects if item.role == "task")
+
     @model_validator(mode="after")
     def _check_consistency(self) -> Self:
         ids = {item.id for item in self.objects}

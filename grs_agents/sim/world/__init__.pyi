@@ -9,6 +9,9 @@ from .budget import Budget as Budget
 from .budget import describe_reached_limit as describe_reached_limit
 from .budget import latest_limit_error as latest_limit_error
 from .budget import reset_before_test as reset_before_test
+from .bystanders import FIRST_BYSTANDER as FIRST_BYSTANDER
+from .bystanders import claim_bystanders as claim_bystanders
+from .bystanders import place_bystanders as place_bystanders
 from .collision_volumes import Volume as Volume
 from .collision_volumes import measure_inner_size as measure_inner_size
 from .collision_volumes import sample_collision_volume as sample_collision_volume
@@ -44,7 +47,9 @@ from .rendering import View as View
 from .rendering import VisibleScene as VisibleScene
 from .rendering import camera_ray_directions as camera_ray_directions
 from .rendering import render_along_rays as render_along_rays
+from .suction import GRAVITY as GRAVITY
 from .suction import HOLDING_FORCE as HOLDING_FORCE
+from .suction import PEELING_MOMENT as PEELING_MOMENT
 from .tabletop import Tabletop as Tabletop
 from .tabletop import is_number as is_number
 from .tabletop import is_vector as is_vector

@@ -5,6 +5,7 @@ import inspect
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from grs_agents.geometry import FloatArray, transforms
 from grs_agents.library import Library, ObjectModel
 from grs_agents.sim.arms import Arm
 from grs_agents.sim.instance import InstanceObject, InstanceTie, NoFreeSpaceError, Recorder, SimulationError
-from grs_agents.sim.world import budget, compilation, footprints, templates
+from grs_agents.sim.world import budget, bystanders, compilation, footprints, templates
 from grs_agents.sim.world.collision_volumes import Volume, sample_collision_volume
 from grs_agents.sim.world.colors import color_to_rgba
 from grs_agents.sim.world.physics import Physics
@@ -29,8 +30,10 @@ class _Rested:
     steps: int
 
 
+_REMEMBERED = 8
+"""Compiled worlds of a library that are kept: a program's tests and an audit's episodes have one or two."""
+_compiled: WeakKeyDictionary[Library, dict[object, compilation.World]] = WeakKeyDictionary()
 CATEGORIES = ("fixed", "rigid", "deformable")
-_Outline = tuple[Pose, list[footprints.Prism], footprints.Prism]
 
 
 class Tabletop:
@@ -48,7 +51,6 @@ class Tabletop:
         self._objects: dict[int, InstanceObject] = {}
         self._ties: list[InstanceTie] = []
         self._models: dict[int, ObjectModel] = {}
-        self._outlines: dict[int, _Outline] = {}
         self._physics: Physics | None = None
         self._stale, self._vertices = False, 0
         self._world: tuple[object, compilation.World] | None = None
@@ -61,12 +63,13 @@ class Tabletop:
         return self.seed_used
 
     def remove_all_objects(self) -> None:
-        """Take everything off the table; the arm goes home."""
+        """Take everything off the table but the bystanders; the arm goes home."""
         self._objects.clear()
         self._ties.clear()
         self._models.clear()
-        self._outlines.clear()
         self._physics, self._stale, self._vertices, self.background = None, False, 0, templates.defaults.background
+        for item in templates.defaults.bystanders:
+            self.insert_object(item)
 
     def add_object(
         self,
@@ -113,12 +116,36 @@ class Tabletop:
         item = InstanceObject(
             id=number, asset=asset, fill=dict(filling.values) if filling else {}, color=rgba, pose=at, category=category
         )
-        return self.insert_object(item)
+        return self.insert_object(self._claim_bystander(item))
+
+    def _claim_bystander(self, item: InstanceObject) -> InstanceObject:
+        """Take the bystander that a task's object stands for off the table; the object takes its place there."""
+        around = [one for one in self._objects.values() if one.role == "bystander"]
+        claimed = bystanders.find_claimed_bystander(item, around)
+        if claimed is None:
+            return item
+        del self._objects[claimed.id]
+        self._vertices -= budget.add_to_vertex_count(0, self._models[claimed.id], self.library)
+        return bystanders.take_pose_at_rest(item, claimed)
+
+    def restore_bystanders(self) -> None:
+        """Put bystanders where the photo shows them, as the task's objects claim them from where they stand now.
+
+        So the scene does not depend on how the program came to it.
+        """
+        if not templates.defaults.bystanders:
+            return
+        own = [item for item in self.objects if item.role == "task"]
+        placed, around = bystanders.claim_bystanders(own, templates.defaults.bystanders)
+        self._models |= {item.id: compilation.load_object_model(item, self.library) for item in around}
+        self._objects = {item.id: item for item in (*placed, *around)}
+        self._physics, self._stale = None, False
 
     def insert_object(self, item: InstanceObject) -> int:
         """Add a typed object and return the id it has here; refuse what is too large, too thin or one too many."""
         budget.check_object_count(len(self._objects) + 1)
-        number, shapes = self._next_object_id, compilation.load_object_model(item, self.library)
+        number = self._next_object_id if item.role == "task" else self._free_bystander_id(item.id)
+        shapes = compilation.load_object_model(item, self.library)
         self._vertices = budget.add_to_vertex_count(self._vertices, shapes, self.library)
         self._objects[number] = item if item.id == number else item.model_copy(update={"id": number})
         self._models[number], self._stale = shapes, True
@@ -126,8 +153,14 @@ class Tabletop:
 
     @property
     def _next_object_id(self) -> int:
-        """The id of the next object."""
-        return max(self._objects, default=0) + 1
+        """The id of the task's next object."""
+        return max((item.id for item in self._task_objects), default=0) + 1
+
+    def _free_bystander_id(self, wanted: int) -> int:
+        """The id that a bystander has, or another one if the task's objects may come to have that."""
+        if wanted >= bystanders.FIRST_BYSTANDER and wanted not in self._objects:
+            return wanted
+        return max([bystanders.FIRST_BYSTANDER - 1, *self._objects]) + 1
 
     def tie_objects(self, tie: InstanceTie) -> int:
         """Keep two objects together; returns the number of the tie; raises ``SimulationError`` for no such object."""
@@ -154,8 +187,8 @@ class Tabletop:
 
     def warn_of_unknown_arguments(self, call: str, given: Iterable[str], function: Callable[..., Any]) -> None:
         """Note arguments that a call was given and that its function does not have: they have no effect."""
-        known = [name for name in inspect.signature(function).parameters if name != "self" and name[0] != "_"]
         for name in given:
+            known = [name for name in inspect.signature(function).parameters if name != "self" and name[0] != "_"]
             alike = difflib.get_close_matches(name, known, 1)
             hint = f"; {alike[0]} may be meant" if alike else f"; there are {', '.join(known)}"
             self.record_warning(f"{call} has no argument {name}, what was given for it had no effect{hint}")
@@ -177,8 +210,13 @@ class Tabletop:
 
     @property
     def obj_ids(self) -> dict[str, list[int]]:
-        """Ids of objects by category: ``fixed``, ``rigid``, ``deformable``."""
-        return {kind: [item.id for item in self._objects.values() if item.category == kind] for kind in CATEGORIES}
+        """Ids of the task's objects by category: ``fixed``, ``rigid``, ``deformable``."""
+        return {kind: [item.id for item in self._task_objects if item.category == kind] for kind in CATEGORIES}
+
+    @property
+    def _task_objects(self) -> list[InstanceObject]:
+        """What the task has put on the table, all that programs are told of."""
+        return [item for item in self._objects.values() if item.role == "task"]
 
     def object_by_id(self, obj: Any) -> InstanceObject:
         """The object with an id; raises ``SimulationError`` if there is none."""
@@ -214,22 +252,14 @@ class Tabletop:
 
     def collider_prisms(self) -> list[footprints.Prism]:
         """The upright prisms of every object's colliders as it stands now."""
-        return [prism for number in self._objects for prism in self._cached_object_prisms(number)[1]]
+        return [prism for number in self._objects for prism in self._find_prisms(number)[0]]
 
     def object_prism(self, obj: int) -> footprints.Prism:
         """One upright prism around a whole object as it stands now."""
-        return self._cached_object_prisms(obj)[2]
+        return self._find_prisms(obj)[1]
 
-    def _cached_object_prisms(self, number: int) -> _Outline:
-        """Pose, prisms and outline of an object; made anew only when it has moved."""
-        pose, known = self.get_object_pose(number), self._outlines.get(number)
-        if known is None or known[0] != pose:
-            shapes = self.object_model(number)
-            parts = footprints.collider_prisms_at_pose(shapes, pose, number)
-            whole = parts[0] if len(parts) == 1 else footprints.object_prism_at_pose(shapes, pose, number)
-            known = (pose, parts, whole)
-            self._outlines[number] = known
-        return known
+    def _find_prisms(self, number: int) -> tuple[list[footprints.Prism], footprints.Prism]:
+        return footprints.find_prisms_at_pose(self.object_model(number), self.get_object_pose(number), number)
 
     @property
     def is_static(self) -> bool:
@@ -250,14 +280,21 @@ class Tabletop:
         return self._physics
 
     def _compile_world(self, objects: Sequence[InstanceObject]) -> compilation.World:
-        """The compiled world of these objects; the last one again if only their places differ."""
+        """The compiled world of these objects; the last one again if only their places differ.
+
+        Environments that come after each other share what is compiled, each has a copy of its own.
+        """
         kinds = tuple((item.id, item.asset, tuple(sorted(item.fill.items())), item.category) for item in objects)
-        key = (self.timestep, kinds, self.object_ties, self.tool, self.background)
+        key = (self.timestep, kinds, self.object_ties, self.tool, self.background, self.arm)
         if self._world is None or self._world[0] != key:
-            built = compilation.build_world(
-                objects, self.library, self.timestep, False, *key[2:4], self.arm, self.background
-            )
-            self._world = (key, built)
+            known = _compiled.setdefault(self.library, {})
+            if key not in known:
+                if len(known) >= _REMEMBERED:
+                    known.clear()
+                known[key] = compilation.build_world(
+                    objects, self.library, self.timestep, False, *key[2:4], self.arm, self.background
+                )
+            self._world = (key, compilation.copy_world(known[key]))
         return self._world[1]
 
     def settle_scene(self) -> None:

@@ -14,7 +14,7 @@ from grs_agents.config import Limits
 from grs_agents.errors import InputError
 from grs_agents.library import Library, known_placeholder_stems, resolve_template_values
 from grs_agents.sim.arms import DEFAULT
-from grs_agents.sim.instance import LARGEST_VALUE
+from grs_agents.sim.instance import LARGEST_VALUE, InstanceObject
 from grs_agents.sim.world import budget
 
 Values = Mapping[str, tuple[float | str, ...]]
@@ -38,6 +38,7 @@ class Defaults:
     seed: int = 0
     robot: str = DEFAULT
     background: str | None = None
+    bystanders: tuple[InstanceObject, ...] = ()
 
 
 defaults = Defaults()
@@ -51,11 +52,14 @@ def set_environment_defaults(
     robot: str = DEFAULT,
     limits: Limits | None = None,
     background: str | None = None,
+    bystanders: Sequence[InstanceObject] = (),
 ) -> None:
     """Say which library, seed and robot an ``Environment`` uses when its caller, e.g. a test program, names none.
     ``limits`` bound all environments of this process together from now on; None leaves them. ``background`` is the
-    library name of what stands fixed around the robot in all of them."""
+    library name of what stands fixed around the robot in all of them, ``bystanders`` stand on the table before a
+    program sets up its scene."""
     defaults.library, defaults.seed, defaults.robot, defaults.background = library, seed, robot, background
+    defaults.bystanders = tuple(bystanders)
     if limits is not None:
         budget.set_call_limits(limits)
 

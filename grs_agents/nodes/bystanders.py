@@ -1,0 +1,78 @@
+"""What the photo shows in and near the workspace: it stands on the table of every task of the scene."""
+
+import math
+from typing import Any, Final
+
+from grs_agents.library import Library
+from grs_agents.nodes.services import Services
+from grs_agents.perception import SceneDescription, SceneObject, types
+from grs_agents.perception.settling import PlacedObject, to_instance_objects
+from grs_agents.sim import Environment, InstanceObject, InstanceTask, TaskInstance
+from grs_agents.sim.world import FIRST_BYSTANDER, TIMESTEP, object_prism_at_pose
+
+_MARGIN: Final = 0.15
+"""So near to the workspace the arm sweeps over things, and containers at its edge reach over to them, metres."""
+_STAYS: Final = 0.01
+"""What moves by no more than this stays, metres: the bound on bystanders at the end of an episode."""
+_WATCHED: Final = 500
+"""Steps after the scene has settled: 2 s, so that what creeps shows."""
+
+
+def photo_objects(scene: SceneDescription, library: Library) -> tuple[InstanceObject, ...]:
+    """The objects of the photo within the workspace and 15 cm around it, as bystanders where they came to rest.
+
+    What may stand on something unseen is fixed.
+    """
+    near = {FIRST_BYSTANDER + index: item for index, item in enumerate(scene.objects) if _is_near_workspace(item)}
+    placed = [PlacedObject(item.asset, item.settled or (item.position, item.orientation)) for item in near.values()]
+    return tuple(
+        item.model_copy(update={"id": number, "role": "bystander", "category": "fixed" if one.held else "rigid"})
+        for (number, one), item in zip(near.items(), to_instance_objects(placed, library), strict=True)
+    )
+
+
+def bystanders_of_run(scene: SceneDescription | None, services: Services) -> tuple[InstanceObject, ...]:
+    """What stands around the tasks of a run: nothing without a photo, or if the configuration leaves it out."""
+    if scene is None or not services.config.scene.bystanders:
+        return ()
+    return photo_objects(scene, services.library)
+
+
+def setup_of_programs(scene: SceneDescription | None, services: Services) -> dict[str, Any]:
+    """What a tool is told that runs programs: where the assets are, the arm, and what is around the task."""
+    background = scene.background if scene is not None else None
+    return {"background": background, "bystanders": bystanders_of_run(scene, services), **services.simulator_setup}
+
+
+def _is_near_workspace(item: SceneObject) -> bool:
+    (west, south, _), (east, north, _) = item.box.low, item.box.high
+    within_x = east > types.X[0] - _MARGIN and west < types.X[1] + _MARGIN
+    return within_x and north > types.Y[0] - _MARGIN and south < types.Y[1] + _MARGIN
+
+
+def hold_unstable_objects(scene: SceneDescription, library: Library, robot: str) -> SceneDescription:
+    """The scene with what does not stay in the world of its tasks held in the air, the lowest first.
+
+    A task's world has the arm and the background, and things roll in it: what rests in the twin may fall there. Raises
+    ``SimulationError`` where MuJoCo takes the scene for impossible.
+    """
+    while (unstable := _lowest_unstable_object(scene, library, robot)) is not None:
+        held = scene.objects[unstable].model_copy(update={"held": True})
+        objects = (*scene.objects[:unstable], held, *scene.objects[unstable + 1 :])
+        twin = scene.twin and scene.twin.model_copy(update={"held": sum(item.held for item in objects)})
+        scene = scene.model_copy(update={"objects": objects, "twin": twin})
+    return scene
+
+
+def _lowest_unstable_object(scene: SceneDescription, library: Library, robot: str) -> int | None:
+    """The number of the object that moves by more than 1 cm when nothing acts, and of several the lowest; or None."""
+    items = photo_objects(scene, library)
+    instance = TaskInstance(
+        task="", seed=0, max_steps=1, timestep=TIMESTEP, objects=items, goals=(), background=scene.background
+    )
+    env = Environment(library=library, task=InstanceTask(instance), robot=robot)
+    env.reset()
+    env.step_simulation(_WATCHED)
+    moved = [one for one in items if math.dist(one.pose[0], env.get_object_pose(one.id)[0]) > _STAYS]
+    lowest = min(moved, key=lambda one: object_prism_at_pose(env.object_model(one.id), one.pose).low, default=None)
+    return None if lowest is None else lowest.id - FIRST_BYSTANDER

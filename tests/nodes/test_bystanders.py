@@ -1,0 +1,119 @@
+"""What else the photo shows stands on the table of its tasks, in the tests and in the audit."""
+
+import json
+import math
+from typing import Any
+
+import pytest
+
+from grs_agents import nodes
+from grs_agents.library import Library
+from grs_agents.nodes import Services, bystanders_of_run, hold_unstable_objects, photo_objects
+from grs_agents.perception import SceneDescription
+from grs_agents.sim import TaskInstance
+from grs_agents.state import RunState
+from tests.nodes.conftest import SIMULATION, TESTS, Make, block, kinds, run, with_
+
+GREEN = "block/green_block.urdf"
+
+
+def scene_of(state: RunState, *changes: dict[str, Any]) -> SceneDescription:
+    """The scene of three blocks, some of them changed."""
+    objects = [block("red", 1), block("blue", 2), block("green", 3)]
+    return SceneDescription.model_validate({**state["scene"], "objects": [*map(dict, objects), *changes]})
+
+
+def moved(number: int, x: float, y: float, z: float = 0.02, **fields: Any) -> dict[str, Any]:
+    """A small yellow block somewhere."""
+    return {
+        **block("red", number),
+        "name": f"yellow_block_{number}",
+        "asset": "block/yellow_block.urdf",
+        "box": {"low": (x - 0.02, y - 0.02, z - 0.02), "high": (x + 0.02, y + 0.02, z + 0.02)},
+        "position": (x, y, z),
+        **fields,
+    }
+
+
+def instance_in(services: Services) -> TaskInstance:
+    return TaskInstance.model_validate(json.loads((services.folder / "instances/seed_0.json").read_text()))
+
+
+def test_photo_objects_stand_where_they_came_to_rest(state: RunState) -> None:
+    rest = ((0.31, 0.41, 0.019), (0.0, 0.0, 0.0, 1.0))
+    scene = scene_of(state, moved(4, 0.3, 0.4, settled=rest), moved(5, 0.6, -0.4, 0.3, held=True))
+    found = photo_objects(scene, Library())
+    assert [item.id for item in found] == [50_000, 50_001, 50_002, 50_003, 50_004]
+    assert {item.role for item in found} == {"bystander"}
+    assert [item.category for item in found] == ["rigid"] * 4 + ["fixed"]
+    assert found[3].pose == rest
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "near"), [(0.91, 0.0, True), (0.93, 0.0, False), (0.5, -0.66, True), (0.5, 0.7, False)]
+)
+def test_photo_objects_are_those_up_to_15_cm_around_the_workspace(
+    state: RunState, x: float, y: float, near: bool
+) -> None:
+    found = photo_objects(scene_of(state, moved(4, x, y)), Library())
+    assert len(found) == 3 + near
+
+
+def test_what_does_not_stay_is_held_the_lowest_first(state: RunState) -> None:
+    in_air, on_it = moved(4, 0.6, -0.3, 0.12), moved(5, 0.6, -0.3, 0.16)
+    held = hold_unstable_objects(scene_of(state, in_air, on_it), Library(), "ur5e")
+    assert [item.held for item in held.objects] == [False, False, False, True, False]
+    assert held == hold_unstable_objects(held, Library(), "ur5e")
+
+
+def test_the_audit_is_about_instances_among_all_that_the_photo_shows(state: RunState, make_services: Make) -> None:
+    services = make_services()
+    update = run(nodes.audit_task, state, services)
+    instance = instance_in(services)
+    assert [(item.asset, item.role) for item in instance.objects][2:] == [(GREEN, "bystander")]
+    rollout = update["audit"]["rollouts"][0]
+    assert math.dist(rollout["final"]["50002"][0], (0.55, 0.3, 0.02)) < 0.01
+    assert "scene.bystanders" not in update["audit"]["about"]
+
+
+def test_what_is_left_out_is_in_the_record(state: RunState, make_services: Make) -> None:
+    services = make_services(scene={"bystanders": False})
+    update = run(nodes.audit_task, state, services)
+    assert all(item.role == "task" for item in instance_in(services).objects)
+    assert "scene.bystanders = false" in update["audit"]["about"]
+    assert any("scene.bystanders = false" in event.text for event in kinds(services, "note"))
+
+
+def test_a_program_cannot_choose_its_bystanders(state: RunState, make_services: Make) -> None:
+    """It takes the green block off the table behind the environment's back, and puts another one there."""
+    forged = SIMULATION + (
+        "        from grs_agents.sim import InstanceObject\n"
+        "        from grs_agents.sim.world import templates\n"
+        "        away = ((0.3, -0.4, 0.02), (0, 0, 0, 1))\n"
+        "        templates.defaults.bystanders = (\n"
+        "            InstanceObject(id=60_000, asset='block/gray_block.urdf', pose=away, role='bystander'),)\n"
+    )
+    services = make_services()
+    run(nodes.audit_task, with_(state, simulation=forged), services)
+    assert [(item.id, item.asset) for item in instance_in(services).objects][2:] == [(50_002, GREEN)]
+
+
+SEES = TESTS.replace(
+    "        self.assertEqual(len(task.goals), 2)\n",
+    "        self.assertEqual(env.physics.surface_height_below(0.55, 0.3)[1], 50_002)\n"
+    "        self.assertEqual(env.find('block/green_block.urdf'), [])\n",
+)
+
+
+def test_the_tests_run_among_all_that_the_photo_shows(state: RunState, make_services: Make) -> None:
+    services = make_services()
+    update = run(nodes.run_tests, with_(state, tests=SEES), services)
+    assert update["report"]["outcome"] == "passed", update["report"]
+    bare = make_services(scene={"bystanders": False})
+    assert run(nodes.run_tests, with_(state, tests=SEES), bare)["report"]["outcome"] == "failed"
+
+
+def test_without_a_photo_nothing_stands_around(state: RunState, make_services: Make) -> None:
+    services = make_services()
+    assert bystanders_of_run(None, services) == ()
+    assert len(bystanders_of_run(SceneDescription.model_validate(state["scene"]), services)) == 3
