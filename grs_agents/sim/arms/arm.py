@@ -35,6 +35,7 @@ class Arm:
 
     nearest: float  # from the base axis to where the tip can be brought, tool down, metres; for words only
     farthest: float
+    maker_speeds: FloatArray | None = None  # the greatest speeds (dof,) of the joints by the maker's data sheet, rad/s
 
     def __init__(self, name: str, add: Callable[[Any], None], guess: FloatArray) -> None:
         self.name, self.add = name, add
@@ -86,6 +87,16 @@ class Arm:
     def upper_joint_limits(self) -> FloatArray:
         """Highest joint positions (dof,)."""
         return self._arm_model.high
+
+    @cached_property
+    def joint_speed_limits(self) -> FloatArray:
+        """The greatest speeds (dof,) of the joints, rad/s, or m/s of a slide. MJCF has no word for them, so an arm
+        whose maker's figures are not known takes the usual ones of a light arm: half a turn, or a metre, a second."""
+        return np.where(self._arm_model.slides, 1.0, np.pi) if self.maker_speeds is None else self.maker_speeds
+
+    def inertia_matrix(self, joints: FloatArray) -> FloatArray:
+        """The inertia (dof, dof) that the joints feel at positions (dof,), with nothing on the cup."""
+        return self._arm_model.inertia_matrix(joints)
 
     @property
     def link_names(self) -> tuple[str, ...]:

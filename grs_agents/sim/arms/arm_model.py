@@ -53,6 +53,7 @@ class ArmModel:
         self._site = int(self._model.site("tip").id)
         self.dof = int(self._model.nq)
         self.low, self.high = np.array(self._model.jnt_range[:, 0]), np.array(self._model.jnt_range[:, 1])
+        self.slides = np.array(self._model.jnt_type) == int(mujoco.mjtJoint.mjJNT_SLIDE)
         self.links = tuple(str(self._model.body(number).name) for number in range(1, self._model.nbody))
         self._jacobian = np.zeros((6, self.dof))
 
@@ -69,6 +70,17 @@ class ArmModel:
         mujoco.mj_kinematics(self._model, self._data)
         tool = np.array(self._data.site_xmat[self._site]).reshape(3, 3)
         return np.array(self._data.site_xpos[self._site]), tool @ DOWN
+
+    def inertia_matrix(self, joints: FloatArray) -> FloatArray:
+        """The inertia (dof, dof) that the joints feel at positions (dof,): kg m^2, or kg of a slide."""
+        model, data = self._model, self._data
+        data.qpos[:] = joints
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_crb(model, data)
+        inertia = np.zeros((self.dof, self.dof))
+        mujoco.mj_fullM(model, data, inertia)
+        return inertia
 
     def solve_ik(
         self, tip: FloatArray, tool: FloatArray, start: FloatArray, rest: FloatArray, iterations: int

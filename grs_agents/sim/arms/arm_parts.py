@@ -15,8 +15,6 @@ TOOL_LENGTH: Final = 0.15
 """From the flange to the tip of the suction cup, metres."""
 ROBOT_CONTYPE: Final = 2
 """Robot geoms meet geoms whose ``conaffinity`` has this bit: objects, not the table and not the robot."""
-_UNTOUCHED: Final = 4
-"""A bit that no object has: links at the base count against the arm itself alone."""
 Capsule = tuple[Vec3, Vec3, float]
 """From, to, radius, metres, in the frame of the link."""
 
@@ -36,7 +34,6 @@ class Link:
     # about the centre of mass, (xx, yy, zz, xy, xz, yz), kg m^2
     inertia: tuple[float, float, float, float, float, float]
     capsules: tuple[Capsule, ...]
-    touches: bool = True  # whether it meets objects; the links at the base do not
 
 
 def add_link_chain(spec: Any, links: Sequence[Link], flange: Vec3) -> None:
@@ -56,7 +53,7 @@ def add_link_chain(spec: Any, links: Sequence[Link], flange: Vec3) -> None:
                 size=(radius, 0, 0),
                 rgba=(0.75, 0.77, 0.8, 1.0),
                 group=1,
-                contype=ROBOT_CONTYPE if link.touches else _UNTOUCHED,
+                contype=ROBOT_CONTYPE,
                 conaffinity=0,
             )
         add_position_actuator(spec, link.name, link.stiffness, link.torque)

@@ -64,6 +64,17 @@ def joint_speeds(path: FloatArray, timestep: float) -> FloatArray:
     return speeds
 
 
+def slow_to_speed_limits(path: FloatArray, timestep: float, limits: FloatArray) -> FloatArray:
+    """The path (N, D), one row a time step (s), spread over as many steps as no joint then exceeds its limit (D,)."""
+    if len(path) < 2:
+        return path
+    excess = float((np.abs(np.diff(path, axis=0)).max(axis=0) / (limits * timestep)).max())
+    if excess <= 1:
+        return path
+    at = np.linspace(0.0, len(path) - 1.0, int(np.ceil((len(path) - 1) * excess)) + 1)
+    return np.column_stack([np.interp(at, np.arange(len(path)), path[:, joint]) for joint in range(path.shape[1])])
+
+
 def rotations_about_z(angles: FloatArray) -> FloatArray:
     """The rotations (N, 3, 3) about the vertical by ``angles`` (N,), radians."""
     rotations = np.zeros((len(angles), 3, 3))

@@ -4,6 +4,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from grs_agents.geometry import FloatArray
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.arm_parts import Capsule, Link, add_link_chain
 
@@ -41,6 +42,8 @@ _CAPSULES: Final[tuple[tuple[Capsule, ...], ...]] = (
     (((0.0, 0.0, -0.04), (0.0, 0.0, 0.02), 0.050), ((0.03, 0.0, 0.0), (0.088, 0.0, 0.0), 0.045)),
     (((0.0, 0.0, 0.0), (0.0, 0.0, 0.075), 0.044),),
 )
+_SPEEDS: Final[FloatArray] = np.array([2.175] * 4 + [2.61] * 3)
+"""The greatest speeds of the joints by the maker's data sheet, rad/s."""
 _GUESS: Final = (0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, 0.0)
 
 
@@ -58,12 +61,13 @@ def _make_link(index: int) -> Link:
         center=(x, y, z),
         inertia=_INERTIAS[index],
         capsules=_CAPSULES[index],
-        touches=index >= 2,
     )
 
 
 class Panda(Arm):
     """Franka Emika's Panda, seven joints, with the suction cup in place of its hand."""
+
+    maker_speeds = _SPEEDS
 
     def __init__(self) -> None:
         links = tuple(_make_link(index) for index in range(len(_JOINTS)))

@@ -146,7 +146,6 @@ def _make_links() -> tuple[Link, ...]:
                 center=(float(x), float(y), float(z)),
                 inertia=(*np.diag(tensor).tolist(), float(tensor[0, 1]), float(tensor[0, 2]), float(tensor[1, 2])),
                 capsules=(_CAPSULES[index],),
-                touches=index >= 2,
             )
         )
         position, roll = (a, 0.0, d), alpha
@@ -157,6 +156,7 @@ class UR5e(Arm):
     """Universal Robots' UR5e."""
 
     nearest, farthest = NEAREST, REACH
+    maker_speeds = np.full(6, np.pi)  # 180 degrees a second each, by the maker's data sheet
 
     def __init__(self) -> None:
         links = _make_links()

@@ -1,5 +1,6 @@
 from . import placement as placement
 from . import tool_paths as tool_paths
+from .grasp import Grasp as Grasp
 from .grasp import find_grasp as find_grasp
 from .pick_place import PickPlace as PickPlace
 from .pick_place import PickPlaceResult as PickPlaceResult

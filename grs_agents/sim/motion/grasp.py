@@ -3,13 +3,14 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
 from grs_agents.base import Vec3
 from grs_agents.geometry import FloatArray
 from grs_agents.sim.arms import CUP_RADIUS
+from grs_agents.sim.motion.tool_paths import Burden
 from grs_agents.sim.world import Physics, Prism, find_nearby_prisms, margins_inside_outline, nearest_point_of_outline
 
 _SPACING: Final = 0.009
@@ -31,6 +32,10 @@ SEALED: Final = 0.7
 """The share of the lip that must be on the object for the cup to hold it."""
 
 
+_LEAKS: Final = 1.0
+"""What a point costs at least at which too little of the lip seals."""
+
+
 def cup_sealed_fraction(physics: Physics, number: int) -> float:
     """The share of the cup's lip, where the cup is now, that lies on an object: 0..1."""
     matrix: FloatArray = np.array(physics.data.site_xmat[physics.world.tip_site]).reshape(3, 3)
@@ -46,31 +51,51 @@ def cup_sealed_fraction(physics: Physics, number: int) -> float:
 class Grasp:
     """What looking down on an object finds."""
 
-    point: Vec3 | None  # where the cup should touch, metres; None if the object is covered
-    covered_by: tuple[int, ...] = ()  # ids of what is seen in its place
+    point: Vec3 | None  # where the cup should touch, metres; None if there is no such point
+    covered_by: tuple[int, ...] = ()  # ids of what is seen in its place, if it is covered
+    trouble: Literal["no_seal", "would_tip"] | None = None  # what is wrong with the best of the points in sight
 
 
-def find_grasp(physics: Physics, number: int, center: Vec3, outline: Prism, others: Sequence[Prism] = ()) -> Grasp:
-    """The flattest open point near the centre of an object; ``others`` are thin things that rays would miss."""
+def find_grasp(physics: Physics, number: int, outline: Prism, others: Sequence[Prism] = ()) -> Grasp:
+    """The flattest open point near the centre of an object's mass, where the cup seals and the object does not tip off
+    it; ``others`` are thin things that rays would miss."""
     best: tuple[float, Vec3 | None] = (np.inf, None)
     covered: Counter[int] = Counter()
+    center, tips = physics.center_of_mass(number), False
     around = find_nearby_prisms(outline, others, (0.0, 0.0), _BODY + _SWAY)
     for rank, (x, y) in enumerate(_candidate_grasp_points(center, outline)):
         if best[0] <= _FARTHER * rank:
             break  # nothing that is left can be better
         height, owner = physics.surface_height_below(x, y)
-        if owner != number:
-            if owner >= 0 and height > outline.low:
-                covered[owner] += 1
-            continue
-        roughness, beside = _score_grasp_point(physics, number, around, (x, y, height))
-        if beside >= 0:
-            covered[beside] += 1
+        roughness, cover = np.inf, owner if height > outline.low else -1
+        if owner == number:
+            roughness, cover = _score_grasp_point(physics, number, around, (x, y, height))
+        if cover >= 0 or owner != number:
+            covered[cover] += 1
             continue
         cost = roughness + (_FARTHER * rank if roughness else 0.0)
-        if cost < best[0]:
-            best = (cost, (x, y, height))
-    return Grasp(best[1], () if best[1] else tuple(owner for owner, _ in covered.most_common()))
+        leaks = roughness >= _LEAKS and number not in physics.world.beads
+        if leaks or cost >= best[0]:
+            continue
+        if _would_tip(physics, number, (x, y, height)):
+            tips = True
+            continue
+        best = (cost, (x, y, height))
+    return _conclude(best[1], covered, tips)
+
+
+def _conclude(point: Vec3 | None, covered: Counter[int], tips: bool) -> Grasp:
+    """What was found, or else what covers the object, the most frequent first, and what is wrong with the rest."""
+    if point is not None:
+        return Grasp(point)
+    return Grasp(None, tuple(n for n, _ in covered.most_common() if n >= 0), "would_tip" if tips else "no_seal")
+
+
+def _would_tip(physics: Physics, number: int, point: Vec3) -> bool:
+    """Whether the weight of an object, lifted at a point, bends it off the cup; a rope hangs freely."""
+    x, y, z = np.subtract(point, physics.center_of_mass(number)).tolist()
+    burden = Burden(physics.object_mass(number), float(np.hypot(x, y)), max(0.0, z))
+    return burden.bends_too_hard and number not in physics.world.limp
 
 
 def _score_grasp_point(physics: Physics, number: int, others: Sequence[Prism], point: Vec3) -> tuple[float, int]:
@@ -111,7 +136,7 @@ def _cup_clearance(physics: Physics, others: Sequence[Prism], x: float, y: float
 
 
 def _estimate_seal_cost(physics: Physics, number: int, x: float, y: float, height: float) -> tuple[float, int]:
-    """How little of the cup's lip would seal (0 all; from 1 on too little), and what else is in its way, or -1."""
+    """How little of the cup's lip would seal (0 all; from ``_LEAKS`` on too little), what else is in its way, or -1."""
     missing, step = 0, 0.0
     for dx, dy in _RING:
         for radius in (_RIM, 0.013):
@@ -122,4 +147,4 @@ def _estimate_seal_cost(physics: Physics, number: int, x: float, y: float, heigh
                 step = 0.05  # the object's own higher part: only if there is nothing better
             missing += radius == _RIM and (owner != number or abs(around - height) > _GIVE)
     leaks = 1 - missing / len(_RING) < SEALED
-    return 0.003 * missing + step + leaks, -1
+    return 0.003 * missing + step + _LEAKS * leaks, -1

@@ -1,7 +1,7 @@
 """The pick-and-place primitive: suction gated on contact and seal, placing until contact, typed failure."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
@@ -10,32 +10,37 @@ import numpy as np
 from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.arms import CUP_RADIUS
+from grs_agents.sim.instance import Outcome
 from grs_agents.sim.motion import grasp
 from grs_agents.sim.motion.placement import format_point
 from grs_agents.sim.motion.tool_paths import (
+    UNDER,
+    Burden,
     Pace,
     ToolPose,
     candidate_routes,
+    common_direction,
+    find_rubbing_neighbours,
     max_obstacle_height_along,
     plan_joint_path,
     polar_path,
-    safe_pace_for_mass,
+    safe_pace,
     smoothstep,
     split_into_yaw_and_tilt,
     tool_up_axis,
 )
-from grs_agents.sim.world import HOLDING_FORCE, Physics, Prism
+from grs_agents.sim.world import HOLDING_FORCE, PEELING_MOMENT, Physics, Prism
 
 FREE_SPEED: Final = 1.2
 HELD_SPEED: Final = 0.8
 TOUCH_SPEED: Final = 0.06
+DRAWING_SPEED: Final = 0.1
+_HIGHEST_DRAW: Final = 0.12
+"""No farther than this, metres, is an object drawn out slowly."""
 _CLEARANCE: Final = 0.03
 ROPE_SPEED: Final = 0.2
 _ROPE_CLEARANCE: Final = 0.01
 """What is tied to other things is dragged rather than carried: slowly and low, else it flings about."""
-_CAREFUL, _LIGHT = 4.0, 12.0
-"""Acceleration of the last stretch of a way with an object and without, m/s^2: quicker, the arm would swing past its
-end and shove what stands there."""
 _LOWEST: Final = 0.001
 _UP: Final[FloatArray] = np.array([0.0, 0.0, 1.0])
 _PEELING, _RETREAT = 0.02, 0.06
@@ -53,13 +58,16 @@ class PickPlaceResult:
     grasped: int | None  # id of the object that was picked
     placed: bool  # it was brought to the place pose and let go there
     note: str  # one clause; "placed" when all went well
+    trouble: Outcome | None = None  # what kind of failure the note tells, if it has a name
 
 
 class PickPlace:
     """Picks with the suction cup, tool pointing down, and places, the tool tilted if the poses ask for it."""
 
-    def __init__(self, physics: Physics, obstacles: Sequence[Prism], names: dict[int, str]) -> None:
-        self.physics, self.obstacles, self.names = physics, obstacles, names
+    def __init__(self, physics: Physics, look: Callable[[], Sequence[Prism]], names: dict[int, str]) -> None:
+        """``look`` gives the outlines of everything as it stands now."""
+        self.physics, self.look, self.names = physics, look, names
+        self.obstacles = look()
         self.arm = physics.arm
         self.yaw, self.tilt = split_into_yaw_and_tilt(physics.suction_tip_rotation())
         self._hindrance = ""
@@ -71,11 +79,10 @@ class PickPlace:
         between = transforms.multiply_quaternions(transforms.to_unit_quaternion(place[1]), back)
         turn, tilt = split_into_yaw_and_tilt(between)
         ready = self._choose_pick_yaw(transforms.to_vec3(pick[0]), transforms.to_vec3(place[0]), turn)
-        grasped, note = self._pick_object(transforms.to_vec3(pick[0]), ready)
-        if grasped is None:
-            return PickPlaceResult(None, False, note)
-        note = self._place_object(grasped, ToolPose(transforms.to_vec3(place[0]), self.yaw + turn, tilt))
-        return PickPlaceResult(grasped, note == "placed", note)
+        picked = self._pick_object(transforms.to_vec3(pick[0]), ready)
+        if picked.grasped is None:
+            return picked
+        return self._place_object(picked.grasped, ToolPose(transforms.to_vec3(place[0]), self.yaw + turn, tilt))
 
     def _choose_pick_yaw(self, pick: Vec3, place: Vec3, turn: float) -> float:
         """The tool's yaw at which to pick so that the wrist's limits allow the turn to the place afterwards."""
@@ -93,11 +100,12 @@ class PickPlace:
                 return self.yaw + first
         return self.yaw
 
-    def _pick_object(self, point: Vec3, yaw: float) -> tuple[int | None, str]:
+    def _pick_object(self, point: Vec3, yaw: float) -> PickPlaceResult:
+        """Go down to a point and take hold of what is there."""
         physics = self.physics
         near = ToolPose((point[0], point[1], point[2] + 0.008), yaw)
         if not self._travel_over_obstacles(near, CUP_RADIUS + 0.04, 0.0, self.obstacles, FREE_SPEED):
-            return None, f"the arm cannot reach {format_point(point)} with the tool down{self._hindrance}"
+            return self._out_of_reach(point)
         lowest = ToolPose((point[0], point[1], max(_LOWEST, point[2] - 0.03)), yaw)
         aimed, met = physics.surface_height_below(*point[:2])[1], set[int]()
 
@@ -106,43 +114,55 @@ class PickPlace:
             return bool(physics.objects_touching_cup())
 
         if not self._descend_until(near, lowest, touches):
-            return None, f"the arm cannot reach {format_point(lowest.point)} with the tool down{self._hindrance}"
+            return self._out_of_reach(lowest.point)
         touched = sorted(physics.objects_touching_cup() & physics.world.welds.keys())
         if not touched:
-            fixed, why = sorted(physics.objects_touching_cup()), "nothing to grasp"
-            if fixed:
-                why = f"{self.names[fixed[0]]}, which is fixed,"
-            elif others := sorted(met - {aimed}):
-                goal = f", to {self.names[aimed]}" if aimed >= 0 else ""
-                why = f"{' and '.join(self.names[other] for other in others)} is in the arm's way on its way down{goal}"
-            return None, f"{why} at {format_point(point)}"
+            return self._explain_no_contact(point, aimed, met)
         best = max(touched, key=lambda number: grasp.cup_sealed_fraction(physics, number))
         share = grasp.cup_sealed_fraction(physics, best)
         if share < grasp.SEALED and best not in physics.world.beads:
             self._retreat_upwards()
             if aimed not in (best, -1):
-                return None, f"{self.names[best]} is in the cup's way, to {self.names[aimed]} at {format_point(point)}"
-            return None, (
-                f"the cup finds no seal on {self.names[best]} at {format_point(point)}: {share:.0%} of its lip lies on "
-                f"it, it needs {grasp.SEALED:.0%}"
-            )
+                way = f"{self.names[best]} is in the cup's way, to {self.names[aimed]} at {format_point(point)}"
+                return PickPlaceResult(None, False, way, "hindered")
+            seal = f"{share:.0%} of its lip lies on it, it needs {grasp.SEALED:.0%}"
+            note = f"the cup finds no seal on {self.names[best]} at {format_point(point)}: {seal}"
+            return PickPlaceResult(None, False, note, "no_seal")
         physics.cup.grasp(best)
-        return best, "grasped"
+        return PickPlaceResult(best, False, "grasped")
 
-    def _place_object(self, grasped: int, place: ToolPose) -> str:
+    def _out_of_reach(self, point: Vec3) -> PickPlaceResult:
+        note = f"the arm cannot reach {format_point(point)} with the tool down{self._hindrance}"
+        return PickPlaceResult(None, False, note, "unreachable")
+
+    def _explain_no_contact(self, point: Vec3, aimed: int, met: set[int]) -> PickPlaceResult:
+        """Why the cup, all the way down, came upon nothing that it could take; ``met``: what the robot touched."""
+        if fixed := sorted(self.physics.objects_touching_cup()):
+            note = f"{self.names[fixed[0]]}, which is fixed, at {format_point(point)}"
+            return PickPlaceResult(None, False, note, "unreachable")
+        if others := sorted(met - {aimed}):
+            goal = f", to {self.names[aimed]}" if aimed >= 0 else ""
+            names = " and ".join(self.names[other] for other in others)
+            note = f"{names} is in the arm's way on its way down{goal} at {format_point(point)}"
+            return PickPlaceResult(None, False, note, "hindered")
+        return PickPlaceResult(None, False, f"nothing to grasp at {format_point(point)}")
+
+    def _place_object(self, grasped: int, place: ToolPose) -> PickPlaceResult:
         physics = self.physics
         up = tool_up_axis(place.tilt)
         tilted = bool(up[2] < 1.0)
+        self._draw_out(grasped)
         radius, drop = self._held_object_extent(grasped)
         near = place.shifted_by(0.012 * up)
         if not self._carry_object(grasped, near, radius, drop, tilted):
             if physics.held_object_id is None:
                 note = self._describe_drop(grasped)
                 self._retreat_upwards()
-                return note
+                return PickPlaceResult(grasped, False, note, "dropped")
             self._put_down_held_object()
             how = f"over its neighbours to {format_point(place.point)}" + (" so tilted" if tilted else "")
-            return f"the arm cannot carry {self.names[grasped]} {how}{self._hindrance}"
+            note = f"the arm cannot carry {self.names[grasped]} {how}{self._hindrance}"
+            return PickPlaceResult(grasped, False, note, "unreachable")
         deepest = max(drop - 0.01, place.point[2] - 0.25, _LOWEST)
         lowest = place.shifted_by(-0.03 * up) if tilted else ToolPose((*place.point[:2], deepest), place.yaw)
         self._descend_until(
@@ -151,7 +171,22 @@ class PickPlace:
         physics.step(10)
         held = physics.held_object_id == grasped
         self._release_and_retreat(up)
-        return "placed" if held else self._describe_drop(grasped)
+        if held:
+            return PickPlaceResult(grasped, True, "placed")
+        return PickPlaceResult(grasped, False, self._describe_drop(grasped), "dropped")
+
+    def _draw_out(self, number: int) -> None:
+        """Lift an object slowly from between its neighbours, a little away from them, up to where it stands clear, and
+        look anew: what rubs against them drags them along, the more the faster it goes, or tips off the cup."""
+        if number in self.physics.world.limp:
+            return
+        beside = find_rubbing_neighbours(number, self.obstacles)
+        if beside:
+            rise = min(max(height for height, _ in beside) + UNDER, _HIGHEST_DRAW)
+            here = self._current_tool_pose()
+            apart = here.shifted_by(UNDER * (_UP + common_direction([away for _, away in beside])))
+            self._follow_tool_poses((here, apart, apart.shifted_by(rise * _UP)), DRAWING_SPEED)
+            self.obstacles = self.look()
 
     def _held_object_extent(self, number: int) -> tuple[float, float]:
         """How far an object reaches from the tip to the side, and below it, metres."""
@@ -180,10 +215,10 @@ class PickPlace:
             return f"{name} was dropped on the way"
         weight, touched = self.physics.object_mass(number), sorted(self.physics.objects_touching_object(number))
         hit = f" as it hit {' and '.join(self.names[other] for other in touched)}" if touched else ""
-        return (
-            f"{name} ({weight:.2g} kg) slipped off the cup, which holds {HOLDING_FORCE:.0f} N: "
-            f"it pulled with {slip.load:.0f} N{hit}"
-        )
+        how = f"slipped off the cup, which holds {HOLDING_FORCE:.0f} N: it pulled with {slip.load:.0f} N"
+        if slip.load <= HOLDING_FORCE:
+            how = f"tipped off the cup, which bears {PEELING_MOMENT:.2f} N m: it bent it with {slip.moment:.2f} N m"
+        return f"{name} ({weight:.2g} kg) {how}{hit}"
 
     def _put_down_held_object(self) -> None:
         physics, held, tip = self.physics, self.physics.held_object_id, self._current_tool_pose()
@@ -221,7 +256,7 @@ class PickPlace:
         """Go over the table to a pose and down to it, each leg just above what lies within ``radius`` (m) of it.
         ``drop`` (m) is how far what hangs from the cup reaches below it. False if there was no way (the arm has not
         moved) or the cup let go, where it stops."""
-        tip, held, self._hindrance = self.physics.tip_position, self.physics.held_object_id, ""
+        tip, held, self._hindrance = self._current_tool_pose().point, self.physics.held_object_id, ""
         for route in candidate_routes(tip, end.point):
             way: list[Vec3] = [tip]
             for start, stop in pairwise(route):
@@ -247,15 +282,12 @@ class PickPlace:
     def _follow_tool_poses(self, poses: Sequence[ToolPose], speed: float) -> bool:
         """Follow straight stretches; False, without moving, if the arm cannot or would hit the table or itself."""
         physics = self.physics
-        mass = None if physics.held_object_id is None else physics.object_mass(physics.held_object_id)
-        gait = safe_pace_for_mass(speed, mass, physics.timestep)
-        careful = replace(
-            gait, acceleration=min(gait.acceleration, _LIGHT if physics.held_object_id is None else _CAREFUL)
-        )
+        burden = None if physics.held_object_id is None else self._burden(physics.held_object_id)
         legs: list[FloatArray] = []
         seed = physics.commanded_joint_positions
         for start, end in pairwise(poses):
-            legs.append(plan_joint_path(self.arm, start, end, careful if end is poses[-1] else gait, seed))
+            gait = safe_pace(speed, burden, physics.timestep, _level_share(start.point, end.point))
+            legs.append(plan_joint_path(self.arm, start, end, gait, seed))
             seed = legs[-1][-1]
             if not np.isfinite(seed).all():
                 return False
@@ -269,6 +301,11 @@ class PickPlace:
         physics.wait_for_joint_positions(legs[-1][-1])
         self.yaw, self.tilt = poses[-1].yaw, poses[-1].tilt
         return True
+
+    def _burden(self, number: int) -> Burden:
+        """An object as the cup feels it, were it to hold it where the tip is now, the tool down."""
+        x, y, z = np.subtract(self.physics.center_of_mass(number), self.physics.tip_position).tolist()
+        return Burden(self.physics.object_mass(number), float(np.hypot(x, y)), max(0.0, -z))
 
     def _descend_until(self, start: ToolPose, end: ToolPose, stop: Callable[[], bool]) -> bool:
         """Feel the way until ``stop``; False, without moving, if the arm cannot go all of it."""
@@ -287,3 +324,9 @@ class PickPlace:
         if gap is not None:
             self._hindrance = f": {gap}"
         return gap is None
+
+
+def _level_share(start: Vec3, end: Vec3) -> float:
+    """How much of a straight way is level: 0 straight up or down, 1 over the table or on the spot."""
+    length = float(np.linalg.norm(np.subtract(end, start)))
+    return float(np.hypot(end[0] - start[0], end[1] - start[1])) / length if length > 1e-6 else 1.0

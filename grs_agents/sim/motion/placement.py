@@ -42,15 +42,15 @@ def sample_free_pose(
         yaw = float(rng.uniform(-np.pi, np.pi))
         outline = rectangle_outline((0.0, 0.0), (x, y), yaw)
         offsets = rng.uniform(bounds[:2, 0], bounds[:2, 1], size=(_BATCH, 2))
-        free = _free_position_mask(outline, z, offsets, bounds, obstacles, arm, gap)
-        if free.any():
-            chosen = offsets[int(np.argmax(free))]
+        free = _find_free_rows(outline, z, offsets, bounds, obstacles, arm, gap)
+        if len(free):
+            chosen = offsets[free[0]]
             rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, yaw))
             return (float(chosen[0]), float(chosen[1]), z / 2), rotation
     return None
 
 
-def _free_position_mask(
+def _find_free_rows(
     outline: FloatArray,
     top: float,
     offsets: FloatArray,
@@ -58,15 +58,17 @@ def _free_position_mask(
     others: Sequence[Prism],
     arm: Arm,
     gap: float,
-) -> npt.NDArray[np.bool_]:
+) -> npt.NDArray[np.intp]:
     (x0, x1), (y0, y1) = bounds[:2]
     around = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
-    free = margins_inside_outline(outline, around, offsets) >= 0
-    for height in (top, top + 0.15):
-        free &= arm.reachable_mask(np.column_stack([offsets, np.full(len(offsets), height)]))
+    rows = np.flatnonzero(margins_inside_outline(outline, around, offsets) >= 0)
     for other in others:
-        free &= signed_outline_gaps(outline, other.outline, offsets) >= gap
-    return free
+        if not len(rows):
+            return rows
+        rows = rows[signed_outline_gaps(outline, other.outline, offsets[rows]) >= gap]
+    for height in (top, top + 0.15):
+        rows = rows[arm.reachable_mask(np.column_stack([offsets[rows], np.full(len(rows), height)]))]
+    return rows
 
 
 @dataclass(frozen=True)
@@ -118,11 +120,12 @@ def find_free_spot(
 ) -> Spot | None:
     """A place inside a region where an object rests on the lowest level there is, clear of its neighbours.
 
-    ``yaws`` are tried in order; ``suits`` says which offsets (N, 2) and rest heights (N,) the arm can serve. With
-    ``spread``, places far from the edge and from others but close to ``near`` are preferred, else the far corner; with
-    ``stack``, any level will do.
+    Of ``yaws`` the first one is taken with which it rests lowest; ``suits`` says which offsets (N, 2) and rest heights
+    (N,) the arm can serve. With ``spread``, places far from the edge and from others but close to ``near`` are
+    preferred, else the far corner; with ``stack``, any level will do.
     """
     offsets = region.grid_points(float(np.clip(min(region.size) / 24, 0.003, 0.015)))
+    best: Spot | None = None
     for angle in yaws:
         shape = rotated_outline_at_origin(body, np.asarray(center[:2]), angle)
         within = margins_inside_outline(shape.outline, region.corner_points, offsets) >= 0.0005
@@ -133,22 +136,26 @@ def find_free_spot(
         heights = rest_heights_at_offsets(shape, neighbours, inside, gap)
         resting = heights if stack else rest_heights_at_offsets(shape, neighbours, inside, -0.002)
         floor = float(resting.min())
-        level = (heights <= max(floor, 0.0) + _LEVEL) if not stack else np.ones(len(heights), dtype=bool)
-        good = level & suits(inside, heights)
-        steady = good & _centre_held_mask(inside, heights, neighbours)
-        good = steady if steady.any() else good
-        if good.any():
-            chosen = _choose_spot_index(inside[good], heights[good], region, near or region.center if spread else None)
-            point = inside[good][chosen]
-            return Spot((float(point[0]), float(point[1])), angle, float(heights[good][chosen]))
-    return None
+        rows = np.arange(len(heights)) if stack else np.flatnonzero(heights <= max(floor, 0.0) + _LEVEL)
+        rows = rows[suits(inside[rows], heights[rows])]
+        steady = rows[_centre_held_mask(inside[rows], heights[rows], neighbours)]
+        rows = steady if len(steady) else rows
+        if len(rows):
+            points, levels = inside[rows], heights[rows]
+            chosen = _choose_spot_index(points, levels, region, near or region.center if spread else None)
+            spot = Spot((float(points[chosen, 0]), float(points[chosen, 1])), angle, float(levels[chosen]))
+            if best is None or spot.height < best.height - _LEVEL:
+                best = spot
+            if best.height <= _LEVEL:
+                break  # on the table, or on a floor: nothing is lower
+    return best
 
 
 def _centre_held_mask(offsets: FloatArray, heights: FloatArray, obstacles: Sequence[Prism]) -> npt.NDArray[np.bool_]:
     """Where (N,) a body's centre is over what carries it: it will not tip, as it would on a rim."""
     supported = heights < _FLUSH
     for prism in obstacles:
-        near = np.abs(heights - prism.high) < _FLUSH
+        near = ~supported & (np.abs(heights - prism.high) < _FLUSH)
         if near.any():
             supported |= near & (margins_inside_outline(np.zeros((1, 2)), prism.outline, offsets) > 0)
     return supported

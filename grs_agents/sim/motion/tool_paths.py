@@ -9,16 +9,25 @@ import numpy as np
 from grs_agents.base import Quat, Vec3
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.arms import Arm, rotations_about_z, trapezoidal_profile
-from grs_agents.sim.world import HOLDING_FORCE, Prism
+from grs_agents.sim.world import (
+    GRAVITY,
+    HOLDING_FORCE,
+    PEELING_MOMENT,
+    Prism,
+    find_nearby_prisms,
+    nearest_point_of_outline,
+    signed_outline_gaps,
+)
 
 _DETOURS: Final = (0.35, 0.45, 0.28, 0.55, 0.70)
 _UPRIGHT: Final = 0.02
 """Tilts below this are none, radians."""
-_SHARE: Final = 0.7
-"""How much of the cup's holding force the arm's own motion may use."""
-_GRAVITY: Final = 9.81
-_SLOWEST, _QUICKEST = 0.5, 40.0
-"""Metres a second squared: what a heavy thing gets all the same, and what the joints' torques allow for a moment."""
+_SHARE: Final = 0.5
+"""How much of the cup's holding force and of its moment weight and motion may use: cups' makers ask for twofold safety
+where things move."""
+_SLOWEST, _QUICKEST = 0.5, 12.0
+"""Metres a second squared: what a heavy thing gets all the same, and what the joints' torques allow: with 20 the arm
+leaves its path."""
 _EASY, _RAMP = 8.0, 0.1
 """Metres a second squared at most, and seconds at least, in which a long way reaches its speed."""
 
@@ -46,10 +55,30 @@ class Pace:
     even: bool = False
 
 
-def safe_pace_for_mass(speed: float, mass: float | None, timestep: float) -> Pace:
-    """How to move with ``mass`` (kg; None: nothing) on the cup, so that its own inertia does not tear it off."""
-    spare = _QUICKEST if mass is None else min(_QUICKEST, _SHARE * HOLDING_FORCE / max(mass, 1e-6) - _GRAVITY)
-    return Pace(speed, float(max(spare, _SLOWEST)), timestep)
+@dataclass(frozen=True)
+class Burden:
+    """What is on the cup: its mass (kg), and how far (m) its centre is from the tip, to the side and along the tool."""
+
+    mass: float
+    aside: float
+    below: float
+
+    @property
+    def bends_too_hard(self) -> bool:
+        """Whether its weight, with the gentlest motion, bends it off the cup."""
+        return self.mass * (GRAVITY * self.aside + _SLOWEST * (self.aside + self.below)) > PEELING_MOMENT
+
+    def safe_acceleration(self, level: float) -> float:
+        """What its inertia stands without tearing it off, m/s^2, on a way of which a share ``level`` is level."""
+        mass = max(self.mass, 1e-6)
+        pulled = _SHARE * HOLDING_FORCE / mass - GRAVITY
+        bent = (_SHARE * PEELING_MOMENT / mass - GRAVITY * self.aside) / max(self.aside + level * self.below, 1e-3)
+        return max(min(pulled, bent), _SLOWEST)
+
+
+def safe_pace(speed: float, burden: Burden | None, timestep: float, level: float = 1.0) -> Pace:
+    """How to move with something on the cup, or nothing, so that its own inertia does not tear it off."""
+    return Pace(speed, _QUICKEST if burden is None else min(_QUICKEST, burden.safe_acceleration(level)), timestep)
 
 
 def split_into_yaw_and_tilt(rotation: Quat) -> tuple[float, Vec3]:
@@ -90,17 +119,18 @@ def polar_path(start: Vec3, end: Vec3, share: FloatArray) -> FloatArray:
 
 
 def smoothstep(samples: int) -> FloatArray:
-    """Shares (samples,) of a way, 0..1, that begin and end slowly."""
+    """Shares (samples,) of a way, 0..1, that begin and end without speed or acceleration."""
     share = np.linspace(0.0, 1.0, samples)
-    return share * share * (3 - 2 * share)
+    return share**3 * (10 - share * (15 - 6 * share))
 
 
 def motion_profile(length: float, gait: Pace) -> FloatArray:
     """Shares (N,) of a way of ``length`` metres, 0..1, one a time step: the sooner there of two ways to go.
     A short way begins and ends as smoothly as its time allows; a long one goes at full speed between two ramps."""
     if gait.even:
-        return np.linspace(0.0, 1.0, max(4, int(length / gait.speed / gait.timestep)))
-    smoothly = max(1.5 * length / gait.speed, float(np.sqrt(6 * length / gait.acceleration)))
+        seconds = length / gait.speed + _RAMP / 2
+        return trapezoidal_profile(max(4, int(seconds / gait.timestep)), min(0.5, _RAMP / 2 / seconds))
+    smoothly = max(1.875 * length / gait.speed, float(np.sqrt(5.774 * length / gait.acceleration)))
     ramp = max(gait.speed / min(gait.acceleration, _EASY), _RAMP)
     fast = length / gait.speed + ramp
     if fast < smoothly and 2 * ramp < fast:
@@ -142,3 +172,35 @@ def candidate_routes(start: Vec3, end: Vec3) -> list[list[Vec3]]:
         corners = [(radius * float(np.cos(angle)), radius * float(np.sin(angle)), start[2]) for angle in sides]
         ways.append([start, *corners, end])
     return ways
+
+
+_RUBBING, UNDER = 0.01, 0.005
+"""Nearer to the side than the first, and higher than the second over an object's underside, a neighbour may rub against
+it, metres."""
+
+
+def find_rubbing_neighbours(number: int, obstacles: Sequence[Prism]) -> list[tuple[float, FloatArray]]:
+    """How high (m) over an object's underside each thing beside it reaches, and the level way (3,) from it."""
+    others = [other for other in obstacles if other.owner != number]
+    return [
+        (other.high - part.low, _direction_away(part, other))
+        for part in obstacles
+        if part.owner == number
+        for other in find_nearby_prisms(part, others, (0.0, 0.0), _RUBBING)
+        if other.high > part.low + UNDER
+        and signed_outline_gaps(part.outline, other.outline, np.zeros((1, 2)))[0] < _RUBBING
+    ]
+
+
+def _direction_away(part: Prism, other: Prism) -> FloatArray:
+    """The level unit vector (3,) from one outline to another beside it."""
+    center = part.outline.mean(axis=0)
+    away = center - nearest_point_of_outline(other.outline, center)
+    return np.array([*away / max(float(np.linalg.norm(away)), 1e-9), 0.0])
+
+
+def common_direction(directions: Sequence[FloatArray]) -> FloatArray:
+    """A unit vector (3,) that leads the way of all directions; none, (0, 0, 0), where one leads against another."""
+    total = np.sum(directions, axis=0)
+    common = total / max(float(np.linalg.norm(total)), 1e-9)
+    return common if min(float(common @ direction) for direction in directions) > 0 else np.zeros(3)

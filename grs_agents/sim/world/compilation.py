@@ -1,8 +1,10 @@
 """Typed objects become a MuJoCo model: colliders, the arm, the table top at z = 0, one suction weld a body. Ties are
 joints of ropes and what is fixed to another object. The arm's own room is kept clear before anything is placed."""
 
+import copy
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -81,7 +83,13 @@ class World:
     arm: Arm  # its joints are the first positions, speeds and controls
     # ids of what a point ties to another, as ropes: it gives way to the cup, and hangs freely
     limp: frozenset[int] = frozenset()
+    joined: Mapping[int, frozenset[int]] = field(default_factory=dict[int, frozenset[int]])  # ids of rigid compounds
     beads: frozenset[int] = frozenset()  # those of them that are so small that the cup always seals
+
+    @cached_property
+    def owner_of_geom(self) -> npt.NDArray[np.int_]:
+        """``owners`` as an array."""
+        return np.asarray(self.owners)
 
 
 def load_object_model(item: InstanceObject, library: Library) -> ObjectModel:
@@ -169,7 +177,17 @@ def build_world(
         _use_iterative_solver(spec)
     _add_suction_welds(spec, graspable, timestep)
     add_tie_constraints(spec, ties, timestep)
-    return _make_indexed_world(_compile_spec(spec), arm, models, free, graspable, find_object_ids_in_point_ties(ties))
+    return _make_indexed_world(_compile_spec(spec), arm, models, free, graspable, ties)
+
+
+def _group_rigidly_tied_objects(ties: Sequence[InstanceTie]) -> dict[int, frozenset[int]]:
+    """For each object that a tie fixes to another all objects that move as one with it, itself among them."""
+    groups: dict[int, frozenset[int]] = {}
+    for tie in ties:
+        if tie.kind == "fixed":
+            whole = groups.get(tie.parent, frozenset({tie.parent})) | groups.get(tie.child, frozenset({tie.child}))
+            groups |= dict.fromkeys(whole, whole)
+    return groups
 
 
 def _make_indexed_world(
@@ -178,9 +196,10 @@ def _make_indexed_world(
     models: Mapping[int, ObjectModel],
     free: Sequence[int],
     graspable: Sequence[int],
-    limp: frozenset[int],
+    ties: Sequence[InstanceTie],
 ) -> World:
     """A compiled model with the places of everything in it; ``models`` and the rest by ids of objects."""
+    limp = find_object_ids_in_point_ties(ties)
     bodies = {number: int(model.body(f"object_{number}").id) for number in models}
     owner_of = {body: number for number, body in bodies.items()}
     return World(
@@ -195,8 +214,15 @@ def _make_indexed_world(
         tip_site=int(model.site("tip").id),
         arm=arm,
         limp=limp,
+        joined=_group_rigidly_tied_objects(ties),
         beads=frozenset(number for number in limp if max(models[number].size) <= LARGEST_BEAD),
     )
+
+
+def copy_world(built: World) -> World:
+    """A world of its own, as it was compiled."""
+    model = copy.copy(built.model)
+    return replace(built, model=model, data=mujoco.MjData(model))
 
 
 def _compile_spec(spec: Any) -> Any:

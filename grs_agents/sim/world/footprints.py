@@ -1,7 +1,7 @@
 """Exact outlines of objects seen from above: upright prisms around each collider, and how far apart they are."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Concatenate, ParamSpec, TypeVar
 
@@ -15,6 +15,8 @@ Value = TypeVar("Value")
 Rest = ParamSpec("Rest")
 _CIRCLE = 12
 _REMEMBERED = 512
+_ENDLESS = 10.0
+"""A height that no arm on a table reaches, metres."""
 
 
 def cached_per_model(
@@ -49,10 +51,15 @@ class Prism:
         low, high = self.outline.min(axis=0), self.outline.max(axis=0)
         return (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
 
+    @cached_property
+    def without_top(self) -> "Prism":
+        """The same prism rising without end: things can stand beside it, and not on it."""
+        return replace(self, high=_ENDLESS)
+
 
 def convex_hull(points: FloatArray) -> FloatArray:
     """The convex hull of points (N, 2) as a counter-clockwise outline (K, 2)."""
-    ordered = sorted({(round(float(x), 7), round(float(y), 7)) for x, y in points})
+    ordered: list[tuple[float, float]] = sorted({(x, y) for x, y in np.round(points, 7).tolist()})
     if len(ordered) < 3:
         return np.array(ordered, dtype=np.float64)
 
@@ -150,6 +157,25 @@ def object_prism_at_pose(model: ObjectModel, pose: Pose, owner: int = -1) -> Pri
     return Prism(convex_hull(points[:2].T), float(points[2].min()), float(points[2].max()), owner)
 
 
+@cached_per_model
+def _known_prisms(model: ObjectModel) -> dict[tuple[Pose, int], tuple[list[Prism], Prism]]:
+    """Those of an object by its pose and owner: each reset of an environment puts most objects where they were."""
+    del model
+    return {}
+
+
+def find_prisms_at_pose(model: ObjectModel, pose: Pose, owner: int) -> tuple[list[Prism], Prism]:
+    """The prisms of an object's colliders, and the one around the whole of it; remembered."""
+    known = _known_prisms(model)
+    if (pose, owner) not in known:
+        if len(known) >= _REMEMBERED:
+            known.clear()
+        parts = collider_prisms_at_pose(model, pose, owner)
+        whole = parts[0] if len(parts) == 1 else object_prism_at_pose(model, pose, owner)
+        known[pose, owner] = parts, whole
+    return known[pose, owner]
+
+
 def rectangle_outline(center: tuple[float, float], size: tuple[float, float], yaw: float) -> FloatArray:
     """The outline (4, 2) of a turned rectangle."""
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.asarray(size) / 2
@@ -173,7 +199,7 @@ def signed_outline_gaps(moving: FloatArray, still: FloatArray, offsets: FloatArr
     """Gaps (N,) of two convex outlines, ``moving`` at each of ``offsets`` (N, 2); negative where they overlap."""
     if len(moving) < 3 or len(still) < 3:
         return np.full(len(offsets), np.inf)
-    axes = np.vstack([_outward_edge_normals(moving), _outward_edge_normals(still)])
+    axes = np.concatenate([_outward_edge_normals(moving), _outward_edge_normals(still)])
     own, other, shift = moving @ axes.T, still @ axes.T, offsets @ axes.T
     before = other.min(axis=0) - (own.max(axis=0) + shift)
     after = own.min(axis=0) + shift - other.max(axis=0)

@@ -12,7 +12,7 @@ from grs_agents.sim.arms import DOWN, ROBOT_CONTYPE, joint_paths
 from grs_agents.sim.instance import InstanceObject, SimulationError
 from grs_agents.sim.world.budget import Budget
 from grs_agents.sim.world.compilation import World, reset_world_to_poses
-from grs_agents.sim.world.suction import Cup
+from grs_agents.sim.world.suction import Cup, is_supported
 
 _STILL: Final = 0.01
 """Slower than this is at rest, m/s."""
@@ -20,6 +20,8 @@ _GLANCE, _SURGE = 4, 0.2
 """Steps that show whether all rests as it was put down, and how much of that speed may be gained in one of them."""
 _ARRIVED: Final = 0.002
 """Radians from the end of a motion at which the next one begins: 1 mm of the tip."""
+_TOP_SPEED: Final = 0.95
+"""How much of its joints' speeds the arm is told to use, since it swings a little beyond."""
 _GENTLE: Final = 0.15
 """Fastest a body may be pushed out of another while the scene settles at reset, m/s."""
 _WARNINGS: Final = (
@@ -55,8 +57,8 @@ class Physics:
             joints = self.arm.home_joints
         self.data.qpos[: self.dof] = joints
         self.data.ctrl[: self.dof] = joints
-        gain = self.model.actuator_gainprm[: self.dof, 0]
-        self._lead: FloatArray = -self.model.actuator_biasprm[: self.dof, 2] / gain
+        self._stiffness: FloatArray = np.array(self.model.actuator_gainprm[: self.dof, 0])
+        self._lead: FloatArray = -self.model.actuator_biasprm[: self.dof, 2] / self._stiffness
         self.cup = Cup(world, self.data)
         self.observer: Callable[[], None] | None = None
         self._check_contact_count()
@@ -144,8 +146,19 @@ class Physics:
             cup.release_if_overloaded(part)
 
     def object_mass(self, number: int) -> float:
-        """Of an object, kg."""
-        return float(self.model.body_mass[self.world.bodies[number]])
+        """Of an object with what is rigidly tied to it, kg."""
+        return float(self.model.body_mass[self._joined_bodies(number)].sum())
+
+    def center_of_mass(self, number: int) -> Vec3:
+        """Of an object with what is rigidly tied to it, metres."""
+        bodies = self._joined_bodies(number)
+        if len(bodies) == 1:  # which may be fixed, and have no mass
+            return transforms.to_vec3(self.data.xipos[bodies[0]])
+        weights: FloatArray = self.model.body_mass[bodies]
+        return transforms.to_vec3(weights @ self.data.xipos[bodies] / weights.sum())
+
+    def _joined_bodies(self, number: int) -> list[int]:
+        return [self.world.bodies[one] for one in self.world.joined.get(number, (number,))]
 
     def max_free_body_speed(self) -> float:
         """The fastest free body, m/s (turning counts a radian as 0.1 m)."""
@@ -156,6 +169,11 @@ class Physics:
             return 0.0
         velocity = np.abs(velocities.reshape(-1, 6))
         return float(max(velocity[:, :3].max(), 0.1 * velocity[:, 3:].max()))
+
+    @property
+    def is_asleep(self) -> bool:
+        """Whether MuJoCo has put every free body to sleep: nothing moves any more by itself."""
+        return not self.data.tree_awake[self.model.dof_treeid[self.dof :]].any()
 
     def object_speed(self, number: int) -> float:
         """The speed of one object, m/s (turning counts a radian as 0.1 m); 0 for what cannot move."""
@@ -200,7 +218,7 @@ class Physics:
 
     def objects_touching_object(self, number: int) -> set[int]:
         """Ids of the other objects that an object touches."""
-        owners = np.asarray(self.world.owners)[self.data.contact.geom]
+        owners = self.world.owner_of_geom[self.data.contact.geom]
         return set(owners[(owners == number).any(axis=1)].ravel().tolist()) - {-1, number}
 
     def objects_touching_robot(self) -> set[int]:
@@ -211,14 +229,7 @@ class Physics:
 
     def is_object_supported(self, number: int) -> bool:
         """Whether something other than the robot holds the object up."""
-        if self.data.ncon == 0:
-            return False
-        owners = np.asarray(self.world.owners)
-        pairs = self.data.contact.geom
-        mine = (owners[pairs] == number).any(axis=1)
-        upright = np.abs(self.data.contact.frame[:, 2]) > 0.7
-        robot = (self.model.geom_contype[pairs] == ROBOT_CONTYPE).any(axis=1)
-        return bool((mine & upright & ~robot).any())
+        return is_supported(self.world, self.data, number)
 
     @property
     def held_object_id(self) -> int | None:
@@ -226,11 +237,15 @@ class Physics:
         return self.cup.held
 
     def follow_joint_path(self, path: FloatArray, stop: Callable[[], bool] | None = None) -> bool:
-        """Drive the arm through joint positions (N, dof), one a time step; True if ``stop`` (asked each time) held."""
+        """Drive the arm through joint positions (N, dof), one a time step or slower, as its joints' speeds allow;
+        True if ``stop`` (asked each time) held."""
+        path = joint_paths.slow_to_speed_limits(path, self.timestep, _TOP_SPEED * self.arm.joint_speed_limits)
         rate = joint_paths.joint_speeds(path, self.timestep)
         # A free hand is content with half the rate; what is held would be shaken off by its coarser steps.
         stride = 2 if self.cup.held is None else 1
-        commands = path[stride - 1 :: stride] + rate[stride - 1 :: stride] * self._lead
+        # Ahead by what damping and inertia cost, the arm keeps to its path; else it would swing out to the side.
+        torque = joint_paths.joint_speeds(rate, self.timestep) @ self.arm.inertia_matrix(path[len(path) // 2])
+        commands = (path + rate * self._lead + torque / self._stiffness)[stride - 1 :: stride]
         control, dof = self.data.ctrl, self.dof
         for command in commands:
             control[:dof] = command

@@ -6,21 +6,42 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.arms import ROBOT_CONTYPE
+from grs_agents.sim.arms import CUP_RADIUS, ROBOT_CONTYPE
 from grs_agents.sim.world.compilation import World
 
 HOLDING_FORCE: Final = 15.0
 """What the suction cup holds, newtons: 60 kPa below the air's pressure on a disk of 20 mm (18.8 N), times 0.8."""
+GRAVITY: Final = 9.81
+"""Metres a second squared."""
+PEELING_MOMENT: Final = HOLDING_FORCE * CUP_RADIUS
+"""What bends the cup's lip off, newton metres: so much tips a disk, which that force holds, over its edge."""
 WATCHED: Final = 4
 """Time steps between two looks at the load of the cup; two looks in succession over the limit break the hold."""
 
 
+_UPRIGHT: Final = 0.7
+"""A contact whose normal rises by more than this carries what lies on it."""
+
+
 @dataclass(frozen=True)
 class Slip:
-    """An object that was torn off the cup: its id, and the load on the cup then, newtons."""
+    """An object that was torn off the cup: its id, and the load (N) and the moment (N m) on the cup then."""
 
     number: int
     load: float
+    moment: float
+
+
+def is_supported(world: World, data: Any, number: int) -> bool:
+    """Whether something other than the robot holds an object up."""
+    if data.ncon == 0:
+        return False
+    pairs = data.contact.geom
+    mine = world.owner_of_geom[pairs] == number
+    robot = (world.model.geom_contype[pairs] == ROBOT_CONTYPE).any(axis=1)
+    upwards = data.contact.frame[:, 2]  # what the first of a pair does to the second
+    held_up = (mine[:, 0] & (upwards < -_UPRIGHT)) | (mine[:, 1] & (upwards > _UPRIGHT))
+    return bool((held_up & ~robot).any())
 
 
 class Cup:
@@ -32,6 +53,8 @@ class Cup:
         self.slip: Slip | None = None  # how the last object that was held was torn off
         self.due = WATCHED  # time steps until the load is to be looked at
         self._strained = False
+        self._dof, self._weight = world.arm.dof, 0.0
+        self._jacobian = np.zeros((3, world.model.nv))
         self._set_cup_collisions(True)
 
     def grasp(self, number: int) -> None:
@@ -47,6 +70,8 @@ class Cup:
         row[10] = float(number not in world.limp)  # how stiffly it holds the rotation
         data.eq_active[weld] = 1
         self.held, self.slip, self.due, self._strained = number, None, WATCHED, False
+        self._weight = float(world.model.body_mass[body]) * GRAVITY
+        self._bear_weight(number)
         self._set_cup_collisions(False)
 
     def release(self) -> None:
@@ -54,33 +79,56 @@ class Cup:
         if self.held is not None:
             self._data.eq_active[self._world.welds[self.held]] = 0
             self._set_cup_collisions(True)
+        self._data.qfrc_applied[: self._dof] = 0.0
         self.held = None
+
+    def _bear_weight(self, number: int) -> None:
+        """Let the arm bear the weight of what it holds where it is now, as arms do that are told what they carry: else
+        the load would draw the tip down and aside."""
+        world, data = self._world, self._data
+        if number not in world.limp:
+            mujoco.mj_jacSite(world.model, data, self._jacobian, None, world.tip_site)
+            data.qfrc_applied[: self._dof] = self._weight * self._jacobian[2, : self._dof]
 
     def _set_cup_collisions(self, on: bool) -> None:
         """Whether the cup meets objects: while it holds one, the weld alone acts between them, and none fights it."""
         self._world.model.geom_contype[self._world.cup_geom] = ROBOT_CONTYPE if on else 0
 
     def release_if_overloaded(self, steps: int) -> None:
-        """Count time steps, and let go of an object that has pulled too hard at two looks in succession."""
+        """Count time steps, and let go of an object that has pulled or bent too hard at two looks in succession.
+        What something carries may bend the cup: its lip gives way by the little that is needed, and nothing tips."""
         self.due -= steps
         if self.due > 0:
             return
         self.due = WATCHED
         if self.held is None:
             return
-        load, before = self.measure_load_force(), self._strained
-        self._strained = load > HOLDING_FORCE
+        self._bear_weight(self.held)
+        (load, moment), before = self.measure_load(self.held), self._strained
+        bent = moment > PEELING_MOMENT and not is_supported(self._world, self._data, self.held)
+        self._strained = load > HOLDING_FORCE or bent
         if self._strained and before:
             number = self.held
             self.release()
-            self.slip = Slip(number, load)
+            self.slip = Slip(number, load, moment)
 
-    def measure_load_force(self) -> float:
-        """How hard what is held pulls at the cup and shears along it, newtons; pressing on it is no load."""
-        if self.held is None:
-            return 0.0
+    def measure_load(self, number: int) -> tuple[float, float]:
+        """How hard the object that is held pulls at the cup and shears along it, newtons (pressing on it is no load),
+        and how hard it bends the cup, newton metres about the tip across its axis; none for what hangs freely."""
+        world, data = self._world, self._data
         # Equalities come first among the constraints, and of all the welds to the cup one alone is active.
-        x, y, z = self._data.efc_force[:3].tolist()
-        _, _, a, _, _, b, _, _, c = self._data.site_xmat[self._world.tip_site].tolist()
+        x, y, z, p, q, r = data.efc_force[:6].tolist()
+        _, _, a, _, _, b, _, _, c = data.site_xmat[world.tip_site].tolist()
         pressing = max(0.0, -(x * a + y * b + z * c))
-        return float(max(0.0, x * x + y * y + z * z - pressing * pressing) ** 0.5)
+        load = max(0.0, x * x + y * y + z * z - pressing * pressing) ** 0.5
+        if number in world.limp:
+            return load, 0.0
+        body = world.bodies[number]
+        # The weld acts at the object's origin; its rows for the rotation are half the torque, in the object's frame.
+        i, j, k = (data.xpos[body] - data.site_xpos[world.tip_site]).tolist()
+        xx, xy, xz, yx, yy, yz, zx, zy, zz = data.xmat[body].tolist()
+        u = (xx * p + xy * q + xz * r) / 2 + j * z - k * y
+        v = (yx * p + yy * q + yz * r) / 2 + k * x - i * z
+        w = (zx * p + zy * q + zz * r) / 2 + i * y - j * x
+        twist = u * a + v * b + w * c
+        return load, max(0.0, u * u + v * v + w * w - twist * twist) ** 0.5

@@ -6,11 +6,11 @@ import pytest
 from sim_scenes import Scripted, at
 
 from grs_agents.sim import Environment
-from grs_agents.sim.motion import find_grasp
+from grs_agents.sim.motion import Grasp, find_grasp
 
 URDF = """<robot name="thing"><link name="thing">
   <inertial><mass value="{mass}"/></inertial>
-  <visual><geometry>{shape}</geometry></visual><collision><geometry>{shape}</geometry></collision>
+  <collision><geometry>{shape}</geometry></collision>
 </link></robot>"""
 
 
@@ -65,6 +65,8 @@ def test_the_cup_finds_no_seal_on_a_small_ball_nor_on_an_edge(single) -> None:
     result = env.pick_place(at(x, y, z + 0.009), at(0.45, 0.2, 0.04))
     assert result.grasped is None
     assert "finds no seal on thing.urdf" in result.note
+    assert result.trouble == "no_seal"
+    assert find_grasp(env.physics, 1, env.object_prism(1)) == Grasp(None, (), "no_seal")
     env = single(*box(0.04, 0.04, 0.04), 0.5, 0)
     assert "finds no seal" in env.pick_place(at(0.519, 0, 0.04), at(0.45, 0.2, 0.04)).note
     assert env.pick_place(at(0.51, 0, 0.04), at(0.45, 0.2, 0.04)).note == "placed"
@@ -72,7 +74,7 @@ def test_the_cup_finds_no_seal_on_a_small_ball_nor_on_an_edge(single) -> None:
 
 def test_the_hold_is_where_the_cup_seals(single) -> None:
     env = single(*box(0.06, 0.03, 0.04), 0.5, 0)
-    hold = find_grasp(env.physics, 1, env.get_object_pose(1)[0], env.object_prism(1))
+    hold = find_grasp(env.physics, 1, env.object_prism(1))
     assert hold.point == pytest.approx((0.5, 0, 0.04), abs=0.002)
 
 
@@ -122,3 +124,26 @@ def test_watching_does_not_change_what_happens(single) -> None:
         env.pick_place(at(0.5, -0.2, 0.05), at(0.5, 0.2, 0.05))
         ends.append(np.array(env.physics.data.qpos))
     assert np.array_equal(*ends)
+
+
+def test_the_cup_bears_the_moment_of_a_weight_beside_it(single) -> None:
+    env = single(*box(0.12, 0.06, 0.05), 0.5, -0.2, 0.2)
+    physics, moments = env.physics, list[float]()
+
+    def look() -> None:
+        if physics.held_object_id == 1 and physics.object_pose(1)[0][2] > 0.04:
+            moments.append(physics.cup.measure_load(1)[1])
+
+    physics.observer = look
+    assert env.pick_place(at(0.53, -0.2, 0.05), at(0.53, 0.2, 0.05)).placed
+    np.testing.assert_allclose(np.median(moments), 0.2 * 9.81 * 0.03, rtol=0.15)
+
+
+def test_what_bends_the_cup_too_hard_tips_off_and_no_such_point_is_offered(single) -> None:
+    ridge = '</geometry></collision><collision><origin xyz="0 0 0.03"/><geometry><box size="0.01 0.06 0.05"/>'
+    plate, size = box(0.16, 0.06, 0.02)
+    env = single(plate + ridge, size, 0.5, -0.2, 1.4)
+    assert find_grasp(env.physics, 1, env.object_prism(1)) == Grasp(None, (), "would_tip")
+    result = env.pick_place(at(0.53, -0.2, 0.02), at(0.53, 0.2, 0.02))
+    assert "tipped off the cup, which bears 0.15 N m" in result.note
+    assert result.trouble == "dropped"

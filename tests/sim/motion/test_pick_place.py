@@ -53,6 +53,7 @@ def test_a_tilt_that_the_arm_cannot_make_is_a_note_and_the_block_is_put_back() -
 def test_places_out_of_reach_are_notes() -> None:
     env = blocks((0.5, 0.0))
     assert "cannot reach (1.20, 0.00, 0.04)" in env.pick_place(at(1.2, 0, 0.04), at(0.5, 0.2, 0.04)).note
+    assert env.pick_place(at(1.2, 0, 0.04), at(0.5, 0.2, 0.04)).trouble == "unreachable"
     assert "cannot carry block/block.urdf" in env.pick_place(at(0.5, 0, 0.04), at(1.2, 0.2, 0.04)).note
     assert "nothing to grasp" in env.pick_place(at(0.4, 0.3, 0.02), at(0.5, 0.2, 0.04)).note
 
@@ -92,6 +93,7 @@ def test_what_blocks_the_arm_is_named_rather_than_nothing_being_there() -> None:
     env.reset()
     result = env.pick_place(at(0.55, 0.0, 0.033), at(0.5, 0.35, 0.033))
     assert result.grasped is None
+    assert result.trouble == "hindered"
     assert result.note == (
         "box/box-template.urdf #2 is in the arm's way on its way down, to HOPE/Tuna.urdf #1 at (0.55, 0.00, 0.03)"
     )
@@ -106,3 +108,54 @@ def test_what_the_cup_meets_in_the_place_of_its_aim_is_named() -> None:
     env.reset()
     result = env.pick_place(at(0.55, 0.0, 0.04), at(0.5, 0.35, 0.04))
     assert result.note == "HOPE/Milk.urdf #2 is in the cup's way, to block/red_block.urdf #1 at (0.55, 0.00, 0.04)"
+
+
+@pytest.mark.parametrize("robot", ["ur5e", "panda"])
+def test_joints_keep_their_speeds_and_the_arm_lifts_straight_up(robot) -> None:
+    env = blocks((0.45, -0.3), robot=robot)
+    physics, shares, aside = env.physics, list[float](), list[float]()
+
+    def look() -> None:
+        shares.append(float(np.max(np.abs(physics.data.qvel[: physics.dof]) / env.arm.joint_speed_limits)))
+        x, y, z = physics.tip_position
+        if physics.held_object_id == 1 and z < 0.065 and y < 0:
+            aside.append(float(np.hypot(x - 0.45, y + 0.3)))
+
+    physics.observer = look
+    turn = utils.eulerXYZ_to_quatXYZW((0, 0, 2.6))
+    assert env.pick_place(at(0.45, -0.3, 0.04), ((0.45, 0.3, 0.04), turn)).note == "placed"
+    assert max(shares) < 1.0
+    assert len(aside) > 10 and max(aside) < 0.004
+
+
+def test_what_stands_between_others_is_drawn_out_slowly_and_they_stay() -> None:
+    def scene(task, env) -> None:
+        box = task.fill_template("box/box-template.urdf", {"DIM": (0.05, 0.05, 0.1)})
+        for y in (-0.051, 0.0, 0.051):
+            env.add_object(box, at(0.5, y, 0.05))
+
+    env = Environment(task=Scripted(scene))
+    env.reset()
+    physics, speeds = env.physics, list[float]()
+
+    def look() -> None:
+        if physics.held_object_id == 2 and physics.object_pose(2)[0][2] < 0.14 and physics.tip_position[0] > 0.495:
+            speeds.append(float(physics.data.qvel[physics.model.body_dofadr[physics.world.bodies[2]] + 2]))
+
+    before = {number: env.get_object_pose(number)[0] for number in (1, 3)}
+    physics.observer = look
+    assert env.pick_place(at(0.5, 0.0, 0.1), at(0.4, 0.3, 0.1)).note == "placed"
+    assert 0.05 < max(speeds) < 0.25
+    for number, start in before.items():
+        assert env.get_object_pose(number)[0] == pytest.approx(start, abs=0.002)
+
+
+@pytest.mark.parametrize("robot", ["ur5e", "panda"])
+def test_every_link_touches_objects(robot) -> None:
+    env = blocks((0.6, 0.3), robot=robot)
+    physics = env.physics
+    for name in env.arm.link_names[:-1]:
+        body = physics.model.body(name).id
+        geom = int(np.flatnonzero(physics.model.geom_bodyid == body)[0])
+        physics.teleport_object(1, (tuple(physics.data.geom_xpos[geom]), (0.0, 0.0, 0.0, 1.0)))
+        assert physics.objects_touching_robot() == {1}, name
