@@ -3,6 +3,7 @@
 For ropes it chooses the bead whose move brings the others along as near to their places as can be.
 """
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, Final
 
@@ -11,7 +12,7 @@ import numpy as np
 from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.expert import placement_planner
-from grs_agents.sim.goals import SceneView, ScoredTask, has_toppled, make_stop
+from grs_agents.sim.goals import SceneView, ScoredTask, carried_object_ids, has_toppled, list_what_stays, make_stop
 from grs_agents.sim.instance import Goal, Stop, set_last_recorder
 from grs_agents.sim.motion import Blocked, ReachTest, Spot, describe_out_of_reach, find_grasp, format_point
 from grs_agents.sim.world import Tabletop
@@ -88,7 +89,6 @@ def _rope_placement_cost(beads: FloatArray, wanted: FloatArray, pos_eps: float) 
 
 Action = dict[str, Pose]
 _ATTEMPTS: Final = 4
-_DEPTH: Final = 4
 _PLACED: Final = 0.985
 
 
@@ -112,9 +112,8 @@ class Oracle:
     def __init__(self, task: ScoredTask, table: Tabletop) -> None:
         self.task, self.table = task, table
         self._episode: Any = None
-        self._attempts: dict[tuple[int, int], int] = {}
-        self._planner = placement_planner.Planner()
-        self._ropes = RopePlanner()
+        self._last: tuple[int, int] | None = None  # the attempt that the last action was
+        self._reset_episode_memory()
 
     def act(self, obs: Any = None, info: Any = None) -> Action | None:
         """The next pick and place, or None when there is nothing to do or nothing that can be done."""
@@ -122,6 +121,7 @@ class Oracle:
         if self._episode is not self.table.recorder:
             self._episode = self.table.recorder
             self._reset_episode_memory()
+        self._remember_last_action()
         self.table.recorder.stop = None
         decision = self._choose_action_or_stop()
         if isinstance(decision, Stop):
@@ -132,9 +132,23 @@ class Oracle:
 
     def _reset_episode_memory(self) -> None:
         """A new episode begins."""
-        self._attempts.clear()
+        self._attempts: dict[tuple[int, int], int] = {}
+        self._known: set[tuple[Any, ...]] = set()
+        self._last = None
         self._planner = placement_planner.Planner()
         self._ropes = RopePlanner()
+
+    def _remember_last_action(self) -> None:
+        """What has been done twice between the same points with the same outcome is hopeless: it is not tried again."""
+        attempt, actions = self._last, self.table.recorder.actions
+        if attempt is None or not actions:
+            return
+        last = actions[-1]
+        known = (attempt, last.note, *np.round((last.pick, last.place), 3).ravel().tolist())
+        if known in self._known:
+            self._attempts[attempt] = _ATTEMPTS
+        self._known.add(known)
+        self._last = None
 
     def _choose_action_or_stop(self) -> Action | Stop:
         if not self.task.grs.stated:
@@ -150,7 +164,7 @@ class Oracle:
                 return plan
             reasons: list[Stop] = []
             for row in self._unplaced_rows_in_order(goal, view):
-                plan = self._plan_object_action(goal, row, view, 0)
+                plan = self._plan_object_action(goal, row, view, ())
                 if not isinstance(plan, Stop):
                     return plan
                 reasons.append(plan)
@@ -174,9 +188,14 @@ class Oracle:
             hold = self._find_pick_point(number, view) if self._attempts.get(attempt, 0) < _ATTEMPTS else None
             spot = Spot((float(target[0]), float(target[1])), 0.0, 0.0)
             if isinstance(hold, tuple) and ReachTest(hold[2], self.table.arm)(np.array([spot.center]), np.zeros(1))[0]:
-                self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
-                return _make_pick_place_action(number, hold, spot, view)
+                return self._make_attempt(attempt, hold, spot, view)
         return None
+
+    def _make_attempt(self, attempt: tuple[int, int], hold: Vec3, spot: Spot, view: SceneView) -> Action:
+        """Carry the object that an attempt is about to a spot; the attempt counts."""
+        self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
+        self._last = attempt
+        return _make_pick_place_action(attempt[1], hold, spot, view)
 
     def _unplaced_rows_in_order(self, goal: Goal, view: SceneView) -> list[int]:
         """Rows of the goal whose objects are not yet placed: low targets and big objects first."""
@@ -194,8 +213,11 @@ class Oracle:
 
         return sorted(rows, key=key)
 
-    def _plan_object_action(self, goal: Goal, row: int, view: SceneView, depth: int) -> Action | Stop:
-        """The action that brings one object of a goal nearer to its target, or why there is none."""
+    def _plan_object_action(self, goal: Goal, row: int, view: SceneView, waiting: tuple[int, ...]) -> Action | Stop:
+        """The action that brings one object of a goal nearer to its target, or why there is none.
+
+        ``waiting`` are the objects that can move only after this one, first the one that waits for all others.
+        """
         number = goal.objects[row]
         attempt = (len(self.task.goals), number)
         if self._attempts.get(attempt, 0) >= _ATTEMPTS:
@@ -204,58 +226,78 @@ class Oracle:
         if isinstance(hold, Stop):
             return hold
         if isinstance(hold, Blocked):
-            return self._plan_blocker_removal(hold, number, view, depth)
+            return self._plan_blocker_removal(hold, number, view, waiting)
         lift = hold[2] - view.object_prism(number).low
         target = self._planner.choose_target(goal, row, self.task, view, lift)
         if isinstance(target, Stop):
             return target
         if isinstance(target, Blocked):
-            cleared = self._plan_blocker_removal(target, number, view, depth)
+            cleared = self._plan_blocker_removal(target, number, view, waiting)
             if target.otherwise is None or not isinstance(cleared, Stop):
                 return cleared
             target = target.otherwise
-        self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
-        return _make_pick_place_action(number, hold, target, view)
+        return self._make_attempt(attempt, hold, target, view)
 
     def _find_pick_point(self, number: int, view: SceneView) -> Vec3 | Blocked | Stop:
         """Where to pick an object up, or what lies on it, or why it cannot be picked."""
+        carried = carried_object_ids(number, view)
+        immovable = self._explain_immovable(number, carried, view)
+        if immovable is not None:
+            return immovable
+        if carried and not view.is_object_hollow(number):
+            return Blocked(carried[0])
+        hold = find_grasp(view.physics, number, view.object_prism(number), view.prisms_of_other_objects(number))
+        if hold.point is not None:
+            return hold.point
+        movable = [other for other in hold.covered_by if view.may_robot_move(other)]
+        if movable:
+            return Blocked(movable[0])
+        name = view.object_label(number)
+        if hold.covered_by:
+            detail = f"the top of {name} is covered by {list_what_stays(hold.covered_by, view)}"
+            return make_stop("unreachable", detail, view, number, *hold.covered_by)
+        why = "is flat and wide enough for the cup to seal"
+        if hold.trouble == "would_tip":
+            why = "is so near to the middle of its weight that it would not tip off the cup"
+        return make_stop(hold.trouble or "unreachable", f"no place on top of {name} {why}", view, number)
+
+    def _explain_immovable(self, number: int, carried: Sequence[int], view: SceneView) -> Stop | None:
+        """Why an object, with what it carries, cannot be moved at all; None if it can."""
         name, position = view.object_label(number), view.object_pose(number)[0]
         if not view.is_object_movable(number):
             return make_stop("error", f"{name} is 'fixed' and cannot be moved; add it as 'rigid'", view, number)
-        if not self.table.arm.can_reach_point((position[0], position[1], view.object_prism(number).high)):
-            note = describe_out_of_reach((position[0], position[1], view.object_prism(number).high), self.table.arm)
-            return make_stop("unreachable", f"object {name} at {format_point(position)} {note}", view, number)
-        hold = find_grasp(
-            view.physics, number, position, view.object_prism(number), view.prisms_of_other_objects(number)
-        )
-        if hold.point is not None:
-            return hold.point
-        movable = [other for other in hold.covered_by if view.is_object_movable(other)]
-        if movable:
-            return Blocked(movable[0])
-        covers = ", ".join(f"{view.object_label(other)}, which is fixed" for other in hold.covered_by)
-        why = f"is covered by {covers}" if covers else "has no place that is flat and wide enough for the cup to seal"
-        return make_stop("unreachable", f"the top of {name} {why}", view, number, *hold.covered_by)
+        top = (position[0], position[1], view.object_prism(number).high)
+        if not self.table.arm.can_reach_point(top):
+            detail = f"object {name} at {format_point(position)} {describe_out_of_reach(top, self.table.arm)}"
+            return make_stop("unreachable", detail, view, number)
+        staying = [other for other in carried if not view.may_robot_move(other)]
+        if staying:
+            detail = f"{name} cannot be moved: it carries {list_what_stays(staying, view)}"
+            return make_stop("unreachable", detail, view, number, *staying)
+        return None
 
-    def _plan_blocker_removal(self, blocked: Blocked, number: int, view: SceneView, depth: int) -> Action | Stop:
-        """Move what is in the way: to its own target if it has one, else aside."""
-        blocker, attempt = blocked.blocker, (-1, blocked.blocker)
+    def _plan_blocker_removal(
+        self, blocked: Blocked, number: int, view: SceneView, waiting: tuple[int, ...]
+    ) -> Action | Stop:
+        """Move what is in the way: to its own target if it has one, else aside, as when it waits in turn."""
+        blocker, attempt, waiting = blocked.blocker, (-1, blocked.blocker), (*waiting, number)
 
         def give_up(why: str) -> Stop:
             taken = f"{view.object_label(number)}: its way or target is occupied by {view.object_label(blocker)}"
             return make_stop("target_occupied", f"{taken}, which cannot be moved aside: {why}", view, number, blocker)
 
-        if depth >= _DEPTH or self._attempts.get(attempt, 0) >= _ATTEMPTS:
-            return give_up(f"it was in the way {max(depth, _ATTEMPTS)} times, one thing has to make room for the other")
-        for goal in self.task.goals:
+        vain = self._attempts.get(attempt, 0) >= _ATTEMPTS
+        if vain or waiting.count(blocker) > 1:
+            return give_up("it was tried in vain" if vain else "each of the two is in the other's way")
+        for goal in self.task.goals if blocker not in waiting else ():
             scores = self.task.grs.score_goal_objects(goal)
             if blocker in goal.objects and scores[goal.objects.index(blocker)] < _PLACED:
-                plan = self._plan_object_action(goal, goal.objects.index(blocker), view, depth + 1)
+                plan = self._plan_object_action(goal, goal.objects.index(blocker), view, waiting)
                 if not isinstance(plan, Stop):
                     return plan
         hold = self._find_pick_point(blocker, view)
         if isinstance(hold, Blocked):
-            return self._plan_blocker_removal(hold, blocker, view, depth + 1)
+            return self._plan_blocker_removal(hold, blocker, view, waiting)
         if isinstance(hold, Stop):
             return give_up(hold.detail)
         spot = placement_planner.find_spot_aside(
@@ -263,16 +305,16 @@ class Oracle:
         )
         if spot is None:
             return give_up("no place on the table is free for it")
-        self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
-        return _make_pick_place_action(blocker, hold, spot, view)
+        return self._make_attempt(attempt, hold, spot, view)
 
     def _explain_giving_up(self, number: int, view: SceneView) -> Stop:
         name = view.object_label(number)
-        notes = [action.note for action in self.table.recorder.actions if action.object in (number, None)]
-        last = f"; last: {notes[-1]}" if notes else ""
-        where = format_point(view.object_pose(number)[0])
-        detail = f"{name} was not brought to its target in {_ATTEMPTS} tries, it is at {where}{last}"
-        return make_stop("toppled" if has_toppled(number, view, np.pi / 4) else "dropped", detail, view, number)
+        tries = [action for action in self.table.recorder.actions if action.object in (number, None)]
+        trouble = tries[-1].trouble if tries else None
+        last = f"; last: {tries[-1].note}" if tries else ""
+        detail = f"{name} was not brought to its target, it is at {format_point(view.object_pose(number)[0])}{last}"
+        toppled = has_toppled(number, view, np.pi / 4)
+        return make_stop("toppled" if toppled else trouble or "dropped", detail, view, number)
 
 
 def _make_pick_place_action(number: int, hold: Vec3, spot: Spot, view: SceneView) -> Action:

@@ -70,7 +70,7 @@ class Planner:
             self._plans[zone] = {member: Planned(spot, view.object_pose(member)) for member, spot in plan.items()}
             if number in plan:
                 return plan[number]
-            reasons.append(explain_or_unblock_zone(zone, number, members, view, lift))
+            reasons.append(explain_or_unblock_zone(zone, number, members, task, view, lift))
         blocked = [reason for reason in reasons if isinstance(reason, Spot | Blocked)]
         return blocked[0] if blocked else reasons[0]
 
@@ -93,15 +93,13 @@ def find_spot_aside(number: int, keep_free: Sequence[Prism], view: SceneView, li
     """A spot out of the way, near where the object is: within what it stands in if there is room, else on the table."""
     body, center = view.object_prism(number), view.object_pose(number)[0]
     reserved = [Prism(prism.outline, 0.0, 1.0) for prism in (*keep_free, *_areas_reserved_by_goals(view, number))]
-    taken = [*view.prisms_of_other_objects(number), *reserved]
-    marks = [view.object_prism(other) for other in view.object_ids if not view.object_model(other).colliders]
-    unmarked = [*taken, *(Prism(mark.outline, 0.0, 1.0) for mark in marks)]
+    holders = _enclosing_containers(number, view)
+    taken = [*view.obstacles_to_plan_around([number], holders), *reserved]
+    wanted = [view.object_prism(other) for other in view.object_ids if other != number and _may_hold(other, view)]
+    unmarked = [*taken, *(Prism(mark.outline, 0.0, 1.0) for mark in wanted)]
     (x0, x1), (y0, y1), _ = view.bounds.tolist()
     table = _region_from_bounds(x0, y0, x1, y1)
-    tries = [
-        (_region_from_bounds(*holder.bounding_box_xy), 0.003, taken)
-        for holder in _enclosing_container_prisms(number, view)
-    ]
+    tries = [(_region_from_bounds(*view.object_prism(holder).bounding_box_xy), 0.003, taken) for holder in holders]
     for region, gap, obstacles in (*tries, (table, 0.03, unmarked), (table, 0.01, unmarked)):
         turns, suits = [0.0, np.pi / 2, np.pi / 4], ReachTest(lift, view.arm)
         spot = find_free_spot(body, center, turns, region, obstacles, gap, suits, spread=True, near=center)
@@ -110,11 +108,16 @@ def find_spot_aside(number: int, keep_free: Sequence[Prism], view: SceneView, li
     return None
 
 
-def _enclosing_container_prisms(number: int, view: SceneView) -> list[Prism]:
-    """The outlines of the containers that an object stands in."""
+def _may_hold(number: int, view: SceneView) -> bool:
+    """Whether goals put things onto it or into it: a mark on the table, or something hollow."""
+    return not view.object_model(number).colliders or view.is_object_hollow(number)
+
+
+def _enclosing_containers(number: int, view: SceneView) -> list[int]:
+    """Ids of the containers that an object stands in."""
     center = view.object_pose(number)[0]
     return [
-        view.object_prism(other)
+        other
         for other in view.object_ids
         if other != number and view.is_object_hollow(other) and view.is_point_over_object(other, center)
     ]

@@ -8,7 +8,8 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
-from grs_agents.sim.goals import SceneView, ScoredTask, is_placement_stable, make_stop
+from grs_agents.sim.expert.zone_packing import unplaced_objects
+from grs_agents.sim.goals import SceneView, ScoredTask, is_placement_stable, list_what_stays, make_stop
 from grs_agents.sim.instance import Goal
 from grs_agents.sim.motion import (
     TALLEST_STACK,
@@ -105,15 +106,17 @@ def _plan_placement_at_target(
         return make_stop("unreachable", f"{place} {describe_out_of_reach(tip, view.arm)}", view, number)
     shape = rotated_outline_at_origin(body, np.asarray(pose[0][:2]), angle)
     keep_free = (Prism(shape.outline + offset, 0.0, 1.0, number),)
-    blocker = _find_movable_blocker(shape, offset, others, height, wanted + (_LOOSE if wanted > _FLAT else _FLAT), view)
-    if (
-        blocker is None
-        or not view.is_object_movable(blocker)
-        or _can_stack_on_blocker(blocker, shape, target, height, task, view)
-    ):
-        tight = _find_conflicting_neighbour(number, fit, target, task, view)
-        return spot if tight is None else Blocked(tight, keep_free, spot)
-    return Blocked(blocker, keep_free)
+    too_high = height > wanted + (_LOOSE if wanted > _FLAT else _FLAT)
+    below = _objects_holding_up(shape, offset, others, height) if too_high else []
+    staying = [other for other in below if view.is_bystander(other)]
+    if staying:
+        taken = f"target of {view.object_label(number)} at {format_point(target[0])} is occupied"
+        return make_stop("target_occupied", f"{taken} by {list_what_stays(staying, view)}", view, number, *staying)
+    for other in below:
+        if view.is_object_movable(other) and not _may_stand_on(other, number, shape, target, height, task, view):
+            return Blocked(other, keep_free)
+    tight = _find_conflicting_neighbour(number, fit, target, task, view)
+    return spot if tight is None else Blocked(tight, keep_free, spot)
 
 
 @dataclass(frozen=True)
@@ -233,24 +236,19 @@ def _find_clear_offset(body: Sequence[Prism], target: Pose, obstacles: Sequence[
     return offsets[[int(np.argmin(cost))]]
 
 
-def _find_movable_blocker(
-    shape: Prism, offset: FloatArray, others: Sequence[Prism], height: float, wanted: float, view: SceneView
-) -> int | None:
-    """What holds the object higher than the target asks for; None if nothing does."""
-    if height <= wanted:
-        return None
+def _objects_holding_up(shape: Prism, offset: FloatArray, others: Sequence[Prism], height: float) -> list[int]:
+    """Ids of what an object at a height (m) would rest on."""
     top = [
         prism.owner
         for prism in others
         if prism.high > height - 0.005 and signed_outline_gaps(shape.outline, prism.outline, offset)[0] < -0.0005
     ]
-    movable = [owner for owner in top if view.is_object_movable(owner) and not view.is_object_hollow(owner)]
-    return movable[0] if movable else None
+    return list(dict.fromkeys(top))
 
 
 def _find_conflicting_neighbour(number: int, fit: _Fit, target: Pose, task: ScoredTask, view: SceneView) -> int | None:
     """What is to be moved anyway and would be shoved, or would tip the object off; None if nothing does."""
-    waiting = _unplaced_other_objects(number, task, view)
+    waiting = unplaced_objects(task) - {number}
     up = fit.height - min(part.low for part in fit.parts)
     standing = [prism for prism in view.prisms if prism.owner in waiting and prism.high > fit.height - _STEP]
     for part in fit.parts:
@@ -276,21 +274,14 @@ def _is_part_level_with_prism(part: Prism, up: float, prism: Prism, fit: _Fit) -
     return prism.low < part.high + up and prism.high > max(part.low + up, fit.height + 0.003)
 
 
-def _unplaced_other_objects(number: int, task: ScoredTask, view: SceneView) -> set[int]:
-    """The other movable objects that goals still want elsewhere; what may hold things stays."""
-    return {
-        other
-        for goal in task.goals
-        for other, score in zip(goal.objects, task.grs.score_goal_objects(goal), strict=True)
-        if other != number and score < 0.985 and view.is_object_movable(other) and not view.is_object_hollow(other)
-    }
-
-
-def _can_stack_on_blocker(
-    blocker: int, shape: Prism, target: Pose, height: float, task: ScoredTask, view: SceneView
+def _may_stand_on(
+    blocker: int, number: int, shape: Prism, target: Pose, height: float, task: ScoredTask, view: SceneView
 ) -> bool:
-    """Whether to stand an object on what is in its way: it is meant to be there, and its top is wide and flat."""
+    """Whether to stand an object on, or in, what is at its target: that is meant to be there, and can hold it."""
     there = any(_planar_distance(place, target) < task.pos_eps for place in _intended_object_poses(blocker, view))
+    if view.is_object_hollow(blocker):
+        held = margins_inside_outline(shape.outline, view.object_prism(blocker).outline, np.array([target[0][:2]]))[0]
+        return (there or bool(held > 0)) and blocker not in unplaced_objects(task) - {number}
     if not there or height + (shape.high - shape.low) >= TALLEST_STACK:
         return False
     center = np.array([[target[0][0], target[0][1]]])
@@ -306,7 +297,12 @@ def _intended_object_poses(number: int, view: SceneView) -> list[Pose]:
     places: list[Pose] = []
     for goal in view.stated_goals:
         if number in goal.objects:
-            places += goal.targets if goal.metric == "pose" else [zone.pose for zone in goal.zones]
+            allowed = goal.allowed_target_indices(goal.objects.index(number))
+            places += (
+                [goal.targets[index] for index in allowed]
+                if goal.metric == "pose"
+                else [zone.pose for zone in goal.zones]
+            )
     # What stays where it is, and whose very place is the target, is what the object is to stand on.
     ball = any(shape.kind == "sphere" for shape in view.object_model(number).colliders)
     spoken_of = any(number in goal.mentioned_object_ids for goal in view.stated_goals)

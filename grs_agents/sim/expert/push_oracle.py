@@ -183,7 +183,7 @@ class _Scene:
 
     def __init__(self, task: ScoredTask, view: SceneView) -> None:
         self.view = view
-        ids = tuple(number for number in view.object_ids if view.is_object_movable(number))
+        ids = tuple(number for number in view.object_ids if view.may_robot_move(number))
         outlines = [view.object_prism(number).outline for number in ids]
         areas = np.array([0.5 * abs(_twice_signed_area(outline)) for outline in outlines])
         centers = np.array([view.object_pose(number)[0][:2] for number in ids]).reshape(-1, 2)
@@ -266,7 +266,7 @@ class _Scene:
                     yield Strokes(start_points[good], start_points[good] + (length[good, None] - radius) * along)
 
     def is_stroke_obstructed(self, start: FloatArray, end: FloatArray) -> bool:
-        """Whether the blade would meet something fixed between two points (2,)."""
+        """Whether the blade would meet something that is fixed, or must stay, between two points (2,)."""
         way = end - start
         middle, length = (start + end) / 2, float(np.linalg.norm(way)) + 0.02
         area = rectangle_outline(
@@ -275,7 +275,7 @@ class _Scene:
         return any(
             signed_outline_gaps(area, prism.outline, np.zeros((1, 2)))[0] < 0
             for prism in self.view.prisms
-            if not self.view.is_object_movable(prism.owner)
+            if not self.view.may_robot_move(prism.owner)
         )
 
     def explain_no_stroke(self) -> Stop:

@@ -186,13 +186,13 @@ def _choose_stack_target(below: int, goal: Goal, number: int, task: ScoredTask, 
 
 
 def _find_blocker_at_spot(spot: Spot, number: int, view: SceneView, below: int = -1) -> int | None:
-    """A movable object, other than the one ``below``, that holds an object up at a spot."""
+    """An object that may be moved, other than the one ``below``, that holds an object up at a spot."""
     shape = rotated_outline_at_origin(view.object_prism(number), np.asarray(view.object_pose(number)[0][:2]), spot.turn)
     owners = [
         prism.owner
         for prism in view.prisms_of_other_objects(number, below)
         if prism.high > spot.height - 0.003
-        and view.is_object_movable(prism.owner)
+        and view.may_robot_move(prism.owner)
         and signed_outline_gaps(shape.outline, prism.outline, np.array([spot.center]))[0] < -0.0005
     ]
     return owners[0] if owners and spot.height > 0.003 else None
@@ -202,14 +202,14 @@ def _choose_spot_on_reference(goal: Goal, number: int, task: ScoredTask, view: S
     """In a container, on a support or in a zone: packed with its fellows, as clear of one another as fits."""
     zone = zone_covered_by_object(goal.reference_id, view)
     members = [number, *(other for other in _unplaced_relation_members(goal, task, view) if other != number)]
-    plan = pack_objects_into_zone(zone, members, view, lift)
+    plan = pack_objects_into_zone(zone, members, view, lift, goal.reference_id)
     candidates = [plan[number]] if number in plan else []
     target = _choose_first_valid_spot(
         _candidate_reference_spots(candidates, goal, number, view, lift), goal, number, task, view, lift
     )
     if isinstance(target, Spot):
         return target
-    reason = explain_or_unblock_zone(zone, number, members, view, lift, goal.reference_id)
+    reason = explain_or_unblock_zone(zone, number, members, task, view, lift, goal.reference_id)
     if isinstance(reason, Spot):
         return _choose_first_valid_spot(iter([reason]), goal, number, task, view, lift)
     return reason
@@ -240,7 +240,7 @@ def _candidate_reference_spots(
             center,
             turns,
             region,
-            view.prisms_of_other_objects(number),
+            view.obstacles_to_plan_around([number], [goal.reference_id]),
             gap,
             ReachTest(lift, view.arm),
             spread=True,
@@ -270,7 +270,7 @@ def _candidate_spots_beside(goal: Goal, number: int, view: SceneView, lift: floa
                     center,
                     [turn],
                     region,
-                    view.prisms_of_other_objects(number),
+                    view.obstacles_to_plan_around([number], view.object_ids),
                     clear,
                     suits,
                     spread=True,
@@ -299,7 +299,7 @@ def _plan_line_positions(goal: Goal, view: SceneView, lift: float) -> dict[int, 
     least = max((first + second) / 2 for first, second in pairwise(widths)) + _BESIDE
     step = goal.required_distance or least
     places = (np.arange(len(objects)) - (len(objects) - 1) / 2) * step
-    obstacles = view.prisms_of_other_objects(*objects)
+    obstacles = view.obstacles_to_plan_around(objects)
     bounds = view.bounds
     middle = np.mean([view.object_pose(number)[0][:2] for number in objects], axis=0)
     xs, ys = np.arange(bounds[0, 0], bounds[0, 1], 0.02), np.arange(bounds[1, 0], bounds[1, 1], 0.02)

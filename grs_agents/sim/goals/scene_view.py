@@ -5,7 +5,7 @@ The scores and the oracle share the rules of support and of lying still.
 
 import copy
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -138,6 +138,17 @@ class SceneView:
         """The prisms of every object but these."""
         return [prism for prism in self.prisms if prism.owner not in numbers]
 
+    def obstacles_to_plan_around(self, numbers: Collection[int], footing: Collection[int] = ()) -> list[Prism]:
+        """The prisms of every object but ``numbers``; only what is fixed, and ``footing``, has a top to stand on."""
+
+        def carries(owner: int) -> bool:
+            return not self.is_bystander(owner) and (owner in footing or not self.is_object_movable(owner))
+
+        tops = {number for number in self.object_ids if carries(number)}
+        return [
+            prism if prism.owner in tops else prism.without_top for prism in self.prisms if prism.owner not in numbers
+        ]
+
     def is_point_over_object(self, number: int, point: Vec3) -> bool:
         """Whether a point lies above an object's outline, seen from above."""
         offset = np.array([[point[0], point[1]]])
@@ -159,6 +170,14 @@ def supporting_object_ids(number: int, view: SceneView) -> set[int]:
     low = min((prism.low for prism in own), default=0.0)
     feet = [prism for prism in own if prism.low < low + _TOUCHING]
     return {prism.owner for prism in view.prisms_of_other_objects(number) if _is_prism_under_feet(prism, feet)}
+
+
+def carried_object_ids(number: int, view: SceneView) -> list[int]:
+    """Ids of the objects that rest on an object, or in it, with a foot at least."""
+    own = view.object_prism(number)
+    above = [prism for prism in map(view.object_prism, view.object_ids) if prism.low > own.low + _TOUCHING]
+    near = find_nearby_prisms(own, above, (0.0, 0.0), 0.0)
+    return [prism.owner for prism in near if number in supporting_object_ids(prism.owner, view)]
 
 
 def enclosing_object_ids(number: int, view: SceneView) -> set[int]:
@@ -238,6 +257,15 @@ def make_stop(outcome: Outcome, detail: str, view: SceneView, *numbers: int) -> 
         if has_toppled(number, view, ROTATION_TOLERANCE)
     ]
     return Stop(outcome, detail + "".join(tipped), tuple(dict.fromkeys(map(view.object_name, numbers))))
+
+
+def list_what_stays(numbers: Iterable[int], view: SceneView) -> str:
+    """Objects that the robot may not move in words, with the reasons."""
+    owners = list(dict.fromkeys(numbers))
+    staying = [view.object_label(number) for number in owners if view.is_bystander(number)]
+    fixed = [view.object_label(number) for number in owners if not view.is_bystander(number)]
+    reasons = ((staying, "must stay where the photo shows it"), (fixed, "is fixed"))
+    return "; ".join(f"{' and '.join(labels)}, which {reason}" for labels, reason in reasons if labels)
 
 
 def is_at_rest(number: int, view: SceneView) -> bool:
