@@ -2,7 +2,9 @@
 
 import base64
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from grs_agents.base import Frozen
 from grs_agents.config import Limits
@@ -20,12 +22,14 @@ class Request(Frozen):
         library_roots: asset folders, later ones win; none means the library shipped with GRS.
         robot: ``ur5e``, ``panda`` or the path of an MJCF file.
         recording: an .npz file to write the motion to, or None.
+        trials: how often to solve it again with noise of the hand.
     """
 
     instance: dict[str, Any]
     library_roots: tuple[str, ...] = ()
     robot: str = "ur5e"
     recording: str | None = None
+    trials: Annotated[int, Field(ge=0, le=20)] = 0
 
 
 class Result(Frozen):
@@ -66,7 +70,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
         instance = sim.TaskInstance.model_validate(asked.instance)
         library = open_library(asked.library_roots)
         sim.set_environment_defaults(library, instance.seed, asked.robot, limits)
-        done = sim.rollout(instance, library, recording if asked.recording else None)
+        done = sim.rollout(instance, library, recording if asked.recording else None, asked.trials)
     except (GrsError, ValueError) as error:
         return {**Result(rollout=None, outcome="error", error=str(error)).model_dump(mode="json"), "motion": None}
     motion = base64.b64encode(recording.read_bytes()).decode() if done.recording else None

@@ -1,6 +1,16 @@
 from .checks import audit_task as audit_task
+from .goal_checks import pair_with_rollouts as pair_with_rollouts
+from .goal_sentences import ToldTask as ToldTask
+from .goal_sentences import tell_task as tell_task
+from .mutants import make_mutants as make_mutants
 from .pose_changes import find_pose_changes as find_pose_changes
 from .static_checks import check_programs as check_programs
+from .test_quality import RUNS as RUNS
+from .test_quality import check_tests_have_teeth as check_tests_have_teeth
+from .test_quality import check_tests_of_program as check_tests_of_program
+from .test_quality import check_tests_repeat as check_tests_repeat
+from .test_quality import find_faults_of_program as find_faults_of_program
+from .test_quality import find_faults_of_tests as find_faults_of_tests
 from .types import AuditReport as AuditReport
 from .types import Change as Change
 from .types import Finding as Finding

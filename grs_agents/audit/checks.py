@@ -1,10 +1,13 @@
 """The checks: pure functions from instances and rollouts to findings."""
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 
 from grs_agents.agents import TaskDefinition
-from grs_agents.audit.pose_changes import find_pose_changes
+from grs_agents.audit.goal_checks import check_goals, is_loose
+from grs_agents.audit.pose_changes import find_pose_changes, is_covered
+from grs_agents.audit.scene_checks import check_scenes
 from grs_agents.audit.types import AuditReport, Finding
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
@@ -13,8 +16,8 @@ from grs_agents.sim import Goal, Rollout, TaskInstance
 from grs_agents.sim.instance import Episode
 from grs_agents.sim.world import TIMESTEP
 
-IDLE = 0.5
-"""Doing nothing must earn less than this share of the reward: most of a task is left to do."""
+_VARYING = frozenset({"random", "randomly", "shuffled", "varying", "various", "anywhere"})
+"""Words of a task that say that its seeds differ."""
 GOAL = 0.95
 """Each goal must strictly hold at least so far by itself: one that is worth next to nothing is no excuse."""
 TABLE_TOP = -0.02
@@ -30,7 +33,6 @@ def audit_task(
     task: TaskDefinition | None = None,
     scene: SceneDescription | None = None,
     original: TaskDefinition | None = None,
-    further: Sequence[Finding] = (),
 ) -> AuditReport:
     """Judge a task from what trusted code measured.
 
@@ -43,15 +45,16 @@ def audit_task(
         task: the definition the program must keep to; ``None`` for a program without one.
         scene: the photo the program must keep to; ``None`` for a program without one.
         original: the definition before the task was revised; ``None`` for one that was not.
-        further: what other checks found, of the words and of the tests.
     """
     findings = [
         _check_all_seeds_instantiate(instances, failures, config),
         _check_oracle_solves(rollouts, config),
-        _check_idle_reward_low(rollouts),
+        _check_seeds_differ(instances, task),
         _check_objects_moved(instances, rollouts, scene),
         _check_nothing_fell_off(rollouts),
         _check_library_and_timestep(instances, library),
+        *check_goals(instances, rollouts, library, scene, config.reward),
+        *check_scenes(instances, rollouts, scene),
     ]
     if task is not None:
         findings.append(_check_task_assets(instances, task))
@@ -59,7 +62,6 @@ def audit_task(
         findings.append(_check_revision(task, original, scene))
     if scene is not None:
         findings.append(_check_scene_assets(instances, scene, library))
-    findings += further
     return AuditReport(
         accepted=all(finding.passed for finding in findings),
         findings=tuple(findings),
@@ -114,28 +116,33 @@ def _is_episode_solved(episode: Episode, least: float) -> bool:
     return min(episode.strict, episode.reward) >= least and episode.outcome == "success"
 
 
-def _check_idle_reward_low(rollouts: Sequence[Rollout]) -> Finding:
-    rewards = [rollout.idle_reward for rollout in rollouts]
-    shown = ", ".join(f"{reward:.2f}" for reward in rewards) or "none"
-    seconds = max((rollout.idle_seconds for rollout in rollouts), default=0.0)
+def _check_seeds_differ(instances: Sequence[TaskInstance], task: TaskDefinition | None) -> Finding:
+    """Instances that are alike are one; that is a fault only where the task says that something varies."""
+    different = len({describe_apart_from_seed(instance) for instance in instances})
+    words = re.findall(r"[a-z]+", task.description.lower()) if task is not None else []
+    varying = sorted(_VARYING & set(words))
     return Finding(
-        check="not_idle",
-        passed=bool(rewards) and max(rewards) < IDLE,
-        measured=f"doing nothing for as long as an episode may last ({seconds:.0f} s) earns {shown} "
-        "(1 where the scene stays in motion)",
-        bound=f"it must stay below {IDLE}",
+        check="seeds_differ",
+        passed=different > 1 or len(instances) < 2 or not varying,
+        measured=f"{len(instances)} seeds give {different} different task instances",
+        bound=f"the task says that something varies ({', '.join(varying)}), so they must differ" if varying else "",
     )
+
+
+def describe_apart_from_seed(instance: TaskInstance) -> str:
+    """All of an instance but its seed, as text: equal where two are the same task."""
+    return instance.model_dump_json(exclude={"seed"})
 
 
 def _check_objects_moved(
     instances: Sequence[TaskInstance], rollouts: Sequence[Rollout], scene: SceneDescription | None
 ) -> Finding:
-    """A task from a photo moves two of its objects, if two are in reach; others move two if their goals ask for two."""
+    """A task from a photo moves two of its objects, if two can be; others move two if their goals ask for two."""
     if scene is not None:
         seen = {item.asset for item in scene.objects}
         counts = [sum(name in seen for name in rollout.moved) for rollout in rollouts]
-        movable = sum(item.reachable for item in scene.objects)
-        why = f"{movable} are in reach"
+        movable = sum(item.reachable and not item.held and not is_covered(item, scene) for item in scene.objects)
+        why = f"{movable} are in reach, uncovered and not held"
     else:
         counts = [len(rollout.moved) for rollout in rollouts]
         movable = min((sum(map(_count_objects_to_move, instance.goals)) for instance in instances), default=0)
@@ -157,13 +164,12 @@ def _count_objects_to_move(goal: Goal) -> int:
 
 def _check_nothing_fell_off(rollouts: Sequence[Rollout]) -> Finding:
     fallen = [
-        f"object {number} at ({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f}) in seed {rollout.seed}"
+        f"object {number} fell off the table at ({x:.2f}, {y:.2f}, {z:.2f}) in seed {rollout.seed}"
         for rollout in rollouts
-        for number, (position, _) in rollout.final.items()
-        if position[2] < TABLE_TOP
+        for number, ((x, y, z), _) in rollout.final.items()
+        if z < TABLE_TOP
     ]
-    measured = f"fallen off the table: {'; '.join(fallen)}" if fallen else "everything ends on the table"
-    return Finding(check="on_table", passed=not fallen, measured=measured, bound="nothing may fall off the table")
+    return Finding.of_faults("on_table", fallen, "everything ends on the table", "nothing may fall off the table")
 
 
 def _check_library_and_timestep(instances: Sequence[TaskInstance], library: Library) -> Finding:
@@ -175,27 +181,20 @@ def _check_library_and_timestep(instances: Sequence[TaskInstance], library: Libr
     faults += [f"{name} is no template" for name in sorted(filled)]
     steps = {instance.timestep for instance in instances} - {TIMESTEP}
     faults += [f"a time step of {step} s instead of {TIMESTEP} s" for step in sorted(steps)]
-    return Finding(
-        check="as_in_library",
-        passed=not faults,
-        measured="; ".join(faults) or "all of them are",
-        bound="every object must be the library's, and the time step the runtime's",
-    )
+    bound = "every object must be the library's, and the time step the runtime's"
+    return Finding.of_faults("as_in_library", faults, "all of them are", bound)
 
 
 def _check_task_assets(instances: Sequence[TaskInstance], task: TaskDefinition) -> Finding:
     wanted = set(task.assets)
     faults: set[str] = set()
     for instance in instances:
-        used = {item.asset for item in instance.objects}
+        used = {item.asset for item in instance.task_objects}
         faults |= {f"{name} is not in the task definition" for name in used - wanted}
         faults |= {f"{name} is in the task definition but not used" for name in wanted - used}
-    return Finding(
-        check="assets_of_task",
-        passed=not faults,
-        measured="; ".join(sorted(faults)) or f"the {len(wanted)} assets of the task definition, no others",
-        bound="the instances must have the assets of the task definition",
-    )
+    otherwise = f"the {len(wanted)} assets of the task definition, no others"
+    bound = "the instances must have the assets of the task definition"
+    return Finding.of_faults("assets_of_task", sorted(faults), otherwise, bound)
 
 
 def _check_scene_assets(instances: Sequence[TaskInstance], scene: SceneDescription, library: Library) -> Finding:
@@ -204,13 +203,15 @@ def _check_scene_assets(instances: Sequence[TaskInstance], scene: SceneDescripti
     absent = {
         f"{name} ({count} used, {seen[name]} in the photo)"
         for instance in instances
-        for name, count in Counter(item.asset for item in instance.objects).items()
-        if name not in fixtures and count > seen[name]
+        for name, count in Counter(
+            item.asset for item in instance.objects if item.asset not in fixtures or is_loose(item, library)
+        ).items()
+        if count > seen[name]
     }
     measured = f"the photo shows {len(seen)} assets"
     if absent:
         measured += f"; not there: {', '.join(sorted(absent))}"
-    bound = "objects must be in the photo, or fixtures"
+    bound = "objects must be in the photo, or fixtures that cannot move"
     return Finding(check="assets_of_scene", passed=not absent, measured=measured, bound=bound)
 
 

@@ -1,4 +1,4 @@
-"""Which objects do not stand where the photo shows them."""
+"""Which objects do not stand where the photo shows them, and whether there is a reason for it that can be measured."""
 
 import math
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ def find_pose_changes(instances: Sequence[TaskInstance], scene: SceneDescription
 def _find_instance_changes(instance: TaskInstance, scene: SceneDescription) -> list[Change]:
     free = list(scene.objects)
     changes: list[Change] = []
-    for item in instance.objects:
+    for item in instance.task_objects:
         places = [place for place in free if place.asset == item.asset]
         nearest = min(places, key=lambda place: math.dist(place.position, item.pose[0]), default=None)
         if nearest is not None and _has_photo_pose(item, nearest):
@@ -35,9 +35,24 @@ def _find_instance_changes(instance: TaskInstance, scene: SceneDescription) -> l
                 position=item.pose[0],
                 photo=None if nearest is None else nearest.position,
                 distance=None if nearest is None else math.dist(nearest.position, item.pose[0]),
+                reason="" if nearest is None else _find_reason(nearest, scene),
             )
         )
     return changes
+
+
+def _find_reason(place: SceneObject, scene: SceneDescription) -> str:
+    """Why an object need not stand where the photo shows it; empty where it can stand there and be moved."""
+    if not place.reachable:
+        return "is out of reach"
+    if place.held or (place.drift or 0.0) > SAME_PLACE:
+        return "would not stay as it stands"
+    return "is covered" if is_covered(place, scene) else ""
+
+
+def is_covered(place: SceneObject, scene: SceneDescription) -> bool:
+    """Whether something lies on an object of the photo, or in it."""
+    return any(relation.reference == place.name and relation.kind != "touching" for relation in scene.relations)
 
 
 def _has_photo_pose(item: InstanceObject, place: SceneObject) -> bool:
@@ -46,9 +61,13 @@ def _has_photo_pose(item: InstanceObject, place: SceneObject) -> bool:
 
 
 def _is_same_pose(one: Pose, other: Pose) -> bool:
-    near = math.dist(one[0], other[0]) <= SAME_PLACE
+    return math.dist(one[0], other[0]) <= SAME_PLACE and not is_tilted(one, other)
+
+
+def is_tilted(one: Pose, other: Pose) -> bool:
+    """Whether two poses differ in tilt by more than ``SAME_TILT``."""
     cosine = sum(a * b for a, b in zip(_object_up_axis(one[1]), _object_up_axis(other[1]), strict=True))
-    return near and math.acos(max(-1.0, min(1.0, cosine))) <= SAME_TILT
+    return math.acos(max(-1.0, min(1.0, cosine))) > SAME_TILT
 
 
 def _object_up_axis(quaternion: Quat) -> tuple[float, float, float]:

@@ -1,5 +1,6 @@
 """The audit's findings."""
 
+from collections.abc import Iterable
 from typing import Literal
 
 from grs_agents.base import Frozen, Vec3
@@ -19,6 +20,19 @@ class Finding(Frozen):
         """Both in one line."""
         return f"{self.measured}; {self.bound}" if self.bound else self.measured
 
+    @classmethod
+    def of_faults(cls, check: str, faults: Iterable[str], otherwise: str, bound: str) -> "Finding":
+        """A finding that passes where there is no fault, which ``otherwise`` says in words."""
+        told = list_first(faults)
+        return cls(check=check, passed=not told, measured=told or otherwise, bound=bound)
+
+
+def list_first(texts: Iterable[str]) -> str:
+    """Different texts, the first four of them."""
+    different = list(dict.fromkeys(texts))
+    more = f" and {len(different) - 4} more" if len(different) > 4 else ""
+    return "; ".join(different[:4]) + more
+
 
 class Change(Frozen):
     """An object that does not stand where the photo shows it."""
@@ -28,6 +42,7 @@ class Change(Frozen):
     position: Vec3  # where the program put it (m, robot frame)
     photo: Vec3 | None  # where the photo shows that asset nearest by, if it does
     distance: float | None  # metres between the two in the table plane, if the photo shows the asset
+    reason: str = ""  # why it need not stand there, as measured; empty where there is none
 
 
 class AuditReport(Frozen):

@@ -10,7 +10,7 @@ import pytest
 from grs_agents.audit import AuditReport, audit_task
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
-from grs_agents.sim import Environment, InstanceTie, Task, TaskInstance, instantiate, near, rollout, stacked
+from grs_agents.sim import HAND_NOISE, Environment, InstanceTie, Task, TaskInstance, instantiate, near, rollout, stacked
 
 Start = tuple[tuple[float, float, float], tuple[float, float, float, float]]
 RED, BLUE, GREEN = (f"block/{color}_block.urdf" for color in ("red", "blue", "green"))
@@ -111,10 +111,52 @@ def falls_off_the_table(task: Trial, env: Environment) -> None:
     task.want(env.add_object(RED, A), 0.5, 0.1, 0.9)
 
 
+def nudged(task: Trial, env: Environment) -> None:
+    task.want(env.add_object(RED, A), A[0][0] + 0.03, A[0][1], 0.5)
+    task.want(env.add_object(BLUE, B), B[0][0], B[0][1] + 0.03, 0.5)
+
+
+def near_at_any_distance(task: Trial, env: Environment) -> None:
+    fair(task, env)
+    task.add_goal(near(env.add_object(GREEN, C), task.goals[0].objects[0], 0.3), step_max_reward=0.1)
+
+
+def brought_back(task: Trial, env: Environment) -> None:
+    red = env.add_object(RED, A)
+    for x, y in ((0.6, 0.0), A[0][:2]):
+        task.want(red, x, y, 0.5)
+
+
+def over_the_rim(task: Trial, env: Environment) -> None:
+    """A carton that is wider than the bowl lies across its rim; the target is inside the bowl."""
+    env.add_object("bowl/bowl.urdf", ((0.55, 0.25, 0.03), FLAT), "fixed")
+    carton = env.add_object("HOPE/Spaghetti.urdf", ((0.45, -0.2, 0.025), FLAT))
+    task.add_goal(
+        [carton], np.ones((1, 1)), [((0.55, 0.25, 0.03), FLAT)], False, False, "pose", None, 1.0, [0], "in it"
+    )
+
+
+def wedged(task: Trial, env: Environment) -> None:
+    """A ball between the walls of an L-shaped hole that is narrower than the ball."""
+    env.add_object("insertion/fixture.urdf", ((0.55, 0.25, 0.02), FLAT), "fixed")
+    ball = env.add_object("ball/ball.urdf", ((0.45, -0.2, 0.03), FLAT))
+    task.add_goal([ball], np.ones((1, 1)), [((0.55, 0.25, 0.05), FLAT)], False, False, "pose", None, 1.0, [0], "there")
+
+
+def put_into_each_other(task: Trial, env: Environment) -> None:
+    fair(task, env)
+    env.add_object(GREEN, ((A[0][0] + 0.03, A[0][1], 0.02), FLAT))
+
+
+def hung_in_the_air(task: Trial, env: Environment) -> None:
+    fair(task, env)
+    env.add_object(GREEN, ((C[0][0], C[0][1], 0.1), FLAT))
+
+
 def judge(setup: Setup, change: Callable[[TaskInstance], TaskInstance] = lambda one: one) -> AuditReport:
     library = Library()
     instances = [change(instantiate(Trial(setup), seed, library)) for seed in range(2)]
-    rollouts = [rollout(instance, library) for instance in instances]
+    rollouts = [rollout(instance, library, trials=3) for instance in instances]
     return audit_task(instances, [], rollouts, AuditConfig(seeds=2), library)
 
 
@@ -159,6 +201,14 @@ def test_a_task_of_one_object_among_others_is_accepted(setup: Setup) -> None:
         (picked_and_put_back, "moved"),
         (falls_off_the_table, "moved"),
         (falls_off_the_table, "on_table"),
+        (nudged, "moves_far"),
+        (brought_back, "moves_far"),
+        (brought_back, "not_idle"),
+        (near_at_any_distance, "goals_narrow"),
+        (over_the_rim, "solved"),
+        (wedged, "rests_at_end"),
+        (put_into_each_other, "clear_start"),
+        (hung_in_the_air, "clear_start"),
     ],
 )
 def test_a_cheat_is_found(setup: Setup, check: str) -> None:
@@ -192,3 +242,24 @@ def test_filled_templates_keep_their_shapes() -> None:
 
 def test_another_time_step_is_found() -> None:
     assert "as_in_library" in failed(judge(fair, lambda one: one.model_copy(update={"timestep": 0.002})))
+
+
+def test_a_task_on_a_knifes_edge_is_found() -> None:
+    """Two blocks side by side with 1 mm between them: a hand that misses by up to 5 mm puts one onto the other."""
+
+    def tight(task: Trial, env: Environment) -> None:
+        task.pos_eps = 0.002
+        task.want(env.add_object(RED, A), 0.5, 0.0, 0.5)
+        task.want(env.add_object(BLUE, B), 0.541, 0.0, 0.5)
+
+    report = judge(tight)
+    assert failed(report) == {"sure_hand"}
+
+
+def test_the_trials_with_noise_are_the_same_each_time() -> None:
+    library = Library()
+    instance = instantiate(Trial(fair), 0, library)
+    first, second = (rollout(instance, library, trials=2) for _ in range(2))
+    assert first.trials == second.trials
+    assert [trial.noise for trial in first.trials[:2]] == [HAND_NOISE[0]] * 2
+    assert all(trial.score > 0.99 for trial in first.trials[:2])

@@ -49,8 +49,8 @@ def zone_covered_by_object(number: int, view: SceneView) -> Zone:
     )
 
 
-def _explain_not_inside(goal: Goal, number: int, view: SceneView) -> str:
-    container = goal.reference_id
+def explain_not_inside(number: int, container: int, view: SceneView) -> str:
+    """Why an object does not lie in a container, in one clause; "" where it does."""
     own, rim = view.object_prism(number), view.object_prism(container)
     if own.low > rim.high - _RIM:
         return f"is {own.low:.3f} m up, not below the rim of {view.object_label(container)} at {rim.high:.3f} m"
@@ -179,7 +179,7 @@ def _are_all_wanted_in_zone(numbers: set[int], goal: Goal, view: SceneView) -> b
 
 
 _RULES: Final[dict[Kind, Callable[[Goal, int, SceneView], str]]] = {
-    "inside": _explain_not_inside,
+    "inside": lambda goal, number, view: explain_not_inside(number, goal.reference_id, view),
     "on": lambda goal, number, view: _explain_not_resting_on(number, goal.reference_id, view),
     "stacked": _explain_not_stacked,
     "near": _explain_not_near,

@@ -75,8 +75,7 @@ def measure_motions(view: SceneView) -> tuple[ObjectMotion, ...]:
         end, start = view.object_pose(number), view.places.get(number)
         if start is not None:
             tilt = 0.0 if cannot_topple(number, view) else view.object_tilt(number) - view.object_tilt_at_start(number)
-            overlap = abs(sum(a * b for a, b in zip(start[1], end[1], strict=True)))
-            moved = math.dist(start[0], end[0]) > _MOVED or 2 * math.acos(min(1.0, overlap)) > _TURNED
+            moved = math.dist(start[0], end[0]) > _MOVED or transforms.angle_between(start[1], end[1]) > _TURNED
             motions.append(
                 ObjectMotion(
                     object=number,

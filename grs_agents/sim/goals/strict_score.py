@@ -9,6 +9,7 @@ score counts it and, besides,
   it on the table (a fixture, a mark); or it rests on objects that hold their own targets, as far below it as those are
   below its own (levels a little higher than the blocks); in a zone, its underside lies no higher than the zone's top;
   things that share a target or a zone may rest on each other;
+* where the target lies between the walls of a container, it lies in that container, as a typed goal would ask;
 * it stands no more than ``rot_eps`` more tilted than at the start, and lies still, let go by the robot;
 * no other object claims its target, unless the goal lets objects share.
 
@@ -23,7 +24,7 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
-from grs_agents.sim.goals.relation_rules import WHOLE, explain_goal_shortfalls
+from grs_agents.sim.goals.relation_rules import WHOLE, explain_goal_shortfalls, explain_not_inside
 from grs_agents.sim.goals.scene_report import describe_goal, format_point, measure_motions
 from grs_agents.sim.goals.scene_view import (
     SceneView,
@@ -40,6 +41,9 @@ from grs_agents.sim.world import Tabletop, margins_inside_outline, object_prism_
 
 _HEIGHT: Final = 0.015
 """Farthest from the height that a target says, metres, whatever ``pos_eps`` is; less than half the least of levels."""
+
+_WALLS: Final = 0.025
+"""Lower walls (m) are rims: things lie on plates and trays."""
 
 
 class StrictScorer:
@@ -124,7 +128,10 @@ class StrictScorer:
             return 0.0, "does not lie still"
         if goal.metric == "zone":
             return self._score_zone_object(goal, number, view)
-        return (1.0, "") if row in claimed else (0.0, self._explain_missed_target(goal, row, view))
+        if row not in claimed:
+            return 0.0, self._explain_missed_target(goal, row, view)
+        trouble = _explain_not_in_its_container(number, goal.targets[claimed[row]], view)
+        return float(not trouble), trouble
 
     def _explain_missed_target(self, goal: Goal, row: int, view: SceneView) -> str:
         """How an object misses every target that will do for it."""
@@ -250,6 +257,17 @@ class StrictScorer:
     def _is_supported_only_by(self, number: int, fellows: set[int], view: SceneView) -> bool:
         under = supporting_object_ids(number, view)
         return bool(under) and all(other in fellows for other in under)
+
+
+def _explain_not_in_its_container(number: int, target: Pose, view: SceneView) -> str:
+    """Why an object at a target between the walls of a container does not lie in that; "" where it does."""
+    half = view.object_pose(number)[0][2] - view.object_prism(number).low
+    for other in view.object_ids:
+        if other != number and view.is_object_hollow(other) and view.is_point_over_object(other, target[0]):
+            walls = view.object_prism(other)
+            if walls.high - walls.low > _WALLS and target[0][2] - half < walls.high - _HEIGHT:
+                return explain_not_inside(number, other, view)
+    return ""
 
 
 def _would_be_unsupported(number: int, pose: Pose, low: float, view: SceneView) -> bool:

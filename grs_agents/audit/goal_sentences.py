@@ -1,0 +1,302 @@
+"""What a task's goals ask for and what its film shows, in words: measured by trusted code, for whoever judges the task.
+
+A target in numbers becomes the thing that lies there. Relations are told by geometry alone: what an object is in, on or
+above, where others stood at the start, how far it moves.
+"""
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+
+from grs_agents.base import Pose, Vec3
+from grs_agents.geometry import transforms
+from grs_agents.library import Library, color_name_from_rgb
+from grs_agents.perception import SceneDescription, SceneObject
+from grs_agents.sim import Goal, InstanceObject, Rollout, TaskInstance, Zone, utils
+from grs_agents.sim.world import (
+    Prism,
+    distance_between_outlines,
+    load_object_model,
+    margins_inside_outline,
+    measure_inner_size,
+    object_prism_at_pose,
+    rectangle_outline,
+)
+
+Json = dict[str, Any]
+_RESTING: Final = 0.015
+"""An underside within this height (m) of a top lies on it: targets are often a little too high."""
+_SAME_PLACE: Final = 0.02
+"""Two centres so near (m), seen from above, are one place."""
+_SEEN: Final = 0.01
+"""Metres from which on people see that something moved."""
+_TURNED: Final = 10
+"""And degrees from which on they see that it turned."""
+_DEEP: Final = 0.02
+"""What has lower walls (m), as a plate has, holds things on it rather than in it."""
+_POINT: Final = np.zeros((1, 2))
+
+
+@dataclass(frozen=True)
+class ToldTask:
+    """One instance in words."""
+
+    objects: tuple[Json, ...]  # one row for each thing on the table; lengths in metres, robot frame
+    goals: tuple[str, ...]  # one sentence for each goal, in order
+
+    @property
+    def kind(self) -> tuple[object, ...]:
+        """What it is but for numbers: instances of one kind differ in places and sizes alone."""
+        words = [re.sub(r"-?\d+ (cm|degrees)", "", sentence) for sentence in self.goals]
+        return (*words, *((row["called"], *row.get("stood", ()), "->", *row.get("ends", ())) for row in self.objects))
+
+
+def tell_task(
+    instance: TaskInstance, rollout: Rollout, library: Library, scene: SceneDescription | None = None
+) -> ToldTask:
+    """An instance and the trusted oracle's film of it in words; ``scene`` tells what the photo calls its objects."""
+    table = _Table(instance, rollout, library, scene)
+    goals = [f"{number}. {words}" for number, goal in enumerate(instance.goals, 1) for words in table.tell_goal(goal)]
+    if instance.primitive == "push":
+        goals.append("The robot pushes things with a spatula and picks nothing up.")
+    return ToldTask(tuple(table.tell_objects()), tuple(goals))
+
+
+@dataclass(frozen=True)
+class _Table:
+    """What stands on the table at the start and at the end."""
+
+    instance: TaskInstance
+    rollout: Rollout
+    library: Library
+    scene: SceneDescription | None
+
+    @cached_property
+    def names(self) -> dict[int, str]:
+        """What each object is called, with its number."""
+        return {item.id: f"the {self._call_object(item)} #{item.id}" for item in self.instance.objects}
+
+    @cached_property
+    def start(self) -> dict[int, Prism]:
+        """The prism around each object at the start."""
+        return self._prisms(self.rollout.initial)
+
+    @cached_property
+    def end(self) -> dict[int, Prism]:
+        """And at the end."""
+        return self._prisms(self.rollout.final)
+
+    @cached_property
+    def hollow(self) -> set[int]:
+        """The objects that other things can be put in or on."""
+        return {item.id for item in self.instance.objects if self.library.asset(item.asset).hollow}
+
+    @cached_property
+    def walled(self) -> set[int]:
+        """The objects whose walls surround something."""
+        return {
+            item.id
+            for item in self.instance.objects
+            if item.id in self.hollow
+            and (inner := measure_inner_size(load_object_model(item, self.library), self.library)) is not None
+            and inner[2] >= _DEEP
+        }
+
+    @cached_property
+    def marks(self) -> set[int]:
+        """What is drawn on the table and touches nothing."""
+        return {item.id for item in self.instance.objects if not load_object_model(item, self.library).colliders}
+
+    def _prisms(self, poses: Mapping[int, Pose]) -> dict[int, Prism]:
+        return {
+            item.id: object_prism_at_pose(load_object_model(item, self.library), poses[item.id], item.id)
+            for item in self.instance.objects
+            if item.id in poses
+        }
+
+    def _look_up(self, item: InstanceObject) -> tuple[str, str, str]:
+        """Category, colour and description of an object: of the photo's, where it shows one, else of the library's."""
+        asset, seen = self.library.asset(item.asset), self._find_in_photo(item)
+        color = _given_color_name(item) or (seen.color if seen else asset.color)
+        if seen is None or item.asset.startswith("proxy/"):
+            return (seen.category if seen else asset.category), color, seen.description if seen else asset.description
+        return seen.category, color, f"{seen.description}; {asset.description}"
+
+    def _call_object(self, item: InstanceObject) -> str:
+        """What people call an object, e.g. ``tomato sauce can``, ``green zone`` or ``red block``."""
+        category, color, _ = self._look_up(item)
+        asset, (folder, _, file) = self.library.asset(item.asset), item.asset.rpartition("/")
+        if folder in ("block", "proxy", "zone") or asset.template or not asset.everyday:
+            return f"{color} {'block' if folder == 'block' else category}"
+        stem = re.sub(r"(?<=[a-z])(?=[A-Z])|[_-]", " ", file.removesuffix(".urdf")).lower()
+        return stem if category in stem.split() else f"{stem} {category}"
+
+    def _find_in_photo(self, item: InstanceObject) -> SceneObject | None:
+        """The photo's object of that asset nearest to where it is put."""
+        seen = [thing for thing in self.scene.objects if thing.asset == item.asset] if self.scene else []
+        return min(seen, key=lambda thing: math.dist(thing.position, item.pose[0]), default=None)
+
+    def tell_objects(self) -> Iterator[Json]:
+        """One row for each object."""
+        for item in self.instance.objects:
+            category, color, description = self._look_up(item)
+            row: Json = {"id": item.id, "called": self.names[item.id][4:].rpartition(" #")[0]}
+            row |= {"category": category, "color": color}
+            if self.scene is not None and self._find_in_photo(item) is None:
+                row["added"] = True
+            if item.role == "bystander":
+                row["bystander"] = True
+            elif not self.library.asset(item.asset).template:
+                row["description"] = description
+            if item.category == "fixed" or item.id in self.marks:
+                row["fixed"] = True
+            row["size"] = _round(load_object_model(item, self.library).size)
+            yield row | self._tell_motion(item.id)
+
+    def _tell_motion(self, number: int) -> Json:
+        if number not in self.end:
+            return {}
+        begin, end = self.rollout.initial[number], self.rollout.final[number]
+        row: Json = {"start": _round(begin[0])}
+        if stood := self._describe_supports(self.start[number], self.start):
+            row["stood"] = stood
+        moved, turned = math.dist(begin[0], end[0]), self._turn_of(number)
+        if moved > _SEEN or turned > _TURNED:
+            row |= {"end": _round(end[0]), "moved": round(moved, 3)}
+        if turned > _TURNED:
+            row["turned"] = round(turned)
+        if ends := self._describe_supports(self.end[number], self.end):
+            row["ends"] = ends
+        return row
+
+    def _turn_of(self, number: int) -> float:
+        """Degrees by which an object turns."""
+        return math.degrees(transforms.angle_between(self.rollout.initial[number][1], self.rollout.final[number][1]))
+
+    def _describe_supports(self, own: Prism, others: Mapping[int, Prism]) -> list[str]:
+        return [f"{how} #{number}" for how, number in self._find_supports(own, others)]
+
+    def _find_supports(self, own: Prism, others: Mapping[int, Prism]) -> list[tuple[str, int]]:
+        """What a thing is in or on."""
+        if own.owner in self.marks:
+            return []
+        told = [(self._how_it_lies(own, other), number) for number, other in others.items() if number != own.owner]
+        return [(how, number) for how, number in told if how]
+
+    def _how_it_lies(self, own: Prism, other: Prism) -> str:
+        """``in`` or ``on``, empty where a thing is neither."""
+        over, number = _lies_over(own, other), other.owner
+        if over and number in self.walled and other.low - 0.005 <= own.low < other.high - 0.002:
+            return "in"
+        if over and number in self.marks | self.hollow:
+            return "on" if other.low - 0.005 <= own.low < other.high + _RESTING else ""
+        higher = own.low > (other.low + other.high) / 2  # grains lie beside each other
+        return "on" if higher and abs(own.low - other.high) < _RESTING and _overlap(own, other) else ""
+
+    def tell_goal(self, goal: Goal) -> Iterator[str]:
+        """A sentence for all objects of a goal that may end at the same places."""
+        if goal.relation is not None:
+            yield f"{self._list_names(goal.objects)} {_end(goal.objects)} {self._describe_relation(goal)}"
+            return
+        places: dict[str, list[int]] = {}
+        for row, number in enumerate(goal.objects):
+            places.setdefault(self._describe_places(goal, row, number), []).append(number)
+        for words, numbers in places.items():
+            yield f"{self._list_names(numbers)} {_end(numbers)} {words}"
+
+    def _list_names(self, numbers: Iterable[int]) -> str:
+        names = [self.names[number] for number in numbers]
+        return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+    def _describe_relation(self, goal: Goal) -> str:
+        kind, distance = goal.relation_kind, goal.required_distance
+        other = self.names[goal.reference_id] if goal.relation and goal.relation.reference is not None else ""
+        apart = f", {100 * distance:.0f} cm from centre to centre" if distance else ""
+        near = f"beside {other}, at most {100 * (distance or 0):.0f} cm from it"
+        return {
+            "inside": f"in {other}",
+            "on": f"on {other}",
+            "in_zone": f"on {other}",
+            "near": near,
+            "stacked": "stacked, in this order from the bottom up",
+            "aligned": f"on one line{apart}",
+        }.get(str(kind), "standing upright")
+
+    def _describe_places(self, goal: Goal, row: int, number: int) -> str:
+        """All places that will do for one object."""
+        if goal.metric == "zone":
+            return "; or ".join(dict.fromkeys(self._describe_zone(zone, number) for zone in goal.zones))
+        targets = [goal.targets[index] for index in goal.allowed_target_indices(row)]
+        words = list(dict.fromkeys(self._describe_target(target, number) for target in targets))
+        once = ", each place for one of them" if len(words) > 1 and not goal.replace else ""
+        turned = self._turn_of(number)
+        turn = goal.rotations and goal.symmetries[row] > 0 and turned > _TURNED
+        return "; or ".join(words) + once + (f", turned by {turned:.0f} degrees" if turn else "")
+
+    def _describe_zone(self, zone: Zone, number: int) -> str:
+        """A region by the smallest thing that it is all of, or a part of."""
+        corners = rectangle_outline(
+            (zone.pose[0][0], zone.pose[0][1]), zone.size[:2], transforms.yaw_of_quaternion(zone.pose[1])
+        )
+        around = [
+            (float(np.ptp(prism.outline, axis=0).prod()), other)
+            for other, prism in self.end.items()
+            if other != number and margins_inside_outline(corners, prism.outline, _POINT)[0] >= -_SEEN
+        ]
+        if around:
+            other = min(around)[1]
+            return f"{'in' if other in self.walled else 'on'} {self.names[other]}"
+        x, y, _ = zone.pose[0]
+        width, depth = (f"{100 * extent:.0f} cm" for extent in zone.size[:2])
+        return f"in an area without a mark, {width} x {depth}, around ({100 * x:.0f} cm, {100 * y:.0f} cm)"
+
+    def _describe_target(self, target: Pose, number: int) -> str:
+        """A pose by what is below it, whose place it was, and how far away it is."""
+        item = next(item for item in self.instance.objects if item.id == number)
+        own = object_prism_at_pose(load_object_model(item, self.library), target, number)
+        words = [f"{how} {self.names[other]}" for how, other in self._find_supports(own, self.end)]
+        if not words:
+            moved = math.dist(self.rollout.initial[number][0], target[0])
+            where = "on the bare table" if abs(own.low) < 2 * _RESTING else f"{100 * own.low:.0f} cm above the table"
+            words.append(f"{where}, {100 * moved:.0f} cm from its own start")
+        for other, pose in self.rollout.initial.items():
+            gone = other != number and math.dist(pose[0], self.rollout.final[other][0]) > _SAME_PLACE
+            if gone and math.dist(pose[0][:2], target[0][:2]) < _SAME_PLACE:
+                words.append(f"where {self.names[other]} stands at the start")
+        return " and ".join(words)
+
+
+def _given_color_name(item: InstanceObject) -> str:
+    """The name of the colour that the program gave an object, empty where it gave none."""
+    filled = item.fill.get("COLOR", ())
+    rgb = item.color or tuple(float(value) for value in filled if not isinstance(value, str))
+    if len(rgb) < 3:
+        return ""
+    named = min(utils.COLORS, key=lambda name: math.dist(utils.COLORS[name], rgb[:3]))
+    exact = math.dist(utils.COLORS[named], rgb[:3]) < 0.02
+    return named if exact else color_name_from_rgb((rgb[0], rgb[1], rgb[2]))
+
+
+def _lies_over(own: Prism, other: Prism) -> bool:
+    """Whether the middle of a thing is over another one."""
+    x0, y0, x1, y1 = own.bounding_box_xy
+    middle = np.array([[(x0 + x1) / 2, (y0 + y1) / 2]])
+    return bool(margins_inside_outline(_POINT, other.outline, middle)[0] >= 0)
+
+
+def _overlap(own: Prism, other: Prism) -> bool:
+    """Whether two things overlap, seen from above."""
+    return distance_between_outlines(own.outline, other.outline) <= 0
+
+
+def _end(numbers: Sequence[int]) -> str:
+    return "ends" if len(numbers) == 1 else "end"
+
+
+def _round(values: Vec3) -> list[float]:
+    return [round(value, 3) for value in values]

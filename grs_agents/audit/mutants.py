@@ -1,0 +1,128 @@
+"""Mutants: task instances with one fault each, which tests with teeth tell from the instance that was audited."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from grs_agents.base import Pose
+from grs_agents.geometry import transforms
+from grs_agents.library import Library
+from grs_agents.sim import Goal, InstanceObject, Rollout, TaskInstance
+from grs_agents.sim.world import load_object_model
+
+MutantKind = Literal["goal_dropped", "target_moved", "object_frozen", "wrong_asset", "goal_already_met"]
+SHIFT: Final = 0.05
+"""Metres that a target is moved: five times the tolerance of a pose, and the least that a move is to be."""
+_MOVED, _TURNED = 0.02, math.radians(15)
+"""What has changed by more was moved, metres and radians."""
+_STAND_INS: Final = ("block/red_block.urdf", "block/blue_block.urdf")
+_WHOLE_ONLY: Final = ("stacked", "aligned")
+"""Relations of several objects to one another: without one of them such a goal is another."""
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One fault."""
+
+    kind: MutantKind
+    what: str  # the fault in words
+    instance: TaskInstance
+
+
+def make_mutants(instance: TaskInstance, solved: Rollout, library: Library) -> tuple[Mutant, ...]:
+    """Mutants of an instance that the oracle solved.
+
+    The last two objects that it moved stand for all, so that the cost does not grow with their number: the episodes of
+    these mutants begin as that of the task does, which is simulated once.
+    """
+    movers = _find_moved_objects(instance, solved)
+    chosen = movers[-2:]
+    made = [_drop_goal(instance, item) for item in chosen]
+    made += [mutant for item in chosen if (mutant := _move_target(instance, item)) is not None]
+    made += [_freeze(instance, item) for item in chosen[:1]]
+    made += [_exchange_asset(instance, item, library) for item in chosen]
+    made += [_start_at_end(instance, solved, movers[:count]) for count in sorted({len(chosen[:1]), len(movers)} - {0})]
+    return tuple(made)
+
+
+def _find_moved_objects(instance: TaskInstance, solved: Rollout) -> tuple[InstanceObject, ...]:
+    """The objects of goals that the oracle moved, in the order of the goals."""
+    items = {item.id: item for item in instance.objects}
+    named = dict.fromkeys(number for goal in instance.goals for number in goal.objects)
+    return tuple(items[n] for n in named if n in solved.final and _has_moved(solved.initial[n], solved.final[n]))
+
+
+def _has_moved(start: Pose, end: Pose) -> bool:
+    return math.dist(start[0], end[0]) > _MOVED or transforms.angle_between(start[1], end[1]) > _TURNED
+
+
+def _name(item: InstanceObject) -> str:
+    return f"{item.asset} #{item.id}"
+
+
+def _drop_goal(instance: TaskInstance, item: InstanceObject) -> Mutant:
+    goals = tuple(kept for goal in instance.goals for kept in _without(goal, item.id))
+    what = f"nothing asks for {_name(item)} any more"
+    return Mutant("goal_dropped", what, instance.model_copy(update={"goals": goals}))
+
+
+def _without(goal: Goal, number: int) -> Iterator[Goal]:
+    """The goal without an object; nothing where it makes no sense without."""
+    if number not in goal.objects:
+        yield goal
+    elif len(goal.objects) > 1 and goal.relation_kind not in _WHOLE_ONLY:
+        rows = [row for row, other in enumerate(goal.objects) if other != number]
+        fields = ("objects", "matches", "symmetries")
+        yield goal.model_copy(update={name: tuple(getattr(goal, name)[row] for row in rows) for name in fields})
+
+
+def _move_target(instance: TaskInstance, item: InstanceObject) -> Mutant | None:
+    """The targets and zones of the object's goals moved along y, towards the middle of the table; None without any."""
+    mine = [goal for goal in instance.goals if item.id in goal.objects and (goal.targets or goal.zones)]
+    if not mine:
+        return None
+    places = [*mine[0].targets, *(zone.pose for zone in mine[0].zones)]
+    step = -math.copysign(SHIFT, places[0][0][1])
+
+    def shift(pose: Pose) -> Pose:
+        (x, y, z), turn = pose
+        return (x, y + step, z), turn
+
+    def moved(goal: Goal) -> Goal:
+        zones = tuple(zone.model_copy(update={"pose": shift(zone.pose)}) for zone in goal.zones)
+        return goal.model_copy(update={"targets": tuple(map(shift, goal.targets)), "zones": zones})
+
+    goals = tuple(moved(goal) if goal in mine else goal for goal in instance.goals)
+    what = f"the target of {_name(item)} is {SHIFT * 100:.0f} cm away from where it was"
+    return Mutant("target_moved", what, instance.model_copy(update={"goals": goals}))
+
+
+def _freeze(instance: TaskInstance, item: InstanceObject) -> Mutant:
+    frozen = item.model_copy(update={"category": "fixed"})
+    return _replace(instance, "object_frozen", f"{_name(item)} cannot be moved", frozen)
+
+
+def _exchange_asset(instance: TaskInstance, item: InstanceObject, library: Library) -> Mutant:
+    """Another movable asset of the instance in the place of an object, else a block."""
+    others = [other for other in instance.objects if other.role == "task" and other.category != "fixed"]
+    usable = [other.asset for other in others if not other.fill]
+    asset = next(name for name in (*usable, *_STAND_INS) if name != item.asset)
+    other = InstanceObject(id=item.id, asset=asset, pose=item.pose)
+    low = item.pose[0][2] - load_object_model(item, library).size[2] / 2
+    height = max(0.0, low) + load_object_model(other, library).size[2] / 2
+    pose = ((*item.pose[0][:2], height), (0.0, 0.0, 0.0, 1.0))
+    what = f"{asset} stands where {_name(item)} should"
+    return _replace(instance, "wrong_asset", what, other.model_copy(update={"pose": pose}))
+
+
+def _replace(instance: TaskInstance, kind: MutantKind, what: str, *items: InstanceObject) -> Mutant:
+    changed = {item.id: item for item in items}
+    objects = tuple(changed.get(item.id, item) for item in instance.objects)
+    return Mutant(kind, what, instance.model_copy(update={"objects": objects}))
+
+
+def _start_at_end(instance: TaskInstance, solved: Rollout, items: Sequence[InstanceObject]) -> Mutant:
+    at_end = [item.model_copy(update={"pose": solved.final[item.id]}) for item in items]
+    what = f"{', '.join(map(_name, items))} {'start' if len(items) > 1 else 'starts'} where the task wants it"
+    return _replace(instance, "goal_already_met", what, *at_end)

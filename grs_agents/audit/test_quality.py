@@ -1,0 +1,120 @@
+"""Whether tests have teeth: they test the audited program, pass every time, and fail where the task is broken."""
+
+import ast
+from collections.abc import Iterator, Sequence
+from typing import Final, Protocol
+
+from grs_agents.audit.mutants import Mutant
+from grs_agents.audit.reach_checks import find_reaches
+from grs_agents.audit.source_checks import ProgramSource, read_source
+from grs_agents.audit.types import Finding
+
+RUNS: Final = 5
+"""How often a suite must pass in all: a coin flip passes five times in 3 % of the cases."""
+SCORE: Final = 0.8
+"""Share of the mutants of a kind that make the suite fail, mean over the kinds: of five, a suite may be blind to one,
+e.g. where the words leave open to within 5 cm where a thing goes."""
+_ALIVE: Final = ("passed", "not_run")
+_MOCKING: Final = frozenset(
+    {"mock", "pytest_mock", "MagicMock", "Mock", "AsyncMock", "patch", "monkeypatch", "setattr"}
+)
+_RUNTIME: Final = frozenset({"Environment", "Task", "Oracle"})
+
+
+class SuiteRun(Protocol):
+    """What came of one run of the suite; see the tool ``probe_tests``."""
+
+    ended: str  # how
+    test: str  # the test that ended it
+    message: str  # why
+    solved: int  # episodes of the audited instance at full reward
+    difference: str  # how the last scene differs from the audited instance
+    replaced: str  # a method of the runtime that was replaced
+    held: bool  # whether the audited instance's goals hold at the end of each episode
+
+
+def find_faults_of_tests(tests: str, names: Sequence[str] = ("task_code",)) -> Iterator[tuple[int, str]]:
+    """What makes tests test something else than the program, with the line: mocks, tasks of their own, no import.
+
+    Args:
+        tests: their source.
+        names: the modules that the program can be imported as.
+    """
+    source = read_source("tests", tests)
+    if not isinstance(source, ProgramSource):
+        yield source.line, source.message
+        return
+    imports = {alias.name for node in source.nodes_of(ast.Import) for alias in node.names}
+    imports |= {node.module or "" for node in source.nodes_of(ast.ImportFrom)}
+    if not imports & set(names):
+        yield 1, f"they never import {names[0]}"
+    for node in source.nodes:
+        if fault := _describe_fault(node):
+            yield getattr(node, "lineno", 1), fault
+    yield from find_reaches(source)
+
+
+def find_faults_of_program(simulation: str) -> Iterator[tuple[int, str]]:
+    """Where the simulation program reaches into what tests and measures it, with the line."""
+    source = read_source("simulation", simulation)
+    if isinstance(source, ProgramSource):
+        yield from ((line, f"in the simulation program {reach}") for line, reach in find_reaches(source))
+
+
+def _describe_fault(node: ast.AST) -> str:
+    if isinstance(node, ast.alias) and set(node.name.split(".")) & _MOCKING:
+        return f"they import {node.name}, which puts something else in place of what is tested"
+    if isinstance(node, ast.ImportFrom) and set((node.module or "").split(".")) & _MOCKING:
+        return f"they import from {node.module}, which puts something else in place of what is tested"
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _MOCKING:
+        return f"they call {node.func.id}, which may put something else in place of what is tested"
+    if isinstance(node, ast.ClassDef):
+        bases = {getattr(base, "attr", getattr(base, "id", "")) for base in node.bases}
+        if own := bases & _RUNTIME:
+            return f"{node.name} is a {min(own)} of their own"
+    return ""
+
+
+def check_tests_of_program(faults: Sequence[tuple[int, str]], runs: Sequence[SuiteRun]) -> Finding:
+    """They test the program: nothing is mocked, and an episode at full reward ran the instance that was audited."""
+    told = [f"line {line}: {fault}" for line, fault in faults]
+    told += [f"{run.replaced} was replaced while they ran" for run in runs[:1] if run.replaced]
+    solved = sum(run.solved for run in runs[:1])
+    if not solved:
+        seen = {run.difference for run in runs[:1]} - {""}
+        told += ["no episode of theirs solved the task instance that was audited"]
+        told += [f"the last scene they set up differs from it in: {difference}" for difference in seen]
+    otherwise = f"{solved} episodes at full reward ran the audited task instance"
+    bound = "tests must import task_code, replace nothing, and let the oracle solve what the program sets up"
+    return Finding.of_faults("tests_of_program", told, otherwise, bound)
+
+
+def check_tests_repeat(runs: Sequence[SuiteRun]) -> Finding:
+    """They pass every time, whatever the generators draw."""
+    failed = [run for run in runs if run.ended != "passed"]
+    measured = f"the tests passed {1 + len(runs) - len(failed)} of {1 + len(runs)} times"
+    if failed:
+        measured += f"; {failed[0].test or 'the suite'} {failed[0].ended}: {failed[0].message}"
+    return Finding(check="tests_repeat", passed=not failed, measured=measured, bound="each time they must")
+
+
+def check_tests_have_teeth(mutants: Sequence[Mutant], runs: Sequence[SuiteRun]) -> Finding:
+    """They fail for most mutants; one whose target was moved and that still ends as it should is none.
+
+    Args:
+        mutants: the faults.
+        runs: of the suite, one for each.
+    """
+    pairs = list(zip(mutants, runs, strict=True))
+    counted = [(one, run) for one, run in pairs if not (one.kind == "target_moved" and run.held)]
+    alive = [one.what for one, run in counted if run.ended in _ALIVE]
+    kinds = dict.fromkeys(one.kind for one, _ in counted)
+    killed = {kind: [run.ended not in _ALIVE for one, run in counted if one.kind == kind] for kind in kinds}
+    score = sum(sum(row) / len(row) for row in killed.values()) / max(1, len(killed))
+    measured = (
+        f"{len(counted) - len(alive)} of {len(counted)} mutants of the task make the tests fail, score {score:.2f}"
+    )
+    if alive:
+        measured += f"; they pass although {'; although '.join(alive)}"
+    bound = f"at least {SCORE} must; assert of every object of the task that it is there, moved, and ends in its place"
+    return Finding(check="tests_have_teeth", passed=score >= SCORE, measured=measured, bound=bound)
