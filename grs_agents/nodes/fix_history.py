@@ -14,6 +14,7 @@ from typing import Any, Final, Literal, cast
 from grs_agents.agents import Verdict
 from grs_agents.audit import AuditReport
 from grs_agents.base import Frozen
+from grs_agents.nodes.assertion_changes import find_changed_assertions
 from grs_agents.nodes.services import Update
 from grs_agents.policies import failures_without_run_details, read_episode
 from grs_agents.sandbox import TestReport
@@ -27,6 +28,8 @@ STRATEGIES: Final[tuple[Strategy, ...]] = ("fix", "rewrite")
 VERDICTS: Final[dict[FixedName, Verdict]] = {"simulation": "fix_code", "tests": "fix_test", "task": "fix_task"}
 LONGEST_STREAK = 5
 """So many fixes in vain, one after the other, end a run."""
+ABOUT_TESTS = "tests_"
+"""How the audit's checks of the tests begin."""
 KEPT = ("task", "revised", "simulation", "tests", "report", "audit")
 """The fields of the state that the best version comes back with."""
 
@@ -64,6 +67,7 @@ class FixRecord(Frozen):
     after: Score | None = None  # None until the programs were judged again
     evidence: str  # hash of the evidence that the fix was asked for with
     programs: str  # hash of task and programs before the fix
+    assertions: tuple[str, ...] = ()  # of the tests: what was taken out (``- ...``) or put in its place (``+ ...``)
     vain: bool = False  # the evidence stayed as it was, or the programs were judged before
 
     @property
@@ -119,11 +123,16 @@ def read_fix_history(state: RunState) -> list[FixRecord]:
 
 def describe_fix_history(state: RunState) -> tuple[str, ...]:
     """One line for each fix, and one that names the best version."""
-    lines = [str(record) for record in read_fix_history(state)]
+    lines = [line for record in read_fix_history(state) for line in (str(record), *_assertion_lines(record))]
     if lines and state.get("best"):
         best = BestVersion.model_validate(state["best"])
         lines.append(f"best so far: {best.describe()}")
     return tuple(lines)
+
+
+def _assertion_lines(record: FixRecord) -> list[str]:
+    told = {"-": "no longer asserted", "+": "asserted instead"}
+    return [f"  {told[line[0]]}: {line[2:]}" for line in record.assertions]
 
 
 def record_fix(state: RunState, fixed: FixedName, strategy: Strategy, change: Update, problem: str = "") -> Update:
@@ -138,6 +147,9 @@ def record_fix(state: RunState, fixed: FixedName, strategy: Strategy, change: Up
         added=sum(line.startswith("+ ") for line in lines),
         removed=sum(line.startswith("- ") for line in lines),
         problem=problem,
+        assertions=find_changed_assertions(str(state.get("tests", "")), str(change["tests"]))
+        if "tests" in change
+        else (),
         before=measure_score(state),
         evidence=_hash_evidence(state),
         programs=_hash_programs(state),
@@ -193,7 +205,11 @@ def _rewritten(history: Sequence[FixRecord]) -> list[FixRecord]:
 
 
 def _suspects(state: RunState) -> tuple[ProgramName, ...]:
-    """The tests are none where it was the audit that found fault, nor where nobody asks whose fault it is."""
+    """The tests are none where it was the audit that found fault, nor where nobody asks whose fault it is; they alone
+    are where all that the audit found is about them."""
+    failed = [finding["check"] for finding in (state.get("audit") or {}).get("findings", ()) if not finding["passed"]]
+    if failed and all(check.startswith(ABOUT_TESTS) for check in failed):
+        return ("tests",)
     decision = state.get("decision", {})
     unasked = bool(state.get("history")) and not decision
     code_only = state.get("audit") or unasked or decision.get("policy") == "always_code"

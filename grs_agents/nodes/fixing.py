@@ -26,7 +26,7 @@ def judged_programs(state: RunState, services: Services, role: str) -> JudgedPro
     """What the model of a router or fixer is shown."""
     task = task_from_state(state)
     scene = scene_for_prompt(scene_from_state(state), services.library)
-    if role != "fix_task":
+    if role not in ("fix_task", "fix_code"):  # who places things must know what else stands there
         scene["objects"] = [item for item in scene["objects"] if item["asset"] in task.assets]
     photo = [] if role == "route" else images_from_state(state)
     return JudgedPrograms(

@@ -67,6 +67,10 @@ def _take_first_judgement(evidence: "_Evidence") -> RoutingDecision:
     return next((decision for decision in decisions if decision is not None), None) or _blame_failing_tests(evidence)
 
 
+_INFEASIBLE = ("target_too_small", "unreachable", "no_free_space", "no_seal", "would_tip")
+"""Outcomes that no program may be able to change: the task has to be revised."""
+
+
 class _Evidence:
     """The context, and what several rules read from it."""
 
@@ -95,9 +99,8 @@ class _Evidence:
 
     @property
     def is_infeasible(self) -> bool:
-        """Whether something does not fit, or cannot be reached, in any episode."""
-        outcomes = {episode.outcome for _, episode in self.episodes}
-        return self.solved is None and bool(outcomes & {"target_too_small", "unreachable", "no_free_space"})
+        """Whether something does not fit, or cannot be reached or held, in any episode."""
+        return self.solved is None and any(episode.outcome in _INFEASIBLE for _, episode in self.episodes)
 
 
 def _blame_program(why: str, sure: bool = True) -> RoutingDecision:
@@ -112,6 +115,8 @@ def _blame_tests(why: str, sure: bool = True, expectation: bool = False) -> Rout
 def _blame_by_load_error(evidence: _Evidence) -> RoutingDecision | None:
     """The audit's verdict, and sources that cannot do anything."""
     report = evidence.report
+    if evidence.context.audit_failed and "fix_code" not in evidence.context.verdicts:
+        return _blame_tests("the audit finds fault with the tests alone")
     if evidence.context.audit_failed:
         return _blame_program("the tests pass but the audit of the task instances fails")
     if found := evidence.find_static("simulation", _BROKEN_SOURCE):

@@ -1,5 +1,6 @@
 from .harness.captured_error import CapturedError as CapturedError
 from .harness.channel import report_progress as report_progress
+from .harness.suite_probe import run_suite_once as run_suite_once
 from .harness.suite_runner import load_program as load_program
 from .harness.suite_runner import run_tests_inside as run_tests_inside
 from .harness.suite_runner import seed_everything as seed_everything

@@ -4,6 +4,7 @@ from grs_agents.sim.arms import NEAREST, REACH
 from grs_agents.sim.cliport import Environment, Task, api_reference, defines_task_class, find_task_class, utils
 from grs_agents.sim.cliport import pybullet as p
 from grs_agents.sim.expert import Oracle
+from grs_agents.sim.goals import Overlap, Support
 from grs_agents.sim.instance import (
     ActionRecord,
     Episode,
@@ -36,15 +37,24 @@ from grs_agents.sim.instance import (
     upright,
 )
 from grs_agents.sim.instantiation import instantiate
-from grs_agents.sim.rollouts import InstanceTask, Rollout, rollout, run_oracle
-from grs_agents.sim.world import describe_reached_limit, latest_limit_error, reset_before_test, set_environment_defaults
+from grs_agents.sim.probing import EpisodeMemory, Probe
+from grs_agents.sim.rollouts import HAND_NOISE, InstanceTask, NoisyTrial, Rollout, rollout, run_oracle
+from grs_agents.sim.world import (
+    describe_reached_limit,
+    latest_limit_error,
+    place_bystanders,
+    reset_before_test,
+    set_environment_defaults,
+)
 
 __all__ = [
+    "HAND_NOISE",
     "NEAREST",
     "REACH",
     "ActionRecord",
     "Environment",
     "Episode",
+    "EpisodeMemory",
     "Goal",
     "GoalOutcome",
     "InstanceError",
@@ -52,14 +62,18 @@ __all__ = [
     "InstanceTask",
     "InstanceTie",
     "NoFreeSpaceError",
+    "NoisyTrial",
     "ObjectLimitError",
     "ObjectMotion",
     "Oracle",
     "Outcome",
+    "Overlap",
+    "Probe",
     "Relation",
     "Rollout",
     "SimulationBudgetError",
     "SimulationError",
+    "Support",
     "Task",
     "TaskInstance",
     "UnsupportedError",
@@ -81,6 +95,7 @@ __all__ = [
     "on",
     "p",
     "parse_instance_json",
+    "place_bystanders",
     "reset_before_test",
     "rollout",
     "run_oracle",

@@ -149,8 +149,8 @@ def test_what_the_audit_never_accepts_is_fixed_as_often_as_allowed(
 
 
 def test_what_the_audit_rejects_is_fixed_and_then_accepted(state: RunState, make_services: Make) -> None:
-    short = SIMULATION.replace("(0.6, 0.0)", "(1.6, 0.0)")
-    services = make_services(fenced(short), fenced(TESTS), fenced(SIMULATION), policy="always_code")
+    more = SIMULATION + '        env.add_object("block/green_block.urdf", ((0.55, 0.3, 0.02), flat), "fixed")\n'
+    services = make_services(fenced(more), fenced(TESTS), fenced(SIMULATION), policy="always_code")
     ended = after_generation(state, services)
     assert (ended["status"], ended["fixes"]) == ("accepted", 1), ended["reason"]
     assert [event.node for event in kinds(services, "node_ended")] == [
@@ -165,4 +165,4 @@ def test_what_the_audit_rejects_is_fixed_and_then_accepted(state: RunState, make
         "conclude",
     ]
     [fix] = [event for event in kinds(services, "prompt") if event.role == "fix_code"]
-    assert "== audit" in fix.text and "unreachable" in fix.text
+    assert "== audit" in fix.text and "assets_of_task" in fix.text

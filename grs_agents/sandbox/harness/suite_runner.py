@@ -5,6 +5,7 @@ Each test is reported as it starts and as it ends.
 
 import ast
 import contextlib
+import functools
 import importlib
 import inspect
 import io
@@ -253,7 +254,12 @@ def load_program(source: str, alias: str = "", file: str = SIMULATION_FILE) -> M
     The file is written to the working folder, where programs that read their own source find it. Whatever the program
     raises is raised.
     """
-    return _execute_as_module(compile(source, file, "exec"), source, alias, file, {})
+    return _execute_as_module(_compile_program(source, file), source, alias, file, {})
+
+
+@functools.lru_cache(maxsize=2)
+def _compile_program(source: str, file: str) -> CodeType:
+    return compile(source, file, "exec")
 
 
 def seed_everything(seed: int) -> None:

@@ -116,9 +116,10 @@ def test_a_tangle_of_many_is_refused_before_it_costs_minutes() -> None:
 
 
 def test_a_scene_that_bursts_is_an_error() -> None:
-    row = tuple(thing(number, 0.5, -0.2 + 0.041 * number) for number in range(1, 9))
+    offsets = {number: 0.041 * (number // 2) * (-1) ** number for number in range(1, 9)}  # the first is in the middle
+    row = tuple(thing(number, 0.5, 0.3 + aside) for number, aside in offsets.items())
     train = tuple(
-        tie(1, number, kind="fixed", parent_frame=((0.0, 0.041 * (number - 1), 0.0), FLAT)) for number in range(2, 9)
+        tie(1, number, kind="fixed", parent_frame=((0.0, offsets[number], 0.0), FLAT)) for number in range(2, 9)
     )
     done = rollout(instance(objects=row, ties=train), Library())
     assert done.episode.outcome == "error"

@@ -1,0 +1,83 @@
+"""Probe the tests of an audited program: the suite runs again, and against mutants of the task instance."""
+
+import hashlib
+from typing import Any
+
+from grs_agents.audit import (
+    RUNS,
+    Finding,
+    check_tests_have_teeth,
+    check_tests_of_program,
+    check_tests_repeat,
+    find_faults_of_program,
+    find_faults_of_tests,
+    make_mutants,
+)
+from grs_agents.nodes.audited_programs import AuditedPrograms
+from grs_agents.nodes.bystanders import setup_of_programs
+from grs_agents.nodes.services import Services
+from grs_agents.nodes.task_instances import SolvedInstances
+
+Json = dict[str, Any]
+
+
+def probe_tests(audited: AuditedPrograms, solved: SolvedInstances, services: Services) -> tuple[Finding, ...]:
+    """The findings about the tests; none without tests, or where no instance was solved.
+
+    The suite passed once before. It runs four more times on the first audited instance, and on each mutant of it.
+    """
+    if audited.tests is None or not solved.rollouts:
+        return ()
+    rollout = solved.rollouts[0]
+    instance = next(instance for instance in solved.instances if instance.seed == rollout.seed)
+    mutants = make_mutants(instance, rollout, services.library)
+    first = instance.model_dump(mode="json")
+    seed = services.config.seed
+    again: list[Json] = [
+        {"name": f"again {number}", "instance": first, "coin": (seed + number) % 2**32, "early": number > 1}
+        for number in range(1, RUNS)
+    ]
+    faulty: list[Json] = [
+        {"name": f"mutant {number}", "instance": first, "mutant": mutant.instance.model_dump(mode="json")}
+        for number, mutant in enumerate(mutants)
+    ]
+    repeats = _run_suite(audited, again[:-1], services)
+    last, tried = _run_among_mutants(audited, again[-1], faulty, services)
+    faults = list(find_faults_of_tests(audited.tests, ("task_code", audited.name)))
+    faults += find_faults_of_program(audited.simulation)
+    return (
+        check_tests_of_program(faults, repeats),
+        check_tests_repeat((*repeats, *last)),
+        check_tests_have_teeth(mutants, tried),
+    )
+
+
+def _run_among_mutants(
+    audited: AuditedPrograms, again: Json, faulty: list[Json], services: Services
+) -> tuple[list[Any], list[Any]]:
+    """What comes of a further run somewhere among those of the mutants, and of these.
+
+    They run in a process of their own, a mutant first, so that a suite which counts its runs, or keeps the first scene
+    that it sees, cannot tell them apart by that. Where the further run stands depends on the two programs.
+    """
+    if not faulty:
+        return _run_suite(audited, [again], services), []
+    digest = hashlib.sha256(f"{audited.simulation}\0{audited.tests}".encode()).digest()
+    place = 1 + int.from_bytes(digest[:8]) % len(faulty)
+    outcomes = _run_suite(audited, [*faulty[:place], again, *faulty[place:]], services)
+    last, tried = outcomes[place], [*outcomes[:place], *outcomes[place + 1 :]]
+    hung = last.ended == "not_run" and any(one.ended == "stopped" for one in tried)  # in a mutant before it
+    return [] if hung else [last], tried
+
+
+def _run_suite(audited: AuditedPrograms, runs: list[Json], services: Services) -> list[Any]:
+    """The outcome of each run, in a process that ran nothing before."""
+    outcomes = services.run_tool(
+        "probe_tests",
+        simulation=audited.simulation,
+        tests=audited.tests,
+        simulation_name=audited.name,
+        runs=runs,
+        **setup_of_programs(audited.scene, services),
+    ).outcomes
+    return list(outcomes)

@@ -1,0 +1,230 @@
+"""What a test program does with a task, seen from the environment that it resets; and faults put in under its eyes.
+
+A ``Probe`` is asked at each ``env.reset`` of this process. It draws the scene of one seed every time, tells whether it
+is the task instance that was audited, and may put a mutant in its place: a suite with teeth fails then.
+"""
+
+import random
+from collections.abc import Callable
+from typing import Any, Final, cast
+
+import numpy as np
+
+from grs_agents.base import Pose
+from grs_agents.mujoco_import import mujoco
+from grs_agents.sim.cliport import Environment, Task
+from grs_agents.sim.expert import Oracle
+from grs_agents.sim.goals import StrictScorer
+from grs_agents.sim.instance import Stop, TaskInstance, set_last_recorder
+from grs_agents.sim.instantiation import describe_instance
+from grs_agents.sim.motion import PickPlaceResult
+
+_TRUSTED: Final = tuple(
+    kind for kind in (*Environment.__mro__, *Task.__mro__, *Oracle.__mro__) if kind.__module__.startswith("grs_agents.")
+)
+"""The classes that tests must leave as they are."""
+_STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
+_MOST_STATES: Final = 16
+"""How many states are kept; each takes up to 16 MB, and more than so many actions are rare in an episode."""
+Action = dict[str, Pose]
+PickAndPlace = Callable[[Pose, Pose], PickPlaceResult]
+_COMPARED: Final = ("max_steps", "timestep", "primitive", "sixdof", "pos_eps", "rot_eps", "ties", "goals")
+"""What of two instances must be equal, besides their objects: all that decides how an episode goes."""
+_FULL: Final = 0.985
+"""Strict score of an episode at full reward, as goals count as met."""
+
+
+class EpisodeMemory:
+    """What the oracle decided and what actions did, by the exact state they began in: both are deterministic.
+
+    So several tests that run the same episode cost one. An oracle that takes over where one in memory left the path
+    begins afresh.
+    """
+
+    def __init__(self) -> None:
+        self._decisions: dict[Any, tuple[Action | None, Stop | None]] = {}
+        self._actions: dict[Any, tuple[PickPlaceResult, Any, int]] = {}
+        self._kept = 0  # how many of them, the first, are the audited instance's
+        self._of_mutant = False
+
+    def recall_or_act(self, env: Environment, pick: Pose, place: Pose, act: PickAndPlace) -> PickPlaceResult:
+        """What ``act(pick, place)`` does to the scene and returns."""
+        physics = env.physics
+        if physics.cup.held is not None or physics.observer is not None:
+            return act(pick, place)
+        key = (_make_scene_key(env), pick, place)
+        if key in self._actions:
+            result, state, steps = self._actions[key]
+            physics.budget.spend_steps(steps)
+            physics.restore_state(state)
+            return result
+        before = physics.budget.left
+        result = act(pick, place)
+        if physics.cup.held is None and len(self._actions) - self._kept * self._of_mutant < _MOST_STATES:
+            self._actions[key] = (result, physics.save_state(), before - physics.budget.left)
+            self._kept += not self._of_mutant
+        return result
+
+    def recall_or_decide(self, trail: Any, env: Environment, decide: Callable[[], Action | None]) -> Action | None:
+        """What ``decide()`` makes of a scene that was come to by a ``trail`` of others."""
+        if trail not in self._decisions:
+            self._decisions[trail] = (decide(), env.recorder.stop)
+        decision, env.recorder.stop = self._decisions[trail]
+        set_last_recorder(env.recorder)
+        return decision
+
+    def begin_run(self, of_mutant: bool) -> None:
+        """Forget the actions of the mutant before; those of the audited instance are kept."""
+        for key in list(self._actions)[self._kept :]:
+            del self._actions[key]
+        self._of_mutant = of_mutant
+
+
+class RememberingOracle(Oracle):
+    """An oracle that is asked nothing twice."""
+
+    def __init__(self, oracle: Oracle, env: Environment, memory: EpisodeMemory) -> None:
+        super().__init__(oracle.task, env)
+        self._oracle, self._env, self._memory = oracle, env, memory
+        self._recorder: Any = None
+        self._trail = 0
+
+    def act(self, obs: Any = None, info: Any = None) -> Action | None:
+        """As the oracle's own."""
+        del obs, info
+        env, task = self._env, cast(Any, self._env.task)
+        if self._recorder is not env.recorder:
+            self._recorder, self._trail = env.recorder, hash((repr(task.grs.stated), task.pos_eps, task.rot_eps))
+        self._trail = hash((self._trail, _make_scene_key(env), len(task.goals), len(env.recorder.actions)))
+        return self._memory.recall_or_decide(self._trail, env, self._oracle.act)
+
+
+def _make_scene_key(env: Environment) -> tuple[Any, ...]:
+    """All that decides what an action does: what the world is compiled from, where all stands, and the whole state."""
+    things = [(item.id, item.asset, repr(item.fill), item.category, item.pose) for item in env.objects]
+    model, data = env.physics.model, env.physics.data
+    state = np.empty(mujoco.mj_stateSize(model, _STATE))
+    mujoco.mj_getState(model, data, state, _STATE)
+    return (env.timestep, env.tool, env.background, repr(env.object_ties), *things, state.tobytes())
+
+
+class Probe:
+    """The environments' resets of one run of a test suite.
+
+    Args:
+        instance: the task instance that was audited, of the seed that the run draws.
+        mutant: what stands on the table instead; None leaves it.
+        coin: seeds what the tests draw, so that a suite that gambles is found out.
+        early: whether so before the first reset of a test too, and not only after it; only a program that draws
+            before its reset, e.g. in ``__init__``, sets another scene up then.
+        memory: of episodes, shared by the runs of one process.
+    """
+
+    def __init__(
+        self, instance: TaskInstance, mutant: TaskInstance | None, coin: int, early: bool, memory: EpisodeMemory
+    ) -> None:
+        self.instance, self.mutant, self.coin, self.early, self.memory = instance, mutant, coin, early, memory
+        self.solved = 0  # episodes of the audited instance at full reward
+        self.difference = ""  # how the last scene that was set up differs from the audited instance
+        self.replaced = ""  # a part of the runtime that the tests have put something else in place of
+        self.held: list[bool] = []  # of each episode: whether the audited instance's goals hold at its end
+        self._parts = [(kind, _methods_of(kind)) for kind in _TRUSTED]
+        self._drawn: tuple[Any, Any] | None = None
+        self._rng: tuple[Environment, Any] | None = None
+        self._env: Environment | None = None
+
+    def recall_or_act(self, env: Environment, pick: Pose, place: Pose, act: PickAndPlace) -> PickPlaceResult:
+        """An action of an environment."""
+        return self.memory.recall_or_act(env, pick, place, act)
+
+    def watch_oracle(self, oracle: Oracle, env: Environment) -> Oracle:
+        """The oracle of an environment."""
+        return RememberingOracle(oracle, env, self.memory)
+
+    def begin_test(self) -> None:
+        """A test begins, the global generators were just seeded."""
+        self.end_episode()
+        self._drawn, self._rng = None, None
+        if self.early:
+            self._drawn = (random.getstate(), np.random.get_state())
+            self._toss()
+
+    def begin_reset(self, env: Environment) -> None:
+        """A reset begins. Later ones of a test draw the scene that its first one drew."""
+        self.end_episode()
+        if self._drawn is None:
+            self._drawn = (random.getstate(), np.random.get_state())
+        random.setstate(self._drawn[0])
+        np.random.set_state(self._drawn[1])
+        if self._rng is None or self._rng[0] is not env:
+            self._rng = (env, env.rng.bit_generator.state)
+        env.rng.bit_generator.state = self._rng[1]
+
+    def _toss(self) -> None:
+        random.seed(self.coin)
+        np.random.seed(self.coin)
+
+    def finish_reset(self, env: Environment) -> None:
+        """The program has set its scene up: compare it with the audited one, and put the mutant in its place."""
+        self._toss()
+        self._env = env
+        self.difference = self._find_difference(env)
+        if self.mutant is not None and not self.difference:
+            self._apply(self.mutant, env)
+
+    def end_episode(self) -> None:
+        """What the present episode came to, while its scene stands."""
+        env, self._env = self._env, None
+        self.replaced = self.replaced or self._find_replaced(env)
+        if env is None or not env.recorder.actions or self.difference:
+            return
+        task: Any = env.task
+        if self.mutant is None:
+            episode = env.current_episode
+            self.solved += episode.outcome == "success" and episode.strict >= _FULL
+        else:
+            task.grs.stated = tuple(self.instance.goals)
+            self.held.append(StrictScorer(task, env).measure_scene().strict >= _FULL)
+
+    def describe(self) -> dict[str, Any]:
+        """What was seen, as JSON."""
+        self.end_episode()
+        held = bool(self.held) and all(self.held)
+        return {"solved": self.solved, "difference": self.difference, "replaced": self.replaced, "held": held}
+
+    def _find_difference(self, env: Environment) -> str:
+        try:
+            drawn = describe_instance(env, cast(Task, env.task), self.instance.seed)
+        except (AttributeError, TypeError, ValueError):
+            return "it is no task instance"
+        mine, theirs = ({item.id: item for item in one.task_objects} for one in (drawn, self.instance))
+        fields = [name for name in _COMPARED if getattr(drawn, name) != getattr(self.instance, name)]
+        return ", ".join(["objects"] * (mine != theirs) + fields)
+
+    def _apply(self, mutant: TaskInstance, env: Environment) -> None:
+        task: Any = env.task
+        before = {item.id: item for item in self.instance.objects}
+        for item in mutant.objects:
+            if item != before[item.id]:
+                env.replace_object(item)
+        task.goals = list(mutant.goals)
+        task.lang_goals = [goal.language for goal in mutant.goals]
+        task.grs.finish_reset(env)
+
+    def _find_replaced(self, env: Environment | None) -> str:
+        """The first method of the runtime that is no longer its own, for all or for this environment or its task."""
+        for kind, parts in self._parts:
+            now = _methods_of(kind)
+            if changed := [name for name in {**parts, **now} if now.get(name) is not parts.get(name)]:
+                return f"{kind.__name__}.{changed[0]}"
+        for thing in (env, env.task) if env is not None else ():
+            kind = type(thing)
+            if hidden := [name for name in vars(thing) if callable(getattr(kind, name, None))]:
+                return f"{kind.__name__}.{hidden[0]}"
+        return ""
+
+
+def _methods_of(kind: type) -> dict[str, Any]:
+    return {
+        name: part for name, part in vars(kind).items() if callable(part) or isinstance(part, property | classmethod)
+    }

@@ -1,0 +1,52 @@
+"""An episode from memory is the episode itself, to the last bit."""
+
+import numpy as np
+
+from grs_agents.library import Library
+from grs_agents.sim import Environment, EpisodeMemory, Probe, Task, TaskInstance, instantiate, run_oracle
+
+FLAT = (0.0, 0.0, 0.0, 1.0)
+
+
+class TwoBlocks(Task):
+    """Two blocks, one of which is placed at random."""
+
+    def reset(self, env: Environment) -> None:
+        super().reset(env)
+        start, target = self.get_random_pose(env, (0.04, 0.04, 0.04)), ((0.5, -0.1, 0.02), FLAT)
+        red = env.add_object("block/red_block.urdf", start)
+        env.add_object("block/blue_block.urdf", ((0.4, 0.3, 0.02), FLAT))
+        self.add_goal([red], np.ones((1, 1)), [target], False, False, "pose", None, 1.0, [0], "there")
+
+
+def play(instance: TaskInstance, probe: Probe | None = None) -> Environment:
+    """One episode, under the eyes of a probe."""
+    Environment.witness = probe
+    try:
+        if probe is not None:
+            probe.begin_test()
+        task = TwoBlocks()
+        env = Environment(task=task, seed=instance.seed)
+        env.reset()
+        run_oracle(env, task)
+        return env
+    finally:
+        Environment.witness = None
+
+
+def test_an_episode_from_memory_is_the_same() -> None:
+    instance = instantiate(TwoBlocks(), 3, Library())
+    plain, memory = play(instance), EpisodeMemory()
+    for _ in range(2):
+        probe = Probe(instance, None, 1, False, memory)
+        env = play(instance, probe)
+        assert env.objects == plain.objects
+        assert env.current_episode == plain.current_episode
+        assert probe.describe() == {"solved": 1, "difference": "", "replaced": "", "held": False}
+
+
+def test_another_scene_is_told_from_the_audited_one() -> None:
+    instance, other = (instantiate(TwoBlocks(), seed, Library()) for seed in (3, 4))
+    probe = Probe(other, None, 1, False, EpisodeMemory())
+    play(instance, probe)
+    assert probe.describe() == {"solved": 0, "difference": "objects", "replaced": "", "held": False}
