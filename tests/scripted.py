@@ -77,8 +77,8 @@ class ScriptedAgents(Agents):
     script: ScriptedModel = field(default_factory=lambda: ScriptedModel(replies=[]))
 
     def chat_model_for_role(self, role: str) -> BaseChatModel:
-        """The scripted model."""
-        return self.script
+        """The scripted model; once it has nothing left to say, the judge is the one that is configured."""
+        return super().chat_model_for_role(role) if role == "judge" and not self.script.replies else self.script
 
 
 @dataclass
@@ -88,8 +88,8 @@ class StubbornAgents(Agents):
     stubborn: StubbornModel = field(default_factory=lambda: StubbornModel(replies={}))
 
     def chat_model_for_role(self, role: str) -> BaseChatModel:
-        """The stubborn model."""
-        return self.stubborn
+        """The stubborn model, where it has a reply for ``role``; else the one that is configured."""
+        return self.stubborn if role in self.stubborn.replies else super().chat_model_for_role(role)
 
 
 def say(text: str, finish: str = "stop") -> AIMessage:

@@ -17,6 +17,7 @@ from .recorded import Exchange as Exchange
 from .recorded import MissingReply as MissingReply
 from .recorded import RecordedReplies as RecordedReplies
 from .recorded import collect_exchanges as collect_exchanges
+from .recorded import collect_model_replies as collect_model_replies
 from .recorded import digest_prompt as digest_prompt
 from .recorded import read_cassette as read_cassette
 from .reply import ReplyError as ReplyError
@@ -32,3 +33,4 @@ from .types import RouterReply as RouterReply
 from .types import TaskDefinition as TaskDefinition
 from .types import TaskRevision as TaskRevision
 from .types import Verdict as Verdict
+from .types import WordsJudgement as WordsJudgement

@@ -15,6 +15,7 @@ from grs_agents import content
 from grs_agents.base import Frozen
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.foreign import path_exists, read_json
+from grs_agents.models import is_offline
 from grs_agents.trace import Event, NodeStarted, Prompt, Reply
 
 REMEDY = "record the run anew: grs run SCENE --record FILE"
@@ -89,6 +90,15 @@ def _pair_answered_prompts(events: Sequence[Event]) -> list[tuple[Prompt, Reply]
     replies = {event.call: event for event in events if isinstance(event, Reply) and event.answered}
     prompts = (event for event in events if isinstance(event, Prompt) and event.digest)
     return [(prompt, replies[prompt.call]) for prompt in prompts if prompt.call in replies]
+
+
+def collect_model_replies(events: Sequence[Event]) -> RecordedReplies:
+    """The replies to all roles of a run but those of the offline model, which can be asked again.
+
+    Of equal prompts the last comes first: what was audited twice was judged by what the model said the second time.
+    """
+    pairs = [(prompt.digest, reply) for prompt, reply in _pair_answered_prompts(events) if not is_offline(prompt.model)]
+    return RecordedReplies(reversed(pairs), tolerant=True)
 
 
 class Exchange(Frozen):

@@ -1,8 +1,8 @@
-"""The eight agents of the paper and the one who revises a task: what each is told, shown and asked for.
+"""The eight agents of the paper, who revises a task and who judges it: what each is told, shown and asked for.
 
 Following the paper, the scene image goes to the describer, matcher, task author, simulation author and code fixer
 (vision-language models), not to the test author and test fixer (language models). The router and the fixers of program
-and task also see how the robot's episode ended.
+and task also see how the robot's episode ended; the judge sees its start and its end.
 """
 
 import json
@@ -21,6 +21,7 @@ from grs_agents.agents.types import (
     TaskDefinition,
     TaskRevision,
     Verdict,
+    WordsJudgement,
 )
 
 Json = dict[str, Any]
@@ -159,6 +160,17 @@ def fix_task(agents: Agents, judged: JudgedPrograms, known: Sequence[str], fixtu
 
     names = ("task", "scene", "code", "test_results", "history", "explanation")
     return agents.ask_role("fix_task", judged.as_values(*names, fixtures=fixtures), parse, judged.images)
+
+
+def judge_words(
+    agents: Agents, words: str, objects: Sequence[Json], goals: Sequence[str], images: Sequence[str]
+) -> WordsJudgement | NoReply:
+    """Compare a task's ``words`` with ``goals`` in sentences and what happened to ``objects``, without the program.
+
+    ``images``: the table at the start and at the end, or none.
+    """
+    values = {"words": words, "objects": to_json_lines(objects), "goals": "\n".join(goals) or "(there is no goal)"}
+    return agents.ask_role("judge", values, lambda text: parse_json(text, WordsJudgement), images)
 
 
 def _refuse_unknown_assets(task: TaskDefinition, known: Collection[str]) -> None:

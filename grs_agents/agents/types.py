@@ -86,6 +86,16 @@ class RouterReply(Frozen):
     explanation: str
 
 
+class WordsJudgement(Frozen):
+    """Whether a task's words and its goals say the same."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    # ``unclear``: the judge does not understand the words, or they may mean something else too
+    verdict: Literal["agrees", "differs", "unclear"]
+    reason: str = Field(min_length=1)
+
+
 class NoReply(Frozen):
     """A role whose model gave no usable reply: an outcome, not an exception."""
 

@@ -35,7 +35,10 @@ class Limits(Frozen):
     mesh_vertices: int = Field(default=200_000, ge=1, le=100_000_000)
 
 
-ROLES = ("default", "describe", "match", "task", "simulation", "tests", "route", "fix_code", "fix_tests", "fix_task")
+ROLES = (
+    *("default", "describe", "match", "task", "simulation", "tests"),
+    *("route", "fix_code", "fix_tests", "fix_task", "judge"),
+)
 """The agent roles a model may be named for; ``default`` serves every role that has none of its own."""
 ROLE_ALIASES = {"router": "route", "describer": "describe", "matcher": "match", "task_author": "task"}
 
@@ -167,6 +170,7 @@ class PromptsConfig(Frozen):
     fix_code: str = "fix_code"
     fix_tests: str = "fix_tests"
     fix_task: str = "fix_task"
+    judge: str = "judge"
 
 
 class AuditConfig(Frozen):
@@ -199,7 +203,8 @@ class Config(Frozen):
     # the arm behind the table: `ur5e`, `panda` or the path of an MJCF file (`.xml`) of one's own
     robot: str = Field(default="ur5e", max_length=4096)
     max_fixes: int = Field(default=10, ge=0, le=1000)  # fixes of code, tests and task together
-    # show `route`, `fix_code` and `fix_task` a picture of how the robot's episode ended; their models must see
+    # show `route`, `fix_code` and `fix_task` a picture of how the robot's episode ended, and `judge` its start too;
+    # their models must see
     end_picture: bool = True
     # what separates generated code from the machine: `bubblewrap`, `landlock`, `sandbox-exec` (macOS), or `auto` for
     # the strongest that holds. `none` can only be asked for with `--unsafe-no-sandbox`
@@ -225,7 +230,9 @@ class Config(Frozen):
     cassette: str | None = Field(default=None, max_length=4096)
 
     def model_for_role(self, role: str) -> ModelConfig:
-        """The model that serves ``role``."""
+        """The model that serves ``role``; ``audit.judge`` names that of the judge before any other."""
+        if role == "judge" and self.audit.judge is not None:
+            return ModelConfig(model=self.audit.judge)
         return self.models.get(role, self.models["default"])
 
     @field_validator("robot")

@@ -1,9 +1,13 @@
 from .asset_matching import make_model_matcher as make_model_matcher
-from .auditing import AuditedPrograms as AuditedPrograms
+from .audited_programs import AuditedPrograms as AuditedPrograms
 from .auditing import audit_programs as audit_programs
 from .authoring import generate_sim as generate_sim
 from .authoring import generate_task as generate_task
 from .authoring import generate_tests as generate_tests
+from .bystanders import bystanders_of_run as bystanders_of_run
+from .bystanders import hold_unstable_objects as hold_unstable_objects
+from .bystanders import photo_objects as photo_objects
+from .bystanders import setup_of_programs as setup_of_programs
 from .comprehension import describe_candidates as describe_candidates
 from .comprehension import find_table as find_table
 from .comprehension import hide_image as hide_image

@@ -156,8 +156,15 @@ class _Describer:
     def asks_by_sheet(self) -> bool:
         return self.services.config.match.describe == "sheet"
 
+    @property
+    def model_looks(self) -> bool:
+        """Whether the describer looks at pictures: the embedded model reads the measurements alone."""
+        return not is_offline(self.services.config.model_for_role("describe").model)
+
     def draw_pictures(self, asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord]) -> None:
         """For the questions about some of the segments; for the same segments always the same."""
+        if not self.model_looks:
+            return
         outline_segments(self.photo[0], asked, records, self.services.folder)
         if self.asks_by_sheet and len(asked) > 1:
             write_segment_sheet(self.photo[0], asked, records, self.services.folder)
@@ -167,7 +174,10 @@ class _Describer:
         records = [CandidateRecord.model_validate(one) for one in state["records"]]
         asked = [one for one in records if one.id in state["asked"]]
         groups = [asked] if self.asks_by_sheet and asked else [[one] for one in asked]
-        return [Send("ask", make_describer_question(group, records)) for group in groups] or END
+        questions = [make_describer_question(group, records) for group in groups]
+        if not self.model_looks:
+            questions = [{**question, "images": []} for question in questions]
+        return [Send("ask", question) for question in questions] or END
 
     def ask(self, state: DescriberQuestion) -> dict[str, Any]:
         """What the describer says; without a usable reply, what was measured and nothing else."""

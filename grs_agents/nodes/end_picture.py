@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import cv2
 
@@ -33,11 +32,7 @@ def draw_end_of_episode(state: RunState, services: Services, role: str) -> list[
     output = services.folder / path
     if output.is_file():
         return [path]
-    around: dict[str, Any] = {
-        "library_roots": [str(root) for root in services.library.roots],
-        "robot": services.robot_name_or_path,
-    }
-    last = _find_last_rollout(state, services, around)
+    last = _find_last_rollout(state, services)
     if last is None:
         return []
     instance, rollout = last
@@ -48,7 +43,7 @@ def draw_end_of_episode(state: RunState, services: Services, role: str) -> list[
         output=str(output.resolve()),
         poses=rollout.final,
         marked=marked,
-        **around,
+        **services.simulator_setup,
     )
     if drawn.image is None:
         return []
@@ -56,9 +51,7 @@ def draw_end_of_episode(state: RunState, services: Services, role: str) -> list[
     return [path]
 
 
-def _find_last_rollout(
-    state: RunState, services: Services, around: dict[str, Any]
-) -> tuple[TaskInstance, Rollout] | None:
+def _find_last_rollout(state: RunState, services: Services) -> tuple[TaskInstance, Rollout] | None:
     """That of the audit's seed which fell shortest; before an audit, one of the first seed, made for the picture."""
     rollouts = [Rollout.model_validate(rollout) for rollout in state.get("audit", {}).get("rollouts", [])]
     if rollouts:
@@ -66,7 +59,7 @@ def _find_last_rollout(
         file = services.folder / f"instances/seed_{last.seed}.json"
         return parse_instance_json(file.read_text(encoding="utf-8")), last
     background = SceneDescription.model_validate(state["scene"]).background
-    seeds = [services.config.seed]
+    seeds, around = [services.config.seed], services.simulator_setup
     made = services.run_tool(
         "instantiate", simulation=state["simulation"], seeds=seeds, background=background, **around
     )

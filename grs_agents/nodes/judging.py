@@ -5,8 +5,10 @@ from typing import Literal, cast
 from grs_agents.agents import TaskDefinition, Verdict
 from grs_agents.audit import AuditReport, StaticFinding, check_programs
 from grs_agents.files import write_json, write_text
-from grs_agents.nodes.auditing import AuditedPrograms, audit_programs
+from grs_agents.nodes.audited_programs import AuditedPrograms
+from grs_agents.nodes.auditing import audit_programs
 from grs_agents.nodes.authoring import PROGRAM_FILES, task_from_state, write_task_file
+from grs_agents.nodes.bystanders import setup_of_programs
 from grs_agents.nodes.fix_history import (
     LONGEST_STREAK,
     BestVersion,
@@ -27,14 +29,13 @@ from grs_agents.trace import Decision, Finding, Note, TestsRun
 def run_tests(state: RunState, services: Services) -> Update:
     """Check what needs no run, then run the tests against the program in the sandbox."""
     found = check_programs(state["simulation"], state["tests"], task_from_state(state), services.library)
+    scene = SceneDescription.model_validate(state["scene"])
     result = services.run_tool(
         "run_tests",
         simulation=state["simulation"],
         tests=state["tests"],
-        library_roots=[str(root) for root in services.library.roots],
-        robot=services.robot_name_or_path,
-        background=SceneDescription.model_validate(state["scene"]).background,
         seed=services.config.seed,
+        **setup_of_programs(scene, services),
     )
     report: TestReport = result.report
     services.log.append(TestsRun(report=report.model_dump(mode="json")))
@@ -77,7 +78,7 @@ def audit_task(state: RunState, services: Services) -> Update:
     """Instantiate the program for each seed and let the trusted oracle solve the instances."""
     audited = AuditedPrograms(
         simulation=state["simulation"],
-        tests=state["tests"],
+        tests=state.get("tests") or None,
         report=TestReport.model_validate(state["report"]) if state.get("report") else None,
         task=TaskDefinition.model_validate(state["task"]),
         original=TaskDefinition.model_validate(state["revised"]["from"]) if state.get("revised") else None,
@@ -122,7 +123,7 @@ def record_audit(report: AuditReport, services: Services) -> None:
     """Write ``audit.json`` and one event for each finding."""
     write_json(services.folder / "audit.json", report.model_dump(mode="json"))
     for finding in report.findings:
-        services.log.append(Finding(check=finding.check, passed=finding.passed, detail=finding.detail))
+        services.log.append(Finding(**finding.model_dump()))
 
 
 def decide_verdict(state: RunState) -> tuple[Literal["accepted", "rejected"], str]:

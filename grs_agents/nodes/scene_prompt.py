@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from grs_agents.base import Pose
 from grs_agents.library import Asset, Library, matrix_from_quaternion
 from grs_agents.perception import SceneDescription, SceneObject, types
-from grs_agents.sim.world import collider_prisms_at_pose, measure_inner_size, rest_height_of_prisms
+from grs_agents.sim.world import measure_inner_size
 
 WORKSPACE = {"x": list(types.X), "y": list(types.Y), "radius": types.FARTHEST}
 """Where the arm works: metres in the robot frame, radius from its base."""
@@ -22,14 +21,9 @@ def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any
     """The objects as they stand at rest, with their relations, and the workspace (metres, robot frame, table at z = 0).
 
     What goes without saying is left out: ``own_size`` where it is ``size``, ``reachable`` unless it is false, and
-    ``hollow`` and ``floats`` unless they are true. What floats is lowered onto what is below it.
+    ``hollow`` and ``floats`` unless they are true.
     """
-    poses = {item.name: item.settled or (item.position, item.orientation) for item in scene.objects}
-    for item in sorted(scene.objects, key=lambda item: poses[item.name][0][2]):
-        if item.held:
-            others = [(other.asset, poses[other.name]) for other in scene.objects if other is not item]
-            poses[item.name] = _lower_onto_support(item.asset, poses[item.name], others, library)
-    objects = [_object_fields(item, poses[item.name], library) for item in scene.objects]
+    objects = [_object_fields(item, library) for item in scene.objects]
     by_name = {told["name"]: told for told in objects}
     for relation in scene.relations:
         if relation.kind == "touching":
@@ -54,7 +48,8 @@ def fixture_assets_for_prompt(library: Library) -> list[dict[str, Any]]:
     ]
 
 
-def _object_fields(item: SceneObject, pose: Pose, library: Library) -> dict[str, Any]:
+def _object_fields(item: SceneObject, library: Library) -> dict[str, Any]:
+    pose = item.settled or (item.position, item.orientation)
     asset, turn = library.asset(item.asset), matrix_from_quaternion(pose[1])
     upright = turn[2, 2] > _UPRIGHT
     size = np.asarray(asset.size) if item.round and upright else np.abs(turn) @ asset.size
@@ -81,20 +76,6 @@ def _hollow_fields(asset: Asset, library: Library) -> dict[str, Any]:
     """That other things can be put in it or on it, and how much room it has inside if walls surround that."""
     inner = measure_inner_size(library.load_object_model(asset.name), library) if asset.hollow else None
     return ({"hollow": True} if asset.hollow else {}) | ({"inner_size": _round_values(inner)} if inner else {})
-
-
-def _lower_onto_support(asset: str, pose: Pose, others: Iterable[tuple[str, Pose]], library: Library) -> Pose:
-    """The pose of an object that was let down on what is below it."""
-    own = collider_prisms_at_pose(library.load_object_model(asset), pose)
-    low = min((prism.low for prism in own), default=0.0)
-    below = [
-        prism
-        for other, place in others
-        for prism in collider_prisms_at_pose(library.load_object_model(other), place)
-        if prism.high <= low
-    ]
-    (x, y, z), turn = pose
-    return (x, y, z - low + rest_height_of_prisms(own, below, np.zeros((1, 2)), 0.0)), turn
 
 
 def _round_values(values: Iterable[float]) -> list[float]:

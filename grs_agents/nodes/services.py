@@ -86,6 +86,11 @@ class Services:
         robot = self.config.robot
         return robot if robot in ROBOTS else str(Path(robot).resolve())
 
+    @property
+    def simulator_setup(self) -> dict[str, Any]:
+        """What every tool that simulates is told: where the assets are, and the arm."""
+        return {"library_roots": [str(root) for root in self.library.roots], "robot": self.robot_name_or_path}
+
     def __post_init__(self) -> None:
         """Refuse a robot that cannot be used before anything is spent on the run."""
         if self.robot_name_or_path not in ROBOTS:

@@ -1,0 +1,357 @@
+"""What each kind of request asks of the scene: things are put, stacked, sorted, lined up, cleared, exchanged, left."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+from grs_agents.models.offline.judge_places import Differs, Places, explain_misplacement
+from grs_agents.models.offline.judge_reading import (
+    CLEARING,
+    LEAVING,
+    LINING,
+    OTHERS,
+    PICKING,
+    SORTING,
+    STACKING,
+    SWAPPING,
+    Phrase,
+    Request,
+)
+from grs_agents.models.offline.judge_scene import Scene, Thing
+
+_FAR_ENOUGH = 0.05
+"""Metres: less is a nudge."""
+_IN_LINE = 0.02
+"""Metres beside the line of things in a row."""
+_ALIKE = 0.003
+"""Metres by which things of one size may differ."""
+
+
+class Unclear(Exception):
+    """The words are not understood."""
+
+
+@dataclass(frozen=True)
+class _Mention:
+    """A mention of something that must move, and what it may be."""
+
+    phrase: Phrase
+    request: Request
+    options: tuple[int, ...]
+    fault: str  # what is wrong where nothing will do
+
+
+@dataclass
+class _Check:
+    """One reading of the words, checked against the scene."""
+
+    scene: Scene
+    mentions: list[_Mention] = field(default_factory=list[_Mention])
+    later: list[tuple[list[int] | None, Callable[[list[Thing]], None]]] = field(
+        default_factory=list[tuple[list[int] | None, Callable[[list[Thing]], None]]]
+    )
+
+    def mention_movers(self, request: Request, places: Places, least: float = _FAR_ENOUGH) -> list[int]:
+        """Mentions of all that a request moves; gives their numbers."""
+        added: list[int] = []
+        for phrase in request.movers:
+            found = self.scene.find(phrase, movable=True)
+            if not found:
+                fixed = self.scene.find(phrase)
+                raise Differs(f"{phrase.text} cannot move" if fixed else f"there is no such thing as {phrase.text}")
+            faults = {thing.id: self._find_fault(thing, request, places, least) for thing in found}
+            for numbers in _split_mention(phrase, list(faults), request):
+                added.append(len(self.mentions))
+                good = tuple(number for number in numbers if not faults[number])
+                fault = faults[numbers[0]] or f"{phrase.text} is spoken of more often than there are such things"
+                self.mentions.append(_Mention(phrase, request, good, fault))
+        return added
+
+    def _find_fault(self, thing: Thing, request: Request, places: Places, least: float) -> str:
+        return explain_stillness(thing, least) or explain_misplacement(thing, request, places, self.scene)
+
+    def match_mentions(self) -> dict[int, int]:
+        """A thing for each mention, no thing for two; requests in the same words may share one where they must."""
+        owner: dict[int, int] = {}  # thing -> mention
+
+        def assign(index: int, seen: set[int]) -> bool:
+            for number in self.mentions[index].options:
+                if number not in seen:
+                    seen.add(number)
+                    if number not in owner or assign(owner[number], seen):
+                        owner[number] = index
+                        return True
+            return False
+
+        for index in sorted(range(len(self.mentions)), key=lambda index: len(self.mentions[index].options)):
+            if not assign(index, set()) and not self._has_twin(index):
+                raise Differs(self.mentions[index].fault)
+        return {index: number for number, index in owner.items()}
+
+    def _has_twin(self, index: int) -> bool:
+        """Whether another request speaks of the same thing in the same words."""
+        own = self.mentions[index]
+        return bool(own.options) and any(
+            other.phrase == own.phrase and other.request is not own.request for other in self.mentions
+        )
+
+
+def explain_stillness(thing: Thing, least: float) -> str:
+    """What speaks against a thing's being moved by ``least`` metres as a goal asks, empty where nothing does."""
+    if thing.bystander:
+        return f"{thing.label} is a bystander, the words move it"
+    if not thing.goals:
+        return f"{thing.label} has no goal, the words move it"
+    return f"{thing.label} moves {100 * thing.moved:.0f} cm only" if thing.moved < least else ""
+
+
+def _split_mention(phrase: Phrase, numbers: list[int], request: Request) -> Iterator[list[int]]:
+    """What each single mention in a phrase may mean: any, of so many as it counts; each by itself; or any one."""
+    if phrase.number is not None:
+        if len(numbers) < phrase.number:
+            raise Differs(f"there are {len(numbers)} of {phrase.text}, the words say {phrase.number}")
+        yield from [numbers] * phrase.number
+    elif phrase.plural or phrase.pronoun or phrase.article in ("all", "each"):
+        yield from ([number] for number in numbers)
+    else:
+        yield numbers
+
+
+def check_requests(requests: Sequence[Request], places: Sequence[Places], scene: Scene) -> None:
+    """Raises ``Differs`` unless all that is asked for happens, and nothing else moves."""
+    check = _Check(scene)
+    for request, chosen in zip(requests, places, strict=True):
+        _CHECKS[_kind_of_request(request)](request, chosen, check)
+    taken = check.match_mentions()
+    _refuse_unnamed(scene.moved - set(taken.values()), check)
+    for mentions, follow in check.later:
+        numbers = taken.values() if mentions is None else [taken[index] for index in mentions if index in taken]
+        follow([scene.things[number] for number in numbers])
+
+
+def _refuse_unnamed(unnamed: set[int], check: _Check) -> None:
+    """Raises where something moves that no mention means."""
+    scene = check.scene
+    loosely = [mention.phrase for mention in check.mentions if mention.phrase.article == "a"]
+    if any(scene.things[number] in scene.find(phrase) for number in unnamed for phrase in loosely):
+        raise Unclear("how many things the words mean by an indefinite article is not understood")
+    if unnamed:
+        names = ", ".join(scene.things[number].label for number in sorted(unnamed))
+        raise Differs(f"the words do not name {names}, which moves")
+
+
+def _kind_of_request(request: Request) -> str:
+    if request.verb in LEAVING:
+        return "leave"
+    if request.heading:
+        return "heading"
+    kinds = (("stack", STACKING), ("sort", SORTING), ("line", LINING), ("clear", CLEARING), ("swap", SWAPPING))
+    return next((kind for kind, verbs in kinds if request.verb in verbs), "move")
+
+
+def _check_moving(request: Request, places: Places, check: _Check) -> None:
+    """Things are put somewhere."""
+    if not request.movers or (request.verb in PICKING and not request.relations):
+        raise Unclear(f"what to {request.verb}, and whereto, is not said")
+    added = check.mention_movers(request, places)
+    if _asks_for_own_places(request):
+        check.later.append((added, _require_own_places))
+    check.later.append((added, lambda things: _require_order(request, things)))
+
+
+def _asks_for_own_places(request: Request) -> bool:
+    each = any(phrase.article == "each" for _, phrases in request.relations for phrase in phrases)
+    return each or "own" in request.orders
+
+
+def _require_own_places(things: Sequence[Thing]) -> None:
+    if len({thing.ends for thing in things}) < len(things):
+        raise Differs("two things share a place, the words give each its own")
+
+
+def _check_heading(request: Request, places: Places, check: _Check) -> None:
+    """What is said in detail afterwards: all that moves must keep to it."""
+    if request.verb in CLEARING:
+        check.later.append((None, lambda things: _require_cleared(request, check.scene)))
+        return
+    if not all(phrase.is_generic for phrase in request.movers):
+        raise Unclear("the part before the colon names things of its own")
+
+    def follow(things: list[Thing]) -> None:
+        for fault in (explain_misplacement(thing, request, places, check.scene) for thing in things):
+            if fault:
+                raise Differs(fault)
+        if _asks_for_own_places(request):
+            _require_own_places(things)
+        _require_groups(request, things)
+
+    check.later.append((None, follow))
+
+
+def _require_groups(request: Request, things: Sequence[Thing]) -> None:
+    """Things of one colour or kind share a place, and others do not."""
+    for order, values in (
+        ("bycolor", [thing.color for thing in things]),
+        ("bykind", [thing.category for thing in things]),
+    ):
+        pairs = set(zip(values, (thing.ends for thing in things), strict=True))
+        if order in request.orders and not len(pairs) == len(set(values)) == len({place for _, place in pairs}):
+            raise Differs(f"things are not sorted {order[:2]} {order[2:]}")
+
+
+def _find_standing(request: Request, scene: Scene) -> dict[str, list[Thing]]:
+    """What stands at the start in or on each of what a request clears, by the words for it."""
+    standing: dict[str, list[Thing]] = {}
+    for phrase in request.movers:
+        areas = {thing.id for thing in scene.find(phrase) if thing.fixed}
+        standing[phrase.text] = [thing for thing in scene.things.values() if thing.stands_in(areas)]
+    return standing
+
+
+def _require_cleared(request: Request, scene: Scene) -> None:
+    """Something stood there at the start, and nothing of it does at the end."""
+    for words, things in _find_standing(request, scene).items():
+        if not things:
+            raise Differs(f"nothing stands on {words} at the start")
+        if left := [thing for thing in things if set(thing.stood) & set(thing.ends)]:
+            raise Differs(f"{left[0].label} still is on {words}")
+
+
+def _check_clearing(request: Request, places: Places, check: _Check) -> None:
+    """All that stands in or on something goes."""
+    for thing in (thing for things in _find_standing(request, check.scene).values() for thing in things):
+        fault = explain_stillness(thing, _FAR_ENOUGH) or explain_misplacement(thing, request, places, check.scene)
+        check.mentions.append(_Mention(Phrase((thing.called,)), request, () if fault else (thing.id,), fault))
+    check.later.append((None, lambda things: _require_cleared(request, check.scene)))
+
+
+def _check_sorting(request: Request, places: Places, check: _Check) -> None:
+    """Each colour or kind gets a place."""
+    if not request.orders & {"bycolor", "bykind"}:
+        raise Unclear("by what to sort is not said")
+    check.later.append((check.mention_movers(request, places), lambda things: _require_groups(request, things)))
+
+
+def _check_stacking(request: Request, places: Places, check: _Check) -> None:
+    """Things lie on one another; without a place, the lowest may stay where it is."""
+    if request.verb not in ("stack", "pile"):
+        raise Unclear(f"what it is to {request.verb} something is not known here")
+    base = _find_base(request, check.scene)
+    if base is not None:
+        request = Request(request.verb, [phrase for phrase in request.movers if phrase is not base], request.relations)
+    added = check.mention_movers(request, places)
+    foot = check.scene.find(base)[:1] if base is not None else []
+    check.later.append((added, lambda things: _require_stack(request, [*foot, *things], check.scene)))
+
+
+def _find_base(request: Request, scene: Scene) -> Phrase | None:
+    """The first or last thing of a stack without a place, where that one stays."""
+    ends = [request.movers[0], request.movers[-1]] if request.movers and not request.relations else []
+    for phrase in ends:
+        found = scene.find(phrase)
+        if len(found) == 1 and not found[0].has_moved and not found[0].bystander:
+            return phrase
+    return None
+
+
+def _require_stack(request: Request, things: Sequence[Thing], scene: Scene) -> None:
+    stack = sorted(things, key=lambda thing: thing.end[2])
+    for below, above in pairwise(stack):
+        if not scene.lies(above, "on", [below]):
+            raise Differs(f"{above.label} is not asked to end on {below.label}")
+    said = {"bottomup": list(things), "topdown": list(reversed(things))}
+    for order, wanted in said.items():
+        if order in request.orders and [thing.called for thing in wanted] != [thing.called for thing in stack]:
+            raise Differs(f"from the bottom up there are {', '.join(thing.label for thing in stack)}")
+
+
+def _check_line(request: Request, places: Places, check: _Check) -> None:
+    """Things end in one line."""
+    added = check.mention_movers(request, places)
+    check.later.append((added, _require_line))
+    check.later.append((added, lambda things: _require_order(request, things)))
+
+
+def _require_line(things: Sequence[Thing]) -> None:
+    points = [thing.end[:2] for thing in things]
+    (ax, ay), (bx, by) = max(((a, b) for a in points for b in points), key=lambda pair: math.dist(*pair))
+    length = math.dist((ax, ay), (bx, by))
+    if any(abs((bx - ax) * (y - ay) - (by - ay) * (x - ax)) > _IN_LINE * length for x, y in points):
+        raise Differs("the things do not end in a line")
+
+
+_MEASURES = {"shortfirst": (2, 1), "tallfirst": (2, -1), "smallfirst": (3, 1), "largefirst": (3, -1)}
+"""Orders by size: which measure, and whether it grows or shrinks."""
+
+
+def _require_order(request: Request, things: Sequence[Thing]) -> None:
+    """By size along a row, from either side unless the words say from which; or as the words list them."""
+    sided, measures = request.orders & {"leftright", "rightleft"}, request.orders & _MEASURES.keys()
+    if not things or not (sided or measures):
+        return
+    axis = 1 if sided else _find_longer_axis(things)
+    row = sorted(things, key=lambda thing: thing.end[axis], reverse="leftright" in request.orders)
+    names = ", ".join(thing.label for thing in row)
+    for order in measures:
+        if not (_grows(row, order) or (not sided and _grows(row[::-1], order))):
+            raise Differs(f"the row is {names}, another order than by size")
+    if not measures and row != list(things):
+        raise Differs(f"the row is {names}, in another order than the words")
+
+
+def _find_longer_axis(things: Sequence[Thing]) -> int:
+    spans = [max(ends) - min(ends) for ends in zip(*(thing.end[:2] for thing in things), strict=True)]
+    return spans.index(max(spans))
+
+
+def _grows(row: Sequence[Thing], order: str) -> bool:
+    """Whether a row keeps to an order by size."""
+    measure, sign = _MEASURES[order]
+    sizes = [sign * thing.measure(measure) for thing in row]
+    return all(a <= b + _ALIKE for a, b in pairwise(sizes))
+
+
+def _check_swap(request: Request, places: Places, check: _Check) -> None:
+    """Two things end where the other one stood."""
+    if request.relations or not request.movers:
+        raise Unclear("what changes places is not said plainly")
+    check.later.append((check.mention_movers(request, places), _require_swap))
+
+
+def _require_swap(things: Sequence[Thing]) -> None:
+    if len(things) != 2:
+        raise Unclear(f"{len(things)} things change places")
+    for thing, other in (things, things[::-1]):
+        if not any(goal and all(("where", other.id) in references for references in goal) for goal in thing.goals):
+            raise Differs(f"{thing.label} is not asked to end where {other.label} stands at the start")
+
+
+def _check_leaving(request: Request, places: Places, check: _Check) -> None:
+    """What is left alone does not move."""
+    for phrase in request.movers:
+        found = check.scene.find(phrase)
+        if not found and not phrase.pronoun:
+            raise Differs(f"there is no such thing as {phrase.text}")
+        if phrase.pronoun not in OTHERS:
+            _require_still(phrase, [thing for thing in found if not thing.fixed])
+
+
+def _require_still(phrase: Phrase, loose: Sequence[Thing]) -> None:
+    moved = [thing for thing in loose if thing.has_moved]
+    if moved and (len(moved) == len(loose) or phrase.plural or phrase.article == "all"):
+        raise Differs(f"{phrase.text} moves, the words leave it alone")
+    if moved:
+        raise Unclear(f"which of {len(loose)} is {phrase.text} that stays is not understood")
+
+
+_CHECKS: dict[str, Callable[[Request, Places, _Check], None]] = {
+    "heading": _check_heading,
+    "move": _check_moving,
+    "stack": _check_stacking,
+    "sort": _check_sorting,
+    "line": _check_line,
+    "clear": _check_clearing,
+    "swap": _check_swap,
+    "leave": _check_leaving,
+}

@@ -1,0 +1,423 @@
+"""Plain English about things on a table, taken apart: who is moved, whereto, in which order; what is not understood.
+
+Only what can be checked is read. A word that is neither a thing nor in the lists below is told, never passed over.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+from grs_agents.models.offline.prompt_text import COLORS, split_words
+
+
+def set_of_words(text: str) -> frozenset[str]:
+    """The words of a text."""
+    return frozenset(split_words(text))
+
+
+MOVING = set_of_words(
+    "put place move set lay stand bring carry take transfer drop position park pack stow load store insert deposit "
+    "distribute gather collect arrange organize relocate shift return deliver align serve tidy let remove"
+)
+PUSHING = {"push", "sweep", "slide", "shove", "brush"}
+STACKING = {"stack", "pile", "build", "make", "form"}
+SORTING = {"sort", "group", "separate", "categorize", "match", "divide"}
+LINING = {"lineup", "line"}
+CLEARING = {"clear", "empty", "unpack", "free"}
+SWAPPING = {"swap", "exchange", "switch", "trade"}
+LEAVING = {"leave", "keep"}
+PICKING = {"pickup", "grab", "grasp", "lift"}
+KNOWN = MOVING | PUSHING | STACKING | SORTING | LINING | CLEARING | SWAPPING | LEAVING | PICKING
+IMPOSSIBLE = set_of_words(
+    "fold unfold pour sing open close cut slice chop wash clean wipe cook heat eat drink dance flip stir mix screw "
+    "unscrew press peel shake crush throw toss break tear roll spin tie write draw paint fill squeeze hang juggle wrap "
+    "burn read play buy spill pull knock tap hit smash bake fry plug"
+)
+_NUMBERS = split_words("zero one two three four five six seven eight nine ten eleven twelve")
+_SIZES = {
+    **dict.fromkeys(("tall", "high"), (2, 1)),
+    **dict.fromkeys(("short", "low", "flat"), (2, -1)),
+    **dict.fromkeys(("large", "big"), (3, 1)),
+    **dict.fromkeys(("small", "little"), (3, -1)),
+    **dict.fromkeys(("wide", "thick"), (0, 1)),
+    **dict.fromkeys(("narrow", "thin"), (0, -1)),
+    "long": (1, 1),
+}
+"""Words of size: which measure (0 least width, 1 greatest width, 2 height, 3 volume), and whether great or little."""
+_SIDES = {"left": (4, 1, True), "leftmost": (4, 1, True), "right": (4, -1, True), "rightmost": (4, -1, True)}
+"""Which one of several, by where it stands at the start."""
+PREPOSITIONS = {"in", "on", "beside", "leftof", "rightof", "infront", "behind", "between", "around", "outof", "at"}
+GENERIC = {"object", "item", "thing", "piece", "grocery", "stuff", "good", "product", "one"}
+PRONOUNS = {"it", "them", "they", "everything", "both", "all", "each", "these", "those", "anything"}
+OTHERS = {"rest", "other", "others", "remaining", "else"}
+_PLAIN = {"open", "empty", "free", "loose", "cardboard", "plastic", "wooden", "single", "movable", "toy"}
+"""Adjectives that tell nothing apart."""
+ORDERS = set_of_words(
+    "bottomup topdown shortfirst tallfirst smallfirst largefirst leftright rightleft bycolor bykind own owncolor"
+)
+_IDLE = set_of_words(
+    "please robot arm carefully neatly gently up down so there then now first finally next afterwards should must be "
+    "is are ends end go goes belong belongs together away also onto inorder sidebyside that position and with but "
+    "place places just directly using suction cup gripper of straight alone back"
+)
+_SPANS = (
+    ("left", "right", "leftright", "rightleft"),
+    ("bottom", "top", "bottomup", "topdown"),
+    ("shortest|lowest", "tallest|highest", "shortfirst", "tallfirst"),
+    ("smallest", "largest|biggest", "smallfirst", "largefirst"),
+)
+"""Two ends of an order, with its names from either one."""
+_SINGLE = (
+    (r"\bon top of\b|\bonto\b|\bon to\b|\bupon\b|\batop\b|\bover\b", " on "),
+    (r"\bin between\b", " between "),
+    (r"\b(?:to|on|at) the (?:\w+ )?(left|right)(?: hand)?(?: side)? of\b|\b(left|right) of\b", r" \1\2of "),
+    (r"\bin front of\b", " infront "),
+    (r"\bout of\b|\boff\b|\baway from\b|\bfrom inside\b", " outof "),
+    *(
+        (rf"\bfrom (?:the )?(?:{begin}) to (?:the )?(?:{end})\b", f" {order} ")
+        for one, other, *orders in _SPANS
+        for begin, end, order in ((one, other, orders[0]), (other, one, orders[1]))
+    ),
+    (r"\bfrom (?:the )?bottom up\b|\bbottom up\b", " bottomup "),
+    (r"\bfrom (?:the )?top down\b|\btop down\b", " topdown "),
+    (r"\bin (?:this|that|the given) order\b", " inorder "),
+    (r"\bside by side\b|\bnext to (?:each other|one another)\b|\bin a row\b", " sidebyside "),
+    (r"\bnext to\b|\bclose to\b|\bnear(?: to)?\b|\balongside\b|\badjacent to\b|\bby the side of\b", " beside "),
+    (r"\bby (?:their |its |the )?colou?rs?\b", " bycolor "),
+    (r"\b(?:by|in order of) (?:their |its |the )?heights?\b", " shortfirst "),
+    (r"\bby (?:their |its |the )?(?:kind|type|category|sort)s?\b", " bykind "),
+    (r"\b(?:of|with) (?:the same|its own|their own|its|their) colou?rs?\b", " owncolor "),
+    (r"\bof (?:its|their) own\b", " own "),
+    *(
+        (rf"\b(?:the )?(?:{words}) first\b", f" {order} ")
+        for one, other, *orders in _SPANS[2:]
+        for words, order in zip((one, other), orders, strict=True)
+    ),
+    (
+        r"\b(?:change|exchange|swap|switch|trade)s? (?:their )?places?(?: with)?(?: each other| one another)?\b",
+        " swap ",
+    ),
+    (r"\b(?:exchange|swap|switch|trade) the places? of\b", " swap "),
+    (r"\bline up\b|\bput in(?:to)? (?:a |one )?line\b", " lineup "),
+    (r"\b(?:do not|don t|never|without) (?:moving|move|touching|touch)\b", " , leave "),
+    (r"\b(each|all|both|every|any|one) of (?=the\b)", r"\1 "),
+    (r"\b(?:build|make|form) (?:a|one) (?:stack|tower|pile) (?:of|from|with)\b", " stack "),
+    (r"\band (?:then )?(?:a|one|another)(?: stack| tower| pile)? of\b", " and stack "),
+    (r"\bl shaped\b", " "),
+    (r"\bpick up\b|\bpick\b", " pickup "),
+    (r"\bpile up\b", " stack "),
+    (r"\binto\b|\binside(?: of)?\b|\bwithin\b", " in "),
+    (r"\b(?:and )?as well as\b|\band also\b|\bplus\b|&", " and "),
+    (
+        r"\b(?:to |on |in )?(?:a |the )?(?:free|bare|clear) (?:part|spot|area|place|space)(?: (?:of|on) the table)?\b",
+        " on table ",
+    ),
+    (r",? wherever (?:it|they) (?:is|are|stands?|lies?)\b|\bwhere (?:it|they) (?:is|are|stands?|lies?)\b", " "),
+    (r"\bfrom\b", " outof "),
+    (r"\b(?:to|towards) (?=the|a|an|its|their|each)\b", " at "),
+    (r"\bthe table(?:top)?\b", " table "),
+    (r"\bgrey\b", " gray "),
+    (r"\bthen(?= (?:the|a|an|all|both|two|three)\b)", " "),
+)
+"""What is one word for the reader."""
+
+
+@dataclass(frozen=True)
+class Phrase:
+    """What names a thing or several."""
+
+    nouns: tuple[str, ...] = ()
+    colors: tuple[str, ...] = ()
+    sizes: tuple[tuple[int, int, bool], ...] = ()  # measure, great or little, whether it is the greatest or least
+    number: int | None = None
+    article: str = ""  # the, a, each, all
+    plural: bool = False
+    pronoun: str = ""
+    unknown: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """The words, for a reason."""
+        return " ".join(["the", *self.colors, *(self.nouns or self.unknown or (self.pronoun or "thing",))])
+
+    @property
+    def is_table(self) -> bool:
+        """Whether it means the bare table."""
+        return "table" in self.nouns
+
+    @property
+    def is_generic(self) -> bool:
+        """Whether it names no kind of thing: the objects."""
+        return {*self.nouns} <= GENERIC
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it says what kind of thing it is."""
+        return bool(self.nouns or self.pronoun or self.unknown)
+
+
+@dataclass
+class Request:
+    """One thing that the words ask for: who, whereto."""
+
+    verb: str
+    movers: list[Phrase] = field(default_factory=list[Phrase])
+    relations: list[tuple[str, list[Phrase]]] = field(default_factory=list[tuple[str, list[Phrase]]])
+    orders: set[str] = field(default_factory=set[str])
+    heading: bool = False  # the requests after it say it in detail
+
+
+@dataclass
+class Reading:
+    """All that the words ask for."""
+
+    requests: list[Request] = field(default_factory=list[Request])
+    impossible: list[str] = field(default_factory=list[str])
+    unknown: list[str] = field(default_factory=list[str])
+
+
+def make_singular(word: str) -> str:
+    """``boxes`` and ``berries`` as ``box`` and ``berry``."""
+    if word.endswith("ies") and len(word) > 4:
+        return f"{word[:-3]}y"
+    if word.endswith(("ches", "shes", "xes", "sses")):
+        return word[:-2]
+    return word[:-1] if word.endswith("s") and not word.endswith(("ss", "us")) else word
+
+
+def read_request_words(words: str, nouns: set[str]) -> Reading:
+    """What ``words`` ask for; ``nouns``, in the singular, are the words by which things on the table may be called."""
+    text = re.sub(r"[-/]", " ", words.lower().replace("'s", "").replace("\u2019s", ""))
+    for pattern, word in _SINGLE:
+        text = re.sub(pattern, word, text)
+    reading = Reading()
+    if re.search(r"[^\x00-\x7f]", text):
+        reading.unknown.append("letters that are not English")
+    for sentence, mark in re.findall(r"([^.;:!?]+)([.;:!?]|$)", text):
+        tokens = re.findall(r"[a-z]+|\d+|,", sentence)
+        for clause in _split_clauses(tokens):
+            _ClauseReader(clause, nouns, reading).read(heading=mark == ":")
+    for request in reading.requests[:-1]:
+        alone = request.verb in SORTING and not request.relations
+        request.heading |= alone and all(phrase.is_generic for phrase in request.movers)
+    return reading
+
+
+def _split_clauses(tokens: Sequence[str]) -> Iterator[list[str]]:
+    """The parts of a sentence that have a verb each."""
+    clause: list[str] = []
+    for index, token in enumerate(tokens):
+        before = tokens[index - 1] if index else ","
+        is_verb = token in KNOWN | IMPOSSIBLE and before in (",", "and", "then", "but")
+        if is_verb and clause:
+            yield clause
+            clause = []
+        clause.append(token)
+    if clause:
+        yield clause
+
+
+def resolve_pronouns(requests: Sequence[Request]) -> list[Request]:
+    """``it``, ``them`` and ``everything`` are what was spoken of last; what is only picked up moves on with it."""
+    known: list[Phrase] = []
+    spoken_of: list[Phrase] = []  # what "it" may be where something is put there
+    resolved: list[Request] = []
+    for request in requests:
+        movers, points_back = _resolve_movers(request, known)
+        if points_back and resolved and resolved[-1].verb in PICKING:
+            resolved.pop()
+        relations = [(how, _resolve_places(places, spoken_of)) for how, places in request.relations]
+        resolved.append(Request(request.verb, movers, relations, request.orders, request.heading))
+        known = known if request.verb in CLEARING else movers
+        spoken_of = [*movers, *(phrase for _, places in relations for phrase in places)]
+    return resolved
+
+
+def _resolve_movers(request: Request, known: list[Phrase]) -> tuple[list[Phrase], bool]:
+    """What a request moves, and whether it points back at what was ``known``."""
+    named = [phrase for phrase in request.movers if not (phrase.pronoun in PRONOUNS and known)]
+    points_back = len(named) < len(request.movers) or (not request.movers and bool(request.relations))
+    return [*(known if points_back else ()), *named], points_back
+
+
+def _resolve_places(places: Sequence[Phrase], spoken_of: Sequence[Phrase]) -> list[Phrase]:
+    return [other for phrase in places for other in (spoken_of if phrase.pronoun in PRONOUNS else [phrase])]
+
+
+class _ClauseReader:
+    """Reads one clause from left to right."""
+
+    def __init__(self, tokens: list[str], nouns: set[str], reading: Reading) -> None:
+        self.tokens = [token for token in tokens if token != "then"]
+        self.nouns, self.reading = nouns, reading
+        self.at = 0
+
+    def read(self, heading: bool) -> None:
+        """Add what the clause asks for to the reading."""
+        verb = self._take_verb()
+        if not verb:
+            return
+        request = Request(verb, heading=heading)
+        self.reading.requests.append(request)
+        while self.at < len(self.tokens):
+            request = self._read_next(request)
+        _complete_colors(self.reading.requests)
+
+    def _take_verb(self) -> str:
+        while self.at < len(self.tokens) and self.tokens[self.at] in {",", "and", "but", *_IDLE} - KNOWN - {"place"}:
+            self.at += 1
+        if self.at == len(self.tokens):
+            return ""
+        first = self.tokens[self.at]
+        if first in IMPOSSIBLE:
+            self.reading.impossible.append(first)
+            return ""
+        if first in KNOWN:
+            self.at += 1
+            return first
+        return "put"  # a description: the can is in the box; or a list that goes on
+
+    def _read_next(self, request: Request) -> Request:
+        token = self.tokens[self.at]
+        if token in PREPOSITIONS:
+            return self._read_relation(request)
+        if token in KNOWN and token in SWAPPING:
+            request.verb = token
+            self.at += 1
+            return request
+        if token in ORDERS:
+            request.orders.add(token)
+            self.at += 1
+            return request
+        phrase = self._read_phrase()
+        if phrase is None:
+            self._pass_over(token)
+            return request
+        if request.relations and request.verb not in CLEARING:
+            request = Request(request.verb, orders=request.orders, heading=request.heading)
+            self.reading.requests.append(request)
+        request.movers.append(phrase)
+        return request
+
+    def _pass_over(self, token: str) -> None:
+        self.at += 1
+        if token in IMPOSSIBLE:
+            self.reading.impossible.append(token)
+        elif token not in _IDLE and token != ",":
+            self.reading.unknown.append(token)
+
+    def _read_relation(self, request: Request) -> Request:
+        """A preposition and what follows it; a second one after the same things is a further relation."""
+        how = self.tokens[self.at]
+        self.at += 1
+        places: list[Phrase] = []
+        while (phrase := self._read_phrase()) is not None:
+            places.append(phrase)
+            joined = self.tokens[self.at : self.at + 1] == ["and"] and how == "between" and len(places) < 2
+            if not joined:
+                break
+            self.at += 1
+        if not places:
+            self.reading.unknown.append(how)
+        request.relations.append((how, places))
+        return request
+
+    def _read_phrase(self) -> Phrase | None:
+        """A run of words that name things; nothing where the next word is none of these."""
+        phrase, begin = Phrase(), self.at
+        while self.at < len(self.tokens):
+            grown = self._grow(phrase, self.tokens[self.at])
+            if grown is None:
+                break
+            phrase = grown
+            self.at += 1
+        if phrase.article in ("the", "a") and not phrase.is_whole and not (phrase.colors or phrase.sizes):
+            return self._take_unknown_noun(phrase)
+        return phrase if self.at > begin else None
+
+    def _take_unknown_noun(self, phrase: Phrase) -> Phrase:
+        if self.at < len(self.tokens) and self.tokens[self.at].isalpha():
+            word = self.tokens[self.at]
+            self.at += 1
+            if word not in PREPOSITIONS | KNOWN | ORDERS | {"and"}:
+                self.reading.unknown.append(word)
+                return replace(phrase, unknown=(word,))
+            self.at -= 1
+        return replace(phrase, pronoun="one")
+
+    def _grow(self, phrase: Phrase, token: str) -> Phrase | None:
+        """The phrase with one more word, or None where that is not part of it."""
+        if token in _ARTICLES:
+            return None if phrase.is_whole or phrase.colors else self._grow_article(phrase, token)
+        return self._grow_count(phrase, token) or self._grow_look(phrase, token) or self._grow_name(phrase, token)
+
+    def _following(self) -> str:
+        return next(iter(self.tokens[self.at + 1 : self.at + 2]), ",")
+
+    def _grow_article(self, phrase: Phrase, token: str) -> Phrase:
+        if token in ("each", "all", "both", "every"):
+            if self._following() in PREPOSITIONS | {",", "and"} | ORDERS:
+                return replace(phrase, pronoun=token)
+            number = 2 if token == "both" else phrase.number
+            return replace(phrase, article="each" if token in ("each", "every") else "all", number=number)
+        if phrase.article in ("all", "each"):
+            return phrase
+        article = "each" if token in ("its", "their") else "the" if token == "the" else "a"
+        return replace(phrase, article=article)
+
+    def _grow_count(self, phrase: Phrase, token: str) -> Phrase | None:
+        if token == "of" and phrase.is_whole:
+            return phrase if make_singular(self._following()) in self.nouns | set(COLORS) else None
+        if token.isdigit():
+            return replace(phrase, number=int(token))
+        return replace(phrase, number=_NUMBERS.index(token)) if token in _NUMBERS and not phrase.is_whole else None
+
+    def _grow_look(self, phrase: Phrase, token: str) -> Phrase | None:
+        """Colour and size stand before what they belong to."""
+        if phrase.is_whole:
+            return None
+        if token in COLORS and not self._is_named_by_color(token):
+            return replace(phrase, colors=(*phrase.colors, token))
+        size = _read_size(token)
+        if size is not None:
+            return replace(phrase, sizes=(*phrase.sizes, size))
+        return phrase if token in _PLAIN and phrase.article else None
+
+    def _is_named_by_color(self, token: str) -> bool:
+        """Whether a colour is a part of a name: orange juice."""
+        return token == "orange" and self._following() == "juice" and "juice" in self.nouns
+
+    def _grow_name(self, phrase: Phrase, token: str) -> Phrase | None:
+        word = make_singular(token)
+        if token in OTHERS or (token in PRONOUNS and not phrase.is_whole):
+            return replace(phrase, pronoun=token)
+        named = word in self.nouns and (word not in COLORS or self._is_named_by_color(word))
+        if named or word in GENERIC or token == "table":
+            return replace(phrase, nouns=(*phrase.nouns, word), plural=phrase.plural or word != token)
+        return None
+
+
+_ARTICLES = {"the", "a", "an", "its", "their", "every", "each", "all", "both", "any", "no", "another"}
+
+
+def _read_size(token: str) -> tuple[int, int, bool] | None:
+    """A word of size, its superlative too."""
+    if token in _SIDES:
+        return _SIDES[token]
+    if token in _SIZES:
+        return _SIZES[token][0], _SIZES[token][1], False
+    for word, (measure, sign) in _SIZES.items():
+        if token in (f"{word}est", f"{word}st", f"{word}{word[-1]}est"):
+            return (measure, sign, True)
+    return None
+
+
+def _complete_colors(requests: Sequence[Request]) -> None:
+    """``the red and the blue block``: the noun of the last one is that of all."""
+    for request in requests:
+        for phrases in (request.movers, *(places for _, places in request.relations)):
+            nouns: tuple[str, ...] = ()
+            for index in range(len(phrases) - 1, -1, -1):
+                if not phrases[index].is_whole:
+                    phrases[index] = replace(phrases[index], nouns=nouns)
+                nouns = phrases[index].nouns or nouns

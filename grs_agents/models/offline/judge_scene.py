@@ -1,0 +1,225 @@
+"""The things on the table as the judge's prompt tells them: their names, what is asked of them, where they end."""
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
+from typing import Any, cast
+
+from grs_agents.models.offline.judge_reading import GENERIC, KNOWN, OTHERS, PREPOSITIONS, Phrase, make_singular
+from grs_agents.models.offline.prompt_text import COLORS, Json, split_words
+
+Reference = tuple[str, int]
+"""How one thing lies to another one: ``in``, ``on``, ``beside``, ``where`` (that one stood), and its id."""
+MOVED = 0.02
+"""Metres from which on a thing counts as moved, as in the episodes' reports."""
+_ALSO_CALLED: Mapping[str, tuple[str, ...]] = {
+    "cube": ("block",),
+    "block": ("cube",),
+    "can": ("tin",),
+    "container": ("box", "basket", "bin", "tray", "crate"),
+    "zone": ("mark", "area", "mat", "square", "pad", "strip", "patch", "region", "spot", "target"),
+    "plate": ("dish",),
+    "bowl": ("dish",),
+    "mug": ("cup",),
+    "tub": ("cup", "pot"),
+    "kit": ("board",),
+    "mark": ("outline",),
+}
+_FILLING = KNOWN.union(
+    PREPOSITIONS,
+    split_words("a an the of and with on in to for from that is at by or as no some about shaped cm x wide high other"),
+    split_words("without any be given one each"),
+)
+"""Words of descriptions that call nothing."""
+_FLAT = {"zone", "plate", "pallet", "tray", "kit", "stand", "mark", "square", "line"}
+"""What people put things on or in alike."""
+_GOAL = re.compile(r"\d+\. (?P<who>.*?#\d+) ends? (?P<places>.*)")
+_HOW = re.compile(r"\b(in|on|beside|where) the\b")
+
+
+@dataclass(frozen=True)
+class Thing:
+    """One thing on the table."""
+
+    id: int
+    called: str
+    category: str
+    color: str
+    names: frozenset[str]  # by which people call it, in the singular
+    words: frozenset[str]  # and those of its description
+    colors: frozenset[str]  # that people may see in it
+    size: tuple[float, float, float]
+    start: tuple[float, float, float]
+    end: tuple[float, float, float]
+    stood: tuple[Reference, ...]
+    ends: tuple[Reference, ...]
+    moved: float
+    fixed: bool
+    bystander: bool
+    goals: tuple[tuple[tuple[Reference, ...], ...], ...]  # for each of its goals the places that will do
+
+    @property
+    def has_moved(self) -> bool:
+        """Whether people see it elsewhere at the end."""
+        return self.moved >= MOVED
+
+    @property
+    def label(self) -> str:
+        """What it is called, with its number."""
+        return f"the {self.called} #{self.id}"
+
+    def stands_in(self, areas: Set[int]) -> bool:
+        """Whether it stands at the start in or on one of some things."""
+        return any(number in areas for _, number in self.stood)
+
+    def measure(self, kind: int) -> float:
+        """Least width, greatest width, height, volume, or how far to the left it stands at the start."""
+        x, y, z = self.size
+        return (min(x, y), max(x, y), z, x * y * z, self.start[1])[kind]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """All things on the table."""
+
+    things: Mapping[int, Thing]
+    pushes: bool  # whether the robot pushes instead of picking
+
+    @property
+    def nouns(self) -> set[str]:
+        """All words that call something."""
+        return {word for thing in self.things.values() for word in thing.words}
+
+    @property
+    def moved(self) -> set[int]:
+        """What moves."""
+        return {thing.id for thing in self.things.values() if thing.has_moved and not thing.fixed}
+
+    def find(self, phrase: Phrase, movable: bool = False) -> list[Thing]:
+        """What a phrase may mean; only what is loose if ``movable``."""
+        things = self.things.values()
+        # what its description mentions counts where nothing else is called so
+        found = [thing for thing in things if _fits(thing, phrase, True)]
+        found = found or [thing for thing in things if _fits(thing, phrase, False)]
+        if movable:
+            found = [thing for thing in found if not thing.fixed and not (phrase.pronoun in OTHERS and thing.has_moved)]
+        for measure, sign, greatest in phrase.sizes:
+            found = _select_by_size(found, measure, sign, greatest)
+        return found
+
+    def all_under(self, references: Sequence[Reference]) -> set[Reference]:
+        """The references, and those of what carries them at the end."""
+        found, waiting = set[Reference](), list(references)
+        while waiting:
+            reference = waiting.pop()
+            if reference not in found:
+                found.add(reference)
+                waiting += self.things[reference[1]].ends if reference[0] == "on" else ()
+        return found
+
+    def lies(self, thing: Thing, how: str, places: Sequence[Thing]) -> bool:
+        """Whether a thing ends in or on one of some others, and one of its goals asks for it."""
+        wanted = {(word, place.id) for place in places for word in _same_as(how, place)}
+        if not wanted & self.all_under(thing.ends):
+            return False
+        return any(
+            bool(goal) and all(wanted & self.all_under(references) for references in goal) for goal in thing.goals
+        )
+
+    def gap(self, one: Thing, other: Thing) -> float:
+        """Metres between the boxes around two things, seen from above; turns are not known, so at least."""
+        sides = [abs(one.end[axis] - other.end[axis]) - (one.measure(0) + other.measure(0)) / 2 for axis in (0, 1)]
+        return math.hypot(*(max(0.0, side) for side in sides))
+
+
+def _same_as(how: str, place: Thing) -> tuple[str, ...]:
+    return ("in", "on") if how == "at" or place.category in _FLAT else (how,)
+
+
+def _fits(thing: Thing, phrase: Phrase, closely: bool) -> bool:
+    words, seen = (thing.names, {thing.color}) if closely else (thing.words, thing.colors)
+    nouns = {noun for noun in phrase.nouns if noun not in GENERIC}
+    colors = {*phrase.colors, *(noun for noun in nouns if noun in COLORS and noun not in words)}
+    return not phrase.unknown and nouns - colors <= words and colors <= seen
+
+
+def _select_by_size(things: list[Thing], measure: int, sign: int, greatest: bool) -> list[Thing]:
+    """Those of greatest or least size, or of more or less than the mean where they are of different sizes."""
+    sizes = [thing.measure(measure) for thing in things]
+    if not things:
+        return []
+    bound = max(sizes) if sign > 0 else min(sizes)
+    if not greatest:
+        bound = sum(sizes) / len(sizes)
+    slack = 0.002 if measure < 3 else 0.05 * abs(bound)
+    return [thing for thing, size in zip(things, sizes, strict=True) if sign * (size - bound) >= -slack]
+
+
+def parse_scene(rows: Sequence[Json], goals: str) -> Scene:
+    """The things of the prompt's rows, with what its sentences ask of them."""
+    wanted: dict[int, list[tuple[tuple[Reference, ...], ...]]] = {}
+    for line in goals.splitlines():
+        for number, places in _parse_goal(line):
+            wanted.setdefault(number, []).append(places)
+    things = [_parse_thing(row, wanted.get(int(row["id"]), [])) for row in rows]
+    return Scene({thing.id: thing for thing in things}, "pushes things" in goals)
+
+
+def _parse_goal(line: str) -> Iterator[tuple[int, tuple[tuple[Reference, ...], ...]]]:
+    """Each object of a sentence with the places that will do; what no place is told of has an empty one."""
+    form = _GOAL.match(line)
+    if form is None:
+        return
+    numbers = [int(number) for number in re.findall(r"#(\d+)", form["who"])]
+    if form["places"].startswith("stacked"):
+        for index, number in enumerate(numbers):
+            yield number, ((("on", numbers[index - 1]),) if index else (),)
+        return
+    places = tuple(tuple(_parse_references(text)) for text in form["places"].split("; or "))
+    for number in numbers:
+        yield number, places
+
+
+def _parse_references(text: str) -> Iterator[Reference]:
+    parts = re.split(r"#(\d+)", text)
+    for before, number in zip(parts[::2], parts[1::2], strict=False):
+        if words := _HOW.findall(before):
+            yield words[-1], int(number)
+
+
+def _parse_thing(row: Json, goals: list[tuple[tuple[Reference, ...], ...]]) -> Thing:
+    told = " ".join(str(row.get(key, "")) for key in ("called", "category"))
+    described = str(row.get("description", ""))
+    names = {make_singular(word) for word in split_words(told)}
+    names |= {other for word in split_words(told) for other in _ALSO_CALLED.get(word, ())}
+    if max(row["size"]) < 1.1 * min(row["size"]) and "box" in names:
+        names.add("cube")
+    words = names | {make_singular(word) for word in split_words(described)} - _FILLING
+    color = str(row.get("color", ""))
+    start = row.get("start", (0, 0, 0))
+    return Thing(
+        id=int(row["id"]),
+        called=str(row["called"]),
+        category=str(row.get("category", "")),
+        color=color,
+        names=frozenset(names),
+        words=frozenset(words),
+        colors=frozenset({color, *(word for word in split_words(described) if word in COLORS)}),
+        size=cast(Any, tuple(row["size"])),
+        start=cast(Any, tuple(start)),
+        end=cast(Any, tuple(row.get("end", start))),
+        stood=tuple(_parse_plain(row.get("stood", ()))),
+        ends=tuple(_parse_plain(row.get("ends", ()))),
+        moved=float(row.get("moved", 0)),
+        fixed=bool(row.get("fixed")),
+        bystander=bool(row.get("bystander")),
+        goals=tuple(goals),
+    )
+
+
+def _parse_plain(texts: Sequence[str]) -> Iterator[Reference]:
+    """``in #5``."""
+    for text in texts:
+        how, _, number = text.partition(" #")
+        yield how, int(number)

@@ -1,0 +1,149 @@
+"""The judge by rules: agrees where goals ask for what the words say, and never where they do not."""
+
+import json
+from functools import cache
+from typing import Any
+
+import pytest
+
+from grs_agents.audit import ToldTask, tell_task
+from grs_agents.library import Library
+from grs_agents.models.offline import OfflineChatModel
+from grs_agents.sim import TaskInstance, rollout
+from tests.models.conftest import Json, render
+from tests.models.roles import as_text, block
+
+CORN, TUNA, MILK, RAISINS, RED, BLUE = range(1, 7)
+BOX, BOWL, ZONE = range(7, 10)
+THINGS: dict[int, tuple[str, tuple[float, float, float], str]] = {
+    CORN: ("HOPE/Corn.urdf", (0.42, -0.1, 0.029), "rigid"),
+    TUNA: ("HOPE/Tuna.urdf", (0.4, 0.08, 0.017), "rigid"),
+    MILK: ("HOPE/Milk.urdf", (0.36, -0.28, 0.095), "rigid"),
+    RAISINS: ("HOPE/Raisins.urdf", (0.38, 0.26, 0.062), "rigid"),
+    RED: ("block/red_block.urdf", (0.3, -0.42, 0.02), "rigid"),
+    BLUE: ("block/blue_block.urdf", (0.3, 0.42, 0.02), "rigid"),
+    BOX: ("container/open_box.urdf", (0.6, 0.12, 0.045), "fixed"),
+    BOWL: ("bowl/bowl.urdf", (0.58, -0.36, 0.03), "fixed"),
+    ZONE: ("zone/zone.urdf", (0.56, -0.14, 0.001), "fixed"),
+}
+TASKS: dict[str, list[Json]] = {
+    "pack": [{"kind": "inside", "objects": [CORN, TUNA], "reference": BOX}],
+    "stack": [{"kind": "on", "objects": [CORN], "reference": ZONE}, {"kind": "stacked", "objects": [CORN, TUNA]}],
+    "tidy": [
+        {"kind": "inside", "objects": [RED], "reference": BOWL},
+        {"kind": "in_zone", "objects": [RAISINS], "reference": ZONE},
+    ],
+    "beside": [{"kind": "near", "objects": [TUNA], "reference": MILK, "distance": 0.06}],
+    "swap": [{"objects": [RED], "place": BLUE}, {"objects": [BLUE], "place": RED}],
+    "nudge": [{"objects": [MILK], "by": 0.03}, {"objects": [RAISINS], "by": 0.03}],
+}
+
+
+def goal(asked: Json) -> Json:
+    """A goal as an instance has it: a relation, another object's place, or a small way to the side."""
+    count = len(asked["objects"])
+    plain: Json = {"objects": asked["objects"], "replace": False, "rotations": False, "symmetries": [0.0] * count}
+    if "kind" in asked:
+        relation = {key: asked[key] for key in ("kind", "reference", "distance") if key in asked}
+        return plain | {"matches": [[]] * count, "targets": [], "metric": "relation", "relation": relation}
+    x, y, z = THINGS[asked.get("place", asked["objects"][0])][1]
+    target = ((x + asked.get("by", 0.0), y, z), (0.0, 0.0, 0.0, 1.0))
+    return plain | {"matches": [[1]], "targets": [target], "metric": "pose"}
+
+
+@cache
+def tell(name: str) -> ToldTask:
+    """One of the tasks, solved and told."""
+    asked = TASKS[name]
+    objects: list[Json] = [
+        {"id": number, "asset": asset, "pose": (position, (0.0, 0.0, 0.0, 1.0)), "category": category}
+        for number, (asset, position, category) in THINGS.items()
+    ]
+    plain: dict[str, Any] = {"task": "T", "seed": 0, "max_steps": 8, "timestep": 0.004, "sixdof": False}
+    goals = [goal(one) | {"max_reward": 1 / len(asked)} for one in asked]
+    instance, library = TaskInstance.model_validate({**plain, "objects": objects, "goals": goals}), Library()
+    done = rollout(instance, library)
+    assert done.episode.outcome == "success", done.episode.detail
+    return tell_task(instance, done, library)
+
+
+def judge(words: str, told: ToldTask) -> tuple[str, str]:
+    """The verdict and its reason."""
+    values = {"words": words, "objects": "\n".join(map(as_line, told.objects)), "goals": "\n".join(told.goals)}
+    reply = str(OfflineChatModel().invoke(render("judge", values)).text)
+    answer: Json = json.loads(block(reply, "json"))
+    return answer["verdict"], answer["reason"]
+
+
+def as_line(row: Json) -> str:
+    return as_text(row).replace("\n", " ")
+
+
+HONEST = [
+    ("pack", "Put the corn and the tuna into the open box."),
+    ("pack", "Pack both cans into the brown box."),
+    ("pack", "Pick up the can of corn and the can of tuna and put everything into the cardboard box."),
+    ("pack", "Place the two cans inside the box and leave the milk carton where it is."),
+    ("pack", "Move all the cans into the container."),
+    ("stack", "Stack the corn can and the tuna can on the green zone, in this order from the bottom to the top."),
+    ("stack", "Put the corn can on the green mat, then put the tuna on top of it."),
+    ("tidy", "Put the red block into the bowl and the raisins onto the green zone."),
+    ("tidy", "Put the raisins box on the green square. Then move the red cube into the white bowl."),
+    ("beside", "Place the tuna next to the milk."),
+    ("beside", "Bring the can of tuna close to the milk carton."),
+    ("swap", "Let the red block and the blue block exchange their places."),
+    ("swap", "Swap the red and the blue block."),
+]
+WRONG = [
+    ("pack", "Put the corn, the tuna and the milk into the open box."),
+    ("pack", "Put the corn into the open box."),
+    ("pack", "Put the corn and the tuna into the bowl."),
+    ("pack", "Put the corn and the tuna onto the green zone."),
+    ("pack", "Put the corn and the tuna next to the open box."),
+    ("pack", "Put the three cans into the open box."),
+    ("pack", "Put the corn and the raisins into the open box."),
+    ("pack", "Put the corn into the open box and leave the tuna where it is."),
+    ("pack", "Put everything into the open box."),
+    ("pack", "Put the yellow can and the purple can into the open box."),
+    ("pack", "Put the tomato soup and the tuna into the open box."),
+    ("pack", "Put the corn and the tuna into the red box."),
+    ("pack", "Put the corn and the tuna into the open box and close it."),
+    ("pack", "Open the corn and pour it into the box, then put the tuna into the box."),
+    ("pack", "Stack the corn and the tuna."),
+    ("pack", "Put the corn and the tuna into the open box, except the corn."),
+    ("pack", "Lege den Mais und den Thunfisch in die offene Kiste."),
+    ("pack", "Mets le thon et le maïs dans la boîte."),
+    ("stack", "Stack the tuna can and the corn can on the green zone, in this order from the bottom to the top."),
+    ("stack", "Put the corn can and the tuna can into the open box."),
+    ("stack", "Stack the corn can, the tuna can and the milk on the green zone."),
+    ("stack", "Stack the corn can and the tuna can on the blue zone."),
+    ("stack", "Put the tuna can beside the corn can on the green zone."),
+    ("tidy", "Put the blue block into the bowl and the raisins onto the green zone."),
+    ("tidy", "Put the raisins into the bowl and the red block onto the green zone."),
+    ("tidy", "Put the red block into the bowl."),
+    ("tidy", "Put the block into the bowl and the raisins onto the green zone, but leave the block where it is."),
+    ("tidy", "Put all the blocks into the bowl and the raisins onto the green zone."),
+    ("tidy", "Put the red block into the bowl and the raisins to the right of the milk."),
+    ("beside", "Place the tuna next to the corn."),
+    ("beside", "Place the tuna on the milk."),
+    ("beside", "Place the milk next to the tuna."),
+    ("beside", "Place the tuna next to the milk, then sing."),
+    ("swap", "Let the red block and the tuna exchange their places."),
+    ("swap", "Put the red block on the blue block."),
+    ("swap", "Put the red block where it belongs."),
+    ("nudge", "Stack the milk carton on the raisins and put the tuna into the bowl."),
+    ("nudge", "Fold the towel, pour the milk and sing."),
+    ("nudge", "Move the milk and the raisins."),
+    ("nudge", "Clear the table."),
+    ("nudge", "Tidy up."),
+]
+
+
+@pytest.mark.parametrize(("task", "words"), HONEST)
+def test_words_that_say_what_happens_are_agreed_with(task: str, words: str) -> None:
+    assert judge(words, tell(task))[0] == "agrees", judge(words, tell(task))
+
+
+@pytest.mark.parametrize(("task", "words"), WRONG)
+def test_words_that_say_something_else_are_not(task: str, words: str) -> None:
+    assert judge(words, tell(task))[0] != "agrees"
