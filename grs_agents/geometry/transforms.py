@@ -80,6 +80,11 @@ def multiply_quaternions(first: Sequence[float], second: Sequence[float]) -> Qua
     return to_unit_quaternion((x, y, aw * bz + ax * by - ay * bx + az * bw, aw * bw - ax * bx - ay * by - az * bz))
 
 
+def angle_between(first: Sequence[float], second: Sequence[float]) -> float:
+    """The angle (rad) of the turn from one unit quaternion to another."""
+    return 2 * math.acos(min(1.0, abs(sum(a * b for a, b in zip(first, second, strict=True)))))
+
+
 def compose_poses(pose0: Pose, pose1: Pose) -> Pose:
     """``pose1``, given in the frame of ``pose0``, in the frame that ``pose0`` is given in."""
     position = np.asarray(pose0[0], dtype=np.float64) + quaternion_to_matrix(pose0[1]) @ np.asarray(pose1[0])

@@ -17,7 +17,7 @@ class BuildWall(Task):
 
     def reset(self, env):
         super().reset(env)
-        brick_size, pitch = (0.10, 0.04, 0.04), 0.105
+        brick_size, pitch = (0.10, 0.04, 0.04), 0.11
         y = float(env.rng.uniform(-0.05, 0.05))
         for color, side in (("red", 0.10), ("blue", -0.10)):
             mat = self.fill_template(

@@ -17,7 +17,7 @@ class SquarePyramid(Task):
 
     def reset(self, env):
         super().reset(env)
-        side, half = 0.04, 0.022
+        side, half = 0.04, 0.025
         mat_size = (0.16, 0.16, 0.002)
         center = ((float(env.rng.uniform(0.42, 0.55)), 0.15, 0.001), (0, 0, 0, 1))
         mat = self.fill_template("zone/zone-template.urdf", {"DIM": mat_size, "COLOR": utils.COLORS["yellow"]})

@@ -53,17 +53,17 @@ def scene_object(
 
 
 def rich_scene() -> Json:
-    """Eight free-standing things of several kinds and colours."""
+    """Eight free-standing things of several kinds and colours; beyond them there is room for targets."""
     return {
         "objects": [
-            scene_object("red_box_1", (0.40, -0.30), (0.10, 0.12, 0.05), "red"),
-            scene_object("red_can_1", (0.42, -0.12), (0.07, 0.07, 0.08), "red", "can"),
-            scene_object("blue_box_1", (0.42, 0.06), (0.08, 0.08, 0.04), "blue"),
-            scene_object("blue_can_1", (0.40, 0.22), (0.066, 0.066, 0.06), "blue", "can"),
-            scene_object("green_cube_1", (0.55, 0.15), (0.04, 0.04, 0.04), "green", "cube"),
-            scene_object("green_box_1", (0.58, -0.05), (0.05, 0.09, 0.12), "green"),
-            scene_object("yellow_cube_1", (0.56, -0.22), (0.05, 0.05, 0.05), "yellow", "cube"),
-            scene_object("white_carton_1", (0.40, 0.38), (0.07, 0.07, 0.16), "white", "carton"),
+            scene_object("red_box_1", (0.34, -0.30), (0.10, 0.12, 0.05), "red"),
+            scene_object("red_can_1", (0.36, -0.12), (0.07, 0.07, 0.08), "red", "can"),
+            scene_object("blue_box_1", (0.36, 0.06), (0.08, 0.08, 0.04), "blue"),
+            scene_object("blue_can_1", (0.34, 0.22), (0.066, 0.066, 0.06), "blue", "can"),
+            scene_object("green_cube_1", (0.49, 0.15), (0.04, 0.04, 0.04), "green", "cube"),
+            scene_object("green_box_1", (0.52, -0.05), (0.05, 0.09, 0.12), "green"),
+            scene_object("yellow_cube_1", (0.50, -0.22), (0.05, 0.05, 0.05), "yellow", "cube"),
+            scene_object("white_carton_1", (0.34, 0.38), (0.07, 0.07, 0.16), "white", "carton"),
         ]
     }
 

@@ -1,6 +1,7 @@
 """Task and simulation authors: any scene gives a task and a program that fit each other."""
 
 import ast
+import re
 
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -49,17 +50,47 @@ def test_the_program_uses_the_task_s_assets_and_the_photo_s_positions() -> None:
                 assert f'"{thing["asset"]}", (({x:g}, {y:g}, ' in code
 
 
-def test_at_least_two_objects_move_where_two_are_in_reach() -> None:
+def test_what_is_covered_held_or_out_of_reach_is_left_where_it_stands() -> None:
+    low, high = scene_object("low_1", (0.4, 0.0), (0.05, 0.05, 0.05)), (0.41, 0.01)
+    free = scene_object("free_1", (0.4, 0.2), (0.05, 0.05, 0.05))
     scene = {
         "objects": [
-            scene_object("near_1", (0.4, 0.0), (0.05, 0.05, 0.05)),
-            scene_object("near_2", (0.41, 0.01), (0.05, 0.05, 0.05), height=0.075),
+            low,
+            scene_object("high_1", high, (0.05, 0.05, 0.05), height=0.075),
+            free,
+            {**scene_object("held_1", (0.4, -0.2), (0.05, 0.05, 0.05)), "floats": True},
             scene_object("far_1", (1.4, 0.0), (0.05, 0.05, 0.05), reachable=False),
         ]
     }
     for seed in range(8):
         used = set(task_for(scene, seed)["assets-used"]) & assets_of(scene)
-        assert len(used) >= 2
+        assert used == {"proxy/high_1.urdf", "proxy/free_1.urdf"}
+
+
+def test_targets_are_free_of_all_that_stands_there() -> None:
+    # Of the whole table only the part beyond y = 0.1 is free.
+    wall = [scene_object(f"wall_{n}", (0.5, -0.45 + 0.1 * n), (0.5, 0.1, 0.3)) for n in range(6)]
+    scene = {"objects": [*wall, scene_object("cube_1", (0.4, 0.15), (0.04, 0.04, 0.04))]}
+    for seed in range(8):
+        code = simulation_for(task_for(scene, seed), scene)
+        assert re.search(r"find_place\(env, \w+_size, \(0\.\d+, 0\.[234]\d*\)\)", code)
+
+
+def test_only_the_target_that_is_drawn_first_has_a_place_to_fall_back_on() -> None:
+    # What is drawn before a target may lie at the place that was free when the program was planned.
+    for seed in range(12):
+        code = simulation_for(task_for(rich_scene(), seed), rich_scene())
+        fallbacks = re.findall(r"self\.find_place\(env, \w+_size(.*)\)", code)
+        assert fallbacks[0] and not any(fallbacks[1:])
+        assert "raise NoFreeSpaceError" in code
+
+
+def test_two_objects_move_even_if_only_some_pairs_leave_room_for_a_target() -> None:
+    big = [scene_object(f"big_{n}", (0.42, -0.3 + 0.29 * n), (0.3, 0.25, 0.1)) for n in range(3)]
+    small = [scene_object(f"small_{n}", (0.66, -0.3 + 0.1 * n), (0.04, 0.04, 0.04)) for n in range(2)]
+    for seed in range(8):
+        used = set(task_for({"objects": [*big, *small]}, seed)["assets-used"])
+        assert len([asset for asset in used if asset.startswith("proxy/")]) >= 2
 
 
 def test_a_single_object_is_put_on_a_zone() -> None:

@@ -77,9 +77,9 @@ TASK = {
 def test_a_solved_program_that_leaves_out_what_the_words_move_is_at_fault() -> None:
     scene = rich_scene()
     code = simulation_for(TASK, scene)
-    moved = "\nobjects:\n  proxy/red_box_1.urdf (3) (0.400, -0.300, 0.025) -> (0.500, 0.100, 0.025)"
+    moved = "\nobjects:\n  proxy/red_box_1.urdf #3 (0.400, -0.300, 0.025) -> (0.500, 0.100, 0.025)"
     report = WRONG_COUNT + moved
     assert "proxy/blue_box_1.urdf" in verdict_on(report, task=TASK, scene=scene, code=code)[1]
     assert verdict_on(report, task=TASK, scene=scene, code=code)[0] == "fix_code"
-    both = report + "\n  proxy/blue_box_1.urdf (4) (0.420, 0.060, 0.020) -> (0.500, 0.200, 0.020)"
+    both = report + "\n  proxy/blue_box_1.urdf #4 (0.420, 0.060, 0.020) -> (0.500, 0.200, 0.020)"
     assert verdict_on(both, task=TASK, scene=scene, code=code)[0] == "fix_test"

@@ -79,4 +79,4 @@ def test_what_no_family_does_is_refused_with_the_reason(asked: Json, told: str) 
 def test_tests_ask_for_what_the_words_move() -> None:
     asked = task("Put the red can into the basket.", RED_CAN, BASKET)
     tests = unit_tests_for(asked, simulation_for(asked, scene_with_basket()))
-    assert f"for asset in ('{RED_CAN}',):" in tests
+    assert f"('{RED_CAN}', 0, " in tests.partition("MOVES = [")[2].partition("]")[0]

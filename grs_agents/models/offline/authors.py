@@ -9,8 +9,9 @@ import numpy as np
 from grs_agents.models.offline.object_selection import (
     MAX_OBJECTS,
     find_plan_for_family,
+    is_apart,
+    rank_movable_objects,
     relocate_misplaced_objects,
-    select_movable_objects,
 )
 from grs_agents.models.offline.plan import Family, Plan, is_reachable_object
 from grs_agents.models.offline.program_writer import class_name_for_task, write_program
@@ -42,12 +43,13 @@ _DRAWN_FAMILIES: tuple[Family, ...] = tuple(family for family in FAMILIES if fam
 
 def draw_random_task(objects: Sequence[SceneObject], rng: np.random.Generator) -> Json | None:
     """A task of a family drawn from those that suit the scene and that its words tell again; None if there is none."""
-    movable = select_movable_objects(objects)
     families: list[Family] = [_DRAWN_FAMILIES[int(index)] for index in rng.permutation(len(_DRAWN_FAMILIES))]
     color = PALETTE[int(rng.integers(len(PALETTE)))]
-    request = TaskRequest(color, _find_usable_containers(objects))
+    taken = tuple(obj.footprint_rect for obj in objects)
+    request = TaskRequest(color, _find_usable_containers(objects), taken=taken)
     for least in (2, 1):
-        for family in families if least == 2 else ("place",):
+        allowed: list[Family] = families if least == 2 else ["place"]
+        for movable, family in product(rank_movable_objects(objects), allowed):
             plan = find_plan_for_family(family, movable, request, rng, least)
             task = None if plan is None else describe_plan_as_task(plan)
             if task is not None and is_plannable(task, objects):
@@ -62,12 +64,12 @@ def describe_plan_as_task(plan: Plan) -> Json:
 
 
 def is_plannable(task: Json, objects: Sequence[SceneObject]) -> bool:
-    """Whether the words of ``task`` can be followed with these objects."""
+    """Whether the words of ``task``, which tell one plan, can be followed with these objects and mean that plan."""
     try:
-        plan_task(task, objects)
+        plans = plan_task(task, objects)
     except UnplannableTaskError:
         return False
-    return True
+    return [task_description(plan) for plan in plans] == [task["task-description"]]
 
 
 def revise_task(prompt: PromptText) -> str:
@@ -79,19 +81,22 @@ def revise_task(prompt: PromptText) -> str:
         clauses = parse_clauses(task, _objects_for_assets(objects, task.get("assets-used", [])))
     except UnplannableTaskError as error:
         return f"I cannot revise this task: {error}."
-    for plan, given_up in _list_revisions(clauses, hindering):
+    for plan, given_up in _list_revisions(clauses, hindering, objects):
         revised = describe_plan_as_task(plan)
         if revised["assets-used"] != task["assets-used"] and is_plannable(revised, objects):
             return _format_task({**revised, "given-up": f"{given_up}: the task could not be done as it was."})
     return "I cannot revise this task: no family does it with fewer objects."
 
 
-def _list_revisions(clauses: Sequence[Clause], hindering: Set[str]) -> Iterator[tuple[Plan, str]]:
+def _list_revisions(
+    clauses: Sequence[Clause], hindering: Set[str], objects: Sequence[SceneObject]
+) -> Iterator[tuple[Plan, str]]:
     """Plans of the family of the first clause: for all objects, then without one, the ``hindering`` first."""
-    moved = [obj for clause in clauses for obj in clause.moved]
+    moved, taken = [obj for clause in clauses for obj in clause.moved], [obj.footprint_rect for obj in objects]
     for left_out in [None, *sorted(moved, key=lambda obj: obj.asset not in hindering)]:
-        rest = relocate_misplaced_objects([obj for obj in moved if obj is not left_out])
-        plan = FAMILIES[clauses[0].family](rest, parse_task_request(clauses[0].text)) if len(rest) > 1 else None
+        rest = relocate_misplaced_objects([obj for obj in moved if obj is not left_out], objects)
+        request = parse_task_request(clauses[0].text, taken=taken)
+        plan = FAMILIES[clauses[0].family](rest, request) if len(rest) > 1 else None
         if plan is not None:
             yield plan, f"The {left_out.label} stays" if left_out else "Another target takes the place of the old one"
 
@@ -123,7 +128,7 @@ def plan_task(task: Json, objects: Sequence[SceneObject], margin: float = 1.0) -
     unlike = ""
     options = (_candidate_object_sets(clause.moved, clause.text) for clause in clauses)
     for chosen in islice(product(*options), _MOST_READINGS):
-        plans = _plan_clauses(clauses, chosen, margin)
+        plans = _plan_clauses(clauses, chosen, objects, margin)
         used = {asset for plan in plans for asset in plan.asset_names}
         if plans and used == {*assets}:
             return plans
@@ -136,11 +141,13 @@ _MOST_READINGS = 50
 """How many ways of choosing among objects that are called alike are tried."""
 
 
-def _plan_clauses(clauses: Sequence[Clause], chosen: Sequence[Sequence[SceneObject]], margin: float) -> list[Plan]:
-    """A plan for each clause with the objects chosen for it, each on what the others leave free; none if one fails."""
+def _plan_clauses(
+    clauses: Sequence[Clause], chosen: Sequence[Sequence[SceneObject]], scene: Sequence[SceneObject], margin: float
+) -> list[Plan]:
+    """A plan for each clause with the objects chosen for it, each on what all others leave free; none if one fails."""
     supports = [clause.support for clause in clauses if clause.support]
-    ready = _objects_apart(list(chain.from_iterable(chosen)), supports)
-    taken = [obj.footprint_rect for obj in (*ready.values(), *supports)]
+    ready = _place_objects(list(chain.from_iterable(chosen)), supports, scene)
+    taken = [obj.footprint_rect for obj in (*ready.values(), *scene)]
     plans: list[Plan] = []
     for clause, objects in zip(clauses, chosen, strict=True) if ready else ():
         request = parse_task_request(clause.text, clause.support, margin, taken)
@@ -153,9 +160,11 @@ def _plan_clauses(clauses: Sequence[Clause], chosen: Sequence[Sequence[SceneObje
     return plans if len({*places}) == len(places) else []
 
 
-def _objects_apart(objects: Sequence[SceneObject], supports: Sequence[SceneObject]) -> dict[str, SceneObject]:
-    """The objects by their names, each where none is in its way; none of them if that, or a support, cannot be."""
-    ready = {obj.name: obj for obj in relocate_misplaced_objects(objects)}
+def _place_objects(
+    objects: Sequence[SceneObject], supports: Sequence[SceneObject], scene: Sequence[SceneObject]
+) -> dict[str, SceneObject]:
+    """The objects by their names, each where the arm can pick it; none of them if that, or a support, cannot be."""
+    ready = {obj.name: obj for obj in relocate_misplaced_objects(objects, scene)}
     usable = all(is_reachable_object(obj) and obj.name not in ready for obj in supports)
     return ready if usable and len(ready) == len(objects) <= MAX_OBJECTS else {}
 
@@ -177,5 +186,10 @@ def _candidate_object_sets(objects: Sequence[SceneObject], text: str) -> Iterato
 
 
 def _find_usable_containers(objects: Sequence[SceneObject]) -> tuple[SceneObject, ...]:
-    ready = [obj for obj in objects if obj.hollow and obj.stands_on_table and is_reachable_object(obj)]
-    return tuple(obj.snap_to_table() for obj in ready if obj.category not in ("mug", "cup", "plate", "bowl"))
+    """Containers on the table, in reach, with nothing in them or against them."""
+    ready = [obj for obj in objects if obj.hollow and abs(obj.low) < 0.025 and is_reachable_object(obj)]
+    return tuple(obj for obj in ready if obj.category not in _TABLEWARE and is_apart(obj, objects, 0.0))
+
+
+_TABLEWARE = ("mug", "cup", "plate", "bowl")
+"""Hollow things that are too small to be packed."""

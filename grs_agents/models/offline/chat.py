@@ -23,6 +23,7 @@ from grs_agents.models.offline.describer_and_matcher import (
     extract_message_images,
     match_asset,
 )
+from grs_agents.models.offline.judge import judge_words
 from grs_agents.models.offline.mistakes import Program, make_mistake
 from grs_agents.models.offline.prompt_text import PromptText, parse_prompt
 from grs_agents.models.offline.router import decide_what_to_fix
@@ -40,6 +41,7 @@ ROLES: Mapping[str, Answer] = {
     "fix_code": lambda prompt, pictures, rng: fix_code(prompt),
     "fix_task": lambda prompt, pictures, rng: revise_task(prompt),
     "fix_tests": lambda prompt, pictures, rng: fix_tests(prompt),
+    "judge": lambda prompt, pictures, rng: judge_words(prompt),
 }
 _AUTHORED: Mapping[str, Program] = {"simulation": "simulation", "tests": "tests"}
 _PYTHON = re.compile(r"```python\n(.*)```", re.DOTALL)

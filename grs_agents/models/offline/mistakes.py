@@ -237,7 +237,7 @@ _PROGRAM_MISTAKES: dict[str, Edit] = {
     "too-few-steps": _replace_somewhere(r"(?<=max_steps = )\d+", "1", "2"),
     "overlap-at-start": _start_inside_another,
     "target-out-of-reach": _replace_somewhere(
-        r"self\.find_place\(env, (\w+_size), .*\)$", r"((0.95, 0.45, \1[2] / 2), (0, 0, 0, 1))"
+        r"self\.find_place\(env, (\w+_size).*\)$", r"((0.95, 0.45, \1[2] / 2), (0, 0, 0, 1))"
     ),
     "container-too-small": _shrink_container,
     "object-left-out": _leave_object_out,

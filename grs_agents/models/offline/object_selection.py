@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from grs_agents.models.offline.plan import (
     is_steady_object,
     select_non_overlapping,
 )
-from grs_agents.models.offline.prompt_text import SceneObject
+from grs_agents.models.offline.prompt_text import CUP_ROOM, SceneObject
 from grs_agents.models.offline.task_families import FAMILIES, TaskRequest
 
 MAX_OBJECTS = 6
@@ -31,54 +32,59 @@ _OBJECT_COUNTS: dict[Family, tuple[int, int]] = {
 """How many objects a family takes, at least where there are so many, and at most."""
 
 
-def select_movable_objects(objects: Sequence[SceneObject]) -> list[SceneObject]:
-    """The objects a task can move, standing where the photo shows them.
+_GAPS = (CUP_ROOM, 0.012, 0.004)
+"""Free space around an object (m), the most first; with the least of it nothing touches."""
+_LEVEL = 0.003
+"""Undersides that differ by less are at one height (m): coordinates are rounded, and what rests sinks in a little."""
 
-    Where fewer than two of them stand free within reach, others are put on a free part of the table, even such as
-    cannot be picked with certainty.
+
+def rank_movable_objects(objects: Sequence[SceneObject]) -> list[list[SceneObject]]:
+    """Choices of the objects that a task can move, the freest first, each of those that are at least so free.
+
+    What carries others is in none of them. Where fewer than two objects can be picked where they stand, those that are
+    the easiest to pick are put on a free part of the table.
     """
-    ready = [
-        obj.snap_to_table()
-        for obj in objects
-        if is_pickable_object(obj) and is_reachable_object(obj) and obj.stands_on_table
-    ]
-    good = [obj for obj in ready if is_steady_object(obj)]
-    if len(select_non_overlapping(good, MAX_OBJECTS)) >= 2:
-        return good
-    if len(select_non_overlapping(ready, MAX_OBJECTS)) >= 2:
-        return ready
-    kept = select_non_overlapping(ready, MAX_OBJECTS)
-    rest = [obj for obj in objects if obj.name not in {other.name for other in kept}]
-    rest.sort(
-        key=lambda obj: (
-            not is_pickable_object(obj),
-            not obj.reachable,
-            not is_steady_object(obj),
-            _object_size_score(obj),
-        )
+    loose = [obj for obj in objects if is_uncovered_object(obj, objects)]
+    usable = [obj for obj in filter(is_pickable_object, loose) if is_reachable_object(obj)]
+    if len(usable) < 2:
+        others = sorted((obj for obj in loose if obj not in usable), key=_rate_difficulty)
+        return [relocate_misplaced_objects([*usable, *others][:2], objects), usable]
+    sure = [obj for obj in usable if is_steady_object(obj) and obj.is_flat_topped]
+    return [*_rank_by_room(sure, objects), *_rank_by_room(usable, objects), usable]
+
+
+def _rank_by_room(group: Sequence[SceneObject], objects: Sequence[SceneObject]) -> list[list[SceneObject]]:
+    return [[obj for obj in group if is_apart(obj, objects, gap)] for gap in _GAPS]
+
+
+def _rate_difficulty(obj: SceneObject) -> tuple[bool, bool, bool, float]:
+    size = max(obj.size[:2]) + 0.5 * obj.size[2]
+    return not is_pickable_object(obj), not obj.reachable, not is_steady_object(obj), size
+
+
+def is_uncovered_object(obj: SceneObject, objects: Sequence[SceneObject]) -> bool:
+    """Whether nothing rests on it, as far as the boxes of ``objects`` tell."""
+    return not any(
+        other is not obj and other.low > obj.low + _LEVEL and obj.footprint_rect.overlaps(other.footprint_rect, -0.01)
+        for other in objects
     )
-    return relocate_misplaced_objects([*kept, *rest[: 2 - len(kept)]])
 
 
-def _object_size_score(obj: SceneObject) -> float:
-    return max(obj.size[:2]) + 0.5 * obj.size[2]
+def is_apart(obj: SceneObject, objects: Sequence[SceneObject], gap: float) -> bool:
+    """Whether none of ``objects`` comes closer to it than ``gap`` (m), seen from above."""
+    return not any(other is not obj and obj.footprint_rect.overlaps(other.footprint_rect, gap) for other in objects)
 
 
-def relocate_misplaced_objects(objects: Sequence[SceneObject]) -> list[SceneObject]:
-    """The objects with those that overlap another, float or are out of reach put on a free part of the table."""
-    kept: list[SceneObject] = []
+def relocate_misplaced_objects(objects: Sequence[SceneObject], scene: Sequence[SceneObject]) -> list[SceneObject]:
+    """``objects`` of ``scene``, those that are held or out of reach put on a free part of the table if there is one."""
+    table = Table([obj.footprint_rect for obj in scene])
+    placed: list[SceneObject] = []
     for obj in objects:
-        free = len(select_non_overlapping([*kept, obj], len(kept) + 1)) == len(kept) + 1
-        if free and is_reachable_object(obj) and obj.stands_on_table:
-            kept.append(obj.snap_to_table())
-    table = Table([obj.footprint_rect for obj in kept])
-    for obj in objects:
-        if obj.name not in {other.name for other in kept}:
-            spot = table.reserve_free_place(obj.size[0] + 0.02, obj.size[1] + 0.02)
-            if spot is not None:
-                kept.append(obj.relocate_to(*spot))
-    order = {obj.name: index for index, obj in enumerate(objects)}
-    return sorted(kept, key=lambda obj: order[obj.name])
+        if is_reachable_object(obj):
+            placed.append(obj)
+        elif spot := table.reserve_free_place(*obj.room[:2]):
+            placed.append(obj.relocate_to(*spot))
+    return placed
 
 
 def candidate_object_sets(
@@ -96,9 +102,14 @@ def candidate_object_sets(
         return _find_object_clusters(shuffled, most)
     if family == "sort":
         return [select_non_overlapping(group, most) for group in _select_kinds_or_colors(shuffled)]
-    count = int(rng.integers(least, most + 1))
-    free = select_non_overlapping(shuffled, count)
-    return [free[:size] for size in range(len(free), 0, -1)]
+    return _list_groups_and_pairs(shuffled, int(rng.integers(least, most + 1)))
+
+
+def _list_groups_and_pairs(objects: Sequence[SceneObject], count: int) -> list[list[SceneObject]]:
+    """The first ``count`` of the objects and fewer of them, then any two, the smallest first, then one."""
+    free = select_non_overlapping(objects, count)
+    pairs = sorted(combinations(objects, 2), key=lambda pair: sum(obj.size[0] * obj.size[1] for obj in pair))
+    return [*(free[:size] for size in range(len(free), 1, -1)), *map(list, pairs), free[:1]]
 
 
 def find_plan_for_family(

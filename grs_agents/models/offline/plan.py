@@ -102,15 +102,14 @@ class Rows:
     depth: float  # extent of the whole along y
 
 
-def arrange_in_rows(footprints: Sequence[tuple[float, float]], rows: int = 0, gap: float = GAP) -> Rows:
-    """Lay ``footprints`` (x, y extents) out in so many rows along y; 0 rows: as many as make the whole compact."""
-    if rows:
-        return _arrange_in_fixed_rows(footprints, rows, gap)
-    options = [_arrange_in_fixed_rows(footprints, count, gap) for count in range(1, len(footprints) + 1)]
-    return min(options, key=lambda option: math.hypot(option.width, option.depth))
+def list_arrangements(footprints: Sequence[tuple[float, float]], gap: float) -> list[Rows]:
+    """``footprints`` (x, y extents) laid out in one row, two rows and so on, the most compact whole first."""
+    options = [arrange_in_rows(footprints, count, gap) for count in range(1, len(footprints) + 1)]
+    return sorted(options, key=lambda option: math.hypot(option.width, option.depth))
 
 
-def _arrange_in_fixed_rows(footprints: Sequence[tuple[float, float]], rows: int, gap: float) -> Rows:
+def arrange_in_rows(footprints: Sequence[tuple[float, float]], rows: int, gap: float) -> Rows:
+    """``footprints`` (x, y extents) laid out in so many rows along y."""
     length = math.ceil(len(footprints) / rows)
     groups = [footprints[start : start + length] for start in range(0, len(footprints), length)]
     widths = [max(width for width, _ in group) for group in groups]
@@ -178,6 +177,6 @@ def is_steady_object(obj: SceneObject) -> bool:
 
 
 def is_reachable_object(obj: SceneObject) -> bool:
-    """Whether the arm can pick it where it stands."""
+    """Whether the arm can pick it where it stands: in reach, and not held there."""
     radius = math.hypot(obj.position[0], obj.position[1])
-    return obj.reachable and NEAR <= radius <= FAR and obj.position[0] > 0.1
+    return obj.reachable and not obj.floats and NEAR <= radius <= FAR and obj.position[0] > 0.1

@@ -26,13 +26,19 @@ def write_program(plans: Sequence[Plan], title: str, description: str, spots: bo
     """
     names = _assign_variable_names(plans)
     objects = list(chain.from_iterable(plan.moved_objects for plan in plans))
+    relocated = any(obj.relocated for obj in objects)
+    # The largest is laid out first: while nothing else was drawn, the place that the plan knows for it is free.
     targets = list(chain.from_iterable(plan.targets for plan in plans))
+    targets.sort(key=lambda target: (target.moves, -target.size[0] * target.size[1]))
+    drawn = [target for target in targets if target.moves]
+    known = [] if relocated else drawn[:1]
     lines = [*_head_code_lines(plans, title, description), *_object_code_lines(objects, names)]
     for target in targets:
-        lines += ["", *_target_code_lines(target, names)]
+        lines += ["", *_target_code_lines(target, names, target in known)]
     for plan in plans:
         lines += ["", *_goal_code_lines(plan, names, spots, sum(len(every.moves) for every in plans))]
-    if any(target.moves for target in targets) or any(obj.relocated for obj in objects):
+    if relocated or drawn:
+        lines[2] = "from grs_agents.sim import NoFreeSpaceError, Task, utils"
         lines += ["", *_FIND_PLACE]
     return "\n".join(lines) + "\n"
 
@@ -74,16 +80,15 @@ def _object_code_lines(objects: Sequence[SceneObject], names: dict[str, str]) ->
     if relocated:
         lines += ["", "        # The objects that cannot be used where the photo shows them stand somewhere free."]
     for obj in relocated:
-        spot = f"({obj.position[0]:.3f}, {obj.position[1]:.3f})"
         lines += [
-            f"        start = self.find_place(env, {_format_vector(obj.size)}, {spot})",
+            f"        start = self.find_place(env, {_format_vector(obj.room)})",
             f"        start = utils.multiply(start, ((0, 0, 0), {_format_vector(obj.orientation)}))",
             f'        {names[obj.name]} = env.add_object("{obj.asset}", start)',
         ]
     return lines
 
 
-def _target_code_lines(target: Target, names: dict[str, str]) -> list[str]:
+def _target_code_lines(target: Target, names: dict[str, str], known: bool) -> list[str]:
     name = names[target.name]
     if target.obj:
         rotation = _format_vector(target.obj.orientation)
@@ -96,7 +101,8 @@ def _target_code_lines(target: Target, names: dict[str, str]) -> list[str]:
     x, y = target.place
     lines = [f"        # The {target.label}.", f"        {name}_size = {_format_vector(target.size)}"]
     if target.moves:
-        lines.append(f"        {name}_pose = self.find_place(env, {name}_size, ({x:.3f}, {y:.3f}))")
+        otherwise = f", ({x:.3f}, {y:.3f})" if known else ""
+        lines.append(f"        {name}_pose = self.find_place(env, {name}_size{otherwise})")
     else:
         lines.append(f"        {name}_pose = (({x:.4f}, {y:.4f}, {target.size[2] / 2:.4f}), (0, 0, 0, 1))")
     if target.asset_name:
@@ -177,12 +183,14 @@ _RESERVED = frozenset(
     }
 )
 _FIND_PLACE = [
-    "    def find_place(self, env, size, fallback):",
-    '        """A free pose in easy reach for something of this size; the fallback (x, y) where none turns up."""',
+    "    def find_place(self, env, size, known=None):",
+    '        """A free pose in easy reach for something of this size; the known free (x, y) where none turns up."""',
     "        reach = 0.83 - np.hypot(size[0], size[1]) / 2",
     "        for _ in range(20):",
     "            position, rotation = self.get_random_pose(env, size)",
     "            if position is not None and np.hypot(position[0], position[1]) < reach:",
     "                return (position[0], position[1], size[2] / 2), rotation",
-    "        return (fallback[0], fallback[1], size[2] / 2), (0, 0, 0, 1)",
+    "        if known is None:",
+    '            raise NoFreeSpaceError(f"no free place of {size[0]:.2f} x {size[1]:.2f} m", "use a smaller target")',
+    "        return (known[0], known[1], size[2] / 2), (0, 0, 0, 1)",
 ]

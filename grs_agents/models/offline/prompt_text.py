@@ -97,6 +97,8 @@ NEAR, FAR = 0.28, 0.80
 """Radii from the robot's base between which it works with ease, in metres."""
 GAP = 0.02
 """The clearance left between neighbours, in metres."""
+CUP_ROOM = 0.03
+"""With so much room on every side the cup, and what it carries, comes down beside nothing, in metres."""
 HOLLOW_WORDS = frozenset({"bowl", "mug", "cup", "plate", "container", "basket", "tray", "bin"})
 ROUND_WORDS = frozenset({"bottle", "jar", "ball", "sphere", "fruit", "bag", "pear", "apple", "banana", "toy"})
 COLORS = ("red", "orange", "yellow", "green", "blue", "purple", "pink", "brown", "white", "gray", "black")
@@ -138,12 +140,18 @@ class SceneObject:
     size: Vector  # extents along the robot's axes as it stands, metres
     reachable: bool  # whether the arm can pick it there
     hollow: bool  # whether other objects can be put inside or on it
+    floats: bool = False  # whether it is held where it is, since it stands on what the photo does not show
     relocated: bool = False  # whether the program puts it elsewhere than the photo
 
     @property
     def footprint_rect(self) -> Rect:
         """Its footprint."""
         return Rect(self.position[0], self.position[1], self.size[0], self.size[1])
+
+    @property
+    def room(self) -> Vector:
+        """What it takes when it is put elsewhere: its extents and, on every side, what the cup needs besides it."""
+        return (self.size[0] + 2 * CUP_ROOM, self.size[1] + 2 * CUP_ROOM, self.size[2])
 
     @property
     def label(self) -> str:
@@ -156,9 +164,9 @@ class SceneObject:
         return " ".join(name if self.category in name or not self.category else [*name, self.category])
 
     @property
-    def stands_on_table(self) -> bool:
-        """Whether it rests on the table rather than on another object."""
-        return abs(self.position[2] - self.size[2] / 2) < 0.025
+    def low(self) -> float:
+        """The height of its underside, in metres."""
+        return self.position[2] - self.size[2] / 2
 
     @property
     def is_flat_topped(self) -> bool:
@@ -169,12 +177,6 @@ class SceneObject:
     def relocate_to(self, x: float, y: float) -> "SceneObject":
         """The same object standing elsewhere on the table."""
         return replace(self, position=(x, y, self.size[2] / 2), relocated=True)
-
-    def snap_to_table(self) -> "SceneObject":
-        """The same object with its underside on the table, where the photo's box hovers or sinks."""
-        low = self.size[2] / 2
-        height = self.position[2] if low <= self.position[2] <= low + 0.02 else low
-        return replace(self, position=(self.position[0], self.position[1], height))
 
 
 def parse_scene_objects(scene: Json) -> list[SceneObject]:
@@ -200,6 +202,7 @@ def _parse_scene_object(entry: Json) -> SceneObject | None:
         size=cast(Vector, size),
         reachable=bool(entry.get("reachable", True)),
         hollow=bool(entry.get("hollow")) or _has_hollow_name(asset, category),
+        floats=bool(entry.get("floats")),
     )
 
 

@@ -13,7 +13,7 @@ _SCORE = re.compile(
     r"^published: (?P<published>-?\d+(?:\.\d+)?)  strict: (?P<strict>\d+(?:\.\d+)?)  steps: ",
     re.MULTILINE,
 )
-_MOVED = re.compile(r"^  (?P<asset>\S+) \(\d+\) \([^)]*\) -> ")
+_MOVED = re.compile(r"^  (?P<asset>\S+) #\d+ \([^)]*\) -> ")
 _ERROR = re.compile(r"^\s*(?:[\w.]*\.)?(?P<type>[A-Z]\w*(?:Error|Exception|Exit|Interrupt)): (?P<message>.*)$")
 _FINDING = re.compile(r"^- (?P<check>\w+): FAILED: (?P<detail>.*)$")
 _SOLVED = 0.99

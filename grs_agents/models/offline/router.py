@@ -53,6 +53,9 @@ def _blame_by_errors(evidence: Evidence) -> tuple[str, str] | None:
 
 
 def _blame_by_episode(evidence: Evidence, neglected: tuple[str, ...]) -> tuple[str, str]:
+    if evidence.findings and all(check.startswith("tests_") for check in evidence.findings):
+        about = "; ".join(f"{check}: {detail}" for check, detail in evidence.findings.items())
+        return "fix_test", f"The audit finds fault with the tests alone: {about}."
     if neglected:
         return "fix_code", f"The task's words move {', '.join(neglected)}, which the robot did not: the goals lack it."
     if evidence.shortfalls:

@@ -5,7 +5,18 @@ from dataclasses import dataclass
 from itertools import pairwise, product
 from typing import Literal
 
-from grs_agents.models.offline.plan import WALL, ZONE_HEIGHT, Family, Move, Plan, Rows, Table, Target, arrange_in_rows
+from grs_agents.models.offline.plan import (
+    WALL,
+    ZONE_HEIGHT,
+    Family,
+    Move,
+    Plan,
+    Rows,
+    Table,
+    Target,
+    arrange_in_rows,
+    list_arrangements,
+)
 from grs_agents.models.offline.prompt_text import COLORS, GAP, Rect, SceneObject, Vector, make_identifier
 
 PALETTE = ("green", "blue", "red", "yellow", "purple", "orange")
@@ -21,20 +32,20 @@ class TaskRequest:
     margin: float = 1.0  # factor on the free space inside containers and zones
     support: SceneObject | None = None  # the object of the scene that a stack is built on, where it stands
     ordered: bool = False  # whether a stack keeps the order in which the objects are given
-    taken: tuple[Rect, ...] = ()  # what else stands on the table
+    taken: tuple[Rect, ...] = ()  # all that stands on the table
 
 
 def plan_pack_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     """Everything into one container: one of the scene's where one fits, else a new one."""
-    footprints = [obj.size[:2] for obj in objects]
-    rows = _arrange_object_rows(objects, request)
-    options = [rows, *(arrange_in_rows(footprints, count, GAP * request.margin) for count in range(1, len(objects)))]
-    for container, fitting in product(request.containers, options):
-        if _is_fitting_container(container, objects, fitting):
+    options = _list_arrangements(objects, request)
+    for container, rows in product(request.containers, options):
+        if _is_fitting_container(container, objects, rows):
             target = _target_of_object(container)
-            return Plan("pack", (target,), _make_moves_to_rows(objects, target, fitting, 0.01))
-    target = _place_new_container(objects, request, rows.width, rows.depth)
-    return None if target is None else Plan("pack", (target,), _make_moves_to_rows(objects, target, rows, WALL))
+            return Plan("pack", (target,), _make_moves_to_rows(objects, target, rows, 0.01))
+    for rows in options:
+        if new := _place_new_container(objects, request, rows.width, rows.depth):
+            return Plan("pack", (new,), _make_moves_to_rows(objects, new, rows, WALL))
+    return None
 
 
 def _is_fitting_container(container: SceneObject, objects: Sequence[SceneObject], rows: Rows) -> bool:
@@ -161,19 +172,19 @@ def plan_distribute_task(objects: Sequence[SceneObject], request: TaskRequest) -
 def plan_clear_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     """Out of the area in which they stand, to a free part of the table."""
     area = _bounding_rect([obj.footprint_rect for obj in objects])
-    if any(obj.relocated for obj in objects) or max(area.width, area.depth) > 0.45:
+    own = [obj.footprint_rect for obj in objects]
+    staying = any(area.overlaps(rect) for rect in request.taken if rect not in own)
+    if staying or any(obj.relocated for obj in objects) or max(area.width, area.depth) > 0.45:
         return None
     size = (_round_up_to_cm(area.width), _round_up_to_cm(area.depth), ZONE_HEIGHT)
     spot = Target(f"{request.color}_area", "zone", size, (area.x, area.y), request.color, moves=False)
     table = Table([*request.taken, area])
-    rows = _arrange_object_rows(objects, request)
-    size = (
-        _round_up_to_cm(rows.width + 2 * GAP),
-        _round_up_to_cm(rows.depth + 2 * GAP),
-        max(obj.size[2] for obj in objects),
-    )
-    free = _place_new_target("free_place", "free", size, "", table)
-    return None if free is None else Plan("clear", (spot, free), _make_moves_to_rows(objects, free, rows))
+    tallest = max(obj.size[2] for obj in objects)
+    for rows in _list_arrangements(objects, request):
+        size = (_round_up_to_cm(rows.width + 2 * GAP), _round_up_to_cm(rows.depth + 2 * GAP), tallest)
+        if free := _place_new_target("free_place", "free", size, "", table):
+            return Plan("clear", (spot, free), _make_moves_to_rows(objects, free, rows))
+    return None
 
 
 def _bounding_rect(rects: Sequence[Rect]) -> Rect:
@@ -207,8 +218,8 @@ FAMILIES: dict[Family, Callable[[Sequence[SceneObject], TaskRequest], Plan | Non
 }
 
 
-def _arrange_object_rows(objects: Sequence[SceneObject], request: TaskRequest) -> Rows:
-    return arrange_in_rows([obj.size[:2] for obj in objects], gap=GAP * request.margin)
+def _list_arrangements(objects: Sequence[SceneObject], request: TaskRequest) -> list[Rows]:
+    return list_arrangements([obj.size[:2] for obj in objects], GAP * request.margin)
 
 
 def _make_moves_to_rows(
@@ -222,12 +233,12 @@ def _make_moves_to_rows(
 def _place_zone_with_rows(
     objects: Sequence[SceneObject], name: str, color: str, table: Table, request: TaskRequest
 ) -> tuple[Target, tuple[Move, ...]] | None:
-    rows = _arrange_object_rows(objects, request)
     border = 2 * GAP * request.margin
-    zone = _place_new_zone(
-        name, _round_up_to_cm(rows.width + border), _round_up_to_cm(rows.depth + border), color, table
-    )
-    return None if zone is None else (zone, _make_moves_to_rows(objects, zone, rows))
+    for rows in _list_arrangements(objects, request):
+        size = _round_up_to_cm(rows.width + border), _round_up_to_cm(rows.depth + border)
+        if zone := _place_new_zone(name, *size, color, table):
+            return zone, _make_moves_to_rows(objects, zone, rows)
+    return None
 
 
 def _place_new_zone(name: str, width: float, depth: float, color: str, table: Table) -> Target | None:

@@ -79,10 +79,10 @@ def parse_task_request(
     by_kind = "kind" if re.search(r"by (kind|category|type)", text) else ""
     return TaskRequest(
         color=color.group(1) if color else PALETTE[0],
-        containers=() if support is None else (support.snap_to_table(),),
+        containers=() if support is None else (support,),
         criterion="color" if re.search(r"by colou?r", text) else by_kind,
         margin=margin,
-        support=None if support is None else support.snap_to_table(),
+        support=support,
         ordered="order" in text,
         taken=tuple(taken),
     )

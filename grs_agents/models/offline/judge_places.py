@@ -1,0 +1,108 @@
+"""Where a thing ends, against where the words put it."""
+
+import math
+from collections.abc import Callable, Sequence
+from itertools import product
+
+from grs_agents.models.offline.judge_reading import Phrase, Request
+from grs_agents.models.offline.judge_scene import Scene, Thing
+
+BESIDE = 0.12
+"""Metres between two things that people call beside each other."""
+_ASIDE = 0.02
+"""And how far one lies to a side of the other, at least."""
+_DETOUR = 1.2
+"""What is between two things makes the way from one to the other longer by this factor at most."""
+
+Places = tuple[Thing | None, ...]
+"""What the phrases after a request's prepositions mean; None where they may mean any of several."""
+
+
+class Differs(Exception):
+    """What the words ask for does not happen, or no goal asks for it."""
+
+
+def choose_places(request: Request, scene: Scene) -> list[Places]:
+    """All that the places of a request may be; raises ``Differs`` where there is no such place."""
+    options: list[list[Thing | None]] = []
+    for phrase in (phrase for _, phrases in request.relations for phrase in phrases):
+        found = [] if phrase.is_table else scene.find(phrase)
+        if not found and not phrase.is_table and not phrase.pronoun:
+            raise Differs(f"there is no such thing as {phrase.text}")
+        one = phrase.article == "the" and not phrase.plural and not request.orders & {"own", "owncolor"}
+        options.append(list(found) if one and found else [None])
+    return list(product(*options))
+
+
+def explain_misplacement(thing: Thing, request: Request, places: Places, scene: Scene) -> str:
+    """What is wrong with where a thing ends, empty where nothing is."""
+    chosen = iter(places)
+    for how, phrases in request.relations:
+        options = [_list_options(phrase, next(chosen), scene) for phrase in phrases]
+        if any(phrase.is_table for phrase in phrases):
+            if len(request.relations) == 1 and thing.ends:
+                return f"{thing.label} does not end on the bare table"
+            continue
+        if "owncolor" in request.orders:
+            options = [[place for place in row if place.color == thing.color] for row in options]
+        if not _holds(how, thing, options, scene):
+            return f"{thing.label} is not asked to end {_describe_relation(how, phrases)}"
+    return ""
+
+
+def _list_options(phrase: Phrase, chosen: Thing | None, scene: Scene) -> list[Thing]:
+    return [chosen] if chosen is not None else scene.find(phrase)
+
+
+def _describe_relation(how: str, phrases: Sequence[Phrase]) -> str:
+    spoken = {"leftof": "left of", "rightof": "right of", "infront": "in front of", "outof": "out of"}
+    return f"{spoken.get(how, how)} {' and '.join(phrase.text for phrase in phrases)}"
+
+
+def _holds(how: str, thing: Thing, options: Sequence[Sequence[Thing]], scene: Scene) -> bool:
+    if how == "between":
+        return len(options) == 2 and any(_is_between(thing, *pair) for pair in product(*options))
+    places = [place for row in options for place in row if place is not thing]
+    if how in ("in", "on", "at"):
+        return scene.lies(thing, how, places)
+    return any(_HOLDS.get(how, _is_to_the_side)(how, thing, place, scene) for place in places)
+
+
+def _is_between(thing: Thing, one: Thing, other: Thing) -> bool:
+    if thing in (one, other) or one is other:
+        return False
+    way = math.dist(thing.end[:2], one.end[:2]) + math.dist(thing.end[:2], other.end[:2])
+    return way < _DETOUR * math.dist(one.end[:2], other.end[:2])
+
+
+def _is_to_the_side(how: str, thing: Thing, place: Thing, scene: Scene) -> bool:
+    axis, sign = _SIDES[how]
+    return _is_aside(thing, place, scene) and sign * (thing.end[axis] - place.end[axis]) > _ASIDE
+
+
+def _is_beside(how: str, thing: Thing, place: Thing, scene: Scene) -> bool:
+    asked = any(("beside", place.id) in references for goal in thing.goals for references in goal)
+    bound = 2 * BESIDE if how == "around" else BESIDE
+    return asked or (_is_aside(thing, place, scene) and scene.gap(thing, place) <= bound)
+
+
+def _is_aside(thing: Thing, place: Thing, scene: Scene) -> bool:
+    """Whether a thing ends neither in nor on another one, and not anywhere that its goal leaves open."""
+    if any(how == "beside" for goal in thing.goals for references in goal for how, _ in references):
+        return False
+    return place.id not in {number for _, number in scene.all_under(thing.ends)}
+
+
+def _is_taken_out(how: str, thing: Thing, place: Thing, scene: Scene) -> bool:
+    del how
+    stood, ends = ({number for _, number in scene.all_under(row)} for row in (thing.stood, thing.ends))
+    return place.id in stood - ends
+
+
+_HOLDS: dict[str, Callable[[str, Thing, Thing, Scene], bool]] = {
+    "beside": _is_beside,
+    "around": _is_beside,
+    "outof": _is_taken_out,
+}
+_SIDES = {"leftof": (1, 1), "rightof": (1, -1), "behind": (0, 1), "infront": (0, -1)}
+"""Axis and sign of each side, as the robot sees it: x away from it, y to its left."""
