@@ -49,6 +49,10 @@ RunFolder = Annotated[Path, typer.Argument(help="A run folder.")]
 _SEEDS = "How many task instances to solve; audit.seeds by default."
 Seeds = Annotated[int | None, typer.Option("--seeds", help=_SEEDS, min=1, max=100)]
 _PAGE = "The file, - for standard output; report.html in the run folder by default."
+_TASK = "The task definition that it must keep to, as a run writes it."
+_SCENE = (
+    "The photo that it must keep to: a run folder, a scene.json, or what grs run takes, which is then comprehended."
+)
 _ZIP = "The zip file, - for standard output; beside the run folder by default."
 _CONTENT = "Your own graphs, tools, prompts and assets; their code is executed."
 
@@ -121,21 +125,31 @@ def check(
         Path, typer.Argument(help="A simulation program: a Python file with a Task subclass; or a run folder.")
     ],
     tests: Annotated[Path | None, typer.Option("--tests", help="Its unittest file.", metavar="TESTS.py")] = None,
-    assets: Annotated[
-        Path | None, typer.Option("--assets", help="A run folder whose own assets it may use.", metavar="RUN")
-    ] = None,
+    task: Annotated[Path | None, typer.Option("--task", help=_TASK, metavar="TASK.json")] = None,
+    scene: Annotated[Path | None, typer.Option("--scene", help=_SCENE, metavar="SCENE")] = None,
     seeds: Seeds = None,
     config: ConfigFile = None,
     settings: Settings = None,
     json: Json = False,
     unsafe: Unsafe = False,
 ) -> None:
-    """Check a simulation program of your own through sandbox, tests, oracle and audit. Exit status as for run."""
-    from grs_agents.cli.run import check_program
+    """Check a simulation program of your own as a run checks its own, without its models but the judge.
+
+    Exit status as for run.
+    """
+    from grs_agents.cli.check import check_program
 
     extra = [] if seeds is None else [f"audit.seeds={seeds}"]
     chosen = load_effective_config(config, [*(settings or []), *extra], unsafe=unsafe)
-    sys.exit(check_program(simulation, tests, assets, chosen, json))
+    sys.exit(check_program(simulation, tests, task, scene, chosen, json))
+
+
+@app.command()
+def verify(run: RunFolder, json: Json = False, unsafe: Unsafe = False) -> None:
+    """See whether an ended run is unchanged and its audit comes out the same again. Exit status: 0 holds, 1 differs."""
+    from grs_agents.cli.verify import verify_run_folder
+
+    sys.exit(verify_run_folder(run, load_effective_config(None, None, unsafe=unsafe).config, json))
 
 
 @app.command()

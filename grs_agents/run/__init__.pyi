@@ -14,6 +14,7 @@ from .experiments import run_experiment as run_experiment
 from .experiments import settings_as_arguments as settings_as_arguments
 from .experiments import summarise_runs as summarise_runs
 from .experiments import terminal_table as terminal_table
+from .hashes import write_hashes as write_hashes
 from .program_check import CheckOrder as CheckOrder
 from .program_check import check_user_program as check_user_program
 from .record import RunRecord as RunRecord
@@ -35,3 +36,5 @@ from .sharing import Scrubber as Scrubber
 from .sharing import make_scrubber as make_scrubber
 from .sharing import pack_run_as_zip as pack_run_as_zip
 from .sharing import strip_png_metadata as strip_png_metadata
+from .verification import Verification as Verification
+from .verification import verify_run as verify_run

@@ -19,6 +19,7 @@ from grs_agents.files import unwritable_error
 from grs_agents.nodes import Services, conclude_run
 from grs_agents.policies import load_policy
 from grs_agents.run.checkpoint import FILE, check_checkpoint_file, check_restored_state
+from grs_agents.run.hashes import write_hashes
 from grs_agents.run.record import EXIT_STATUS, RunRecord, collect_run_counts, seconds_by_stage
 from grs_agents.run.recording import compare_with_recording, write_cassette
 from grs_agents.run.run_opening import Order, load_graph, open_run
@@ -67,6 +68,8 @@ def _execute_with_log(order: Order, views: Views, folder: Path, record: RunRecor
             record, problem = _run_graph_and_record(order, config, folder, log, record, state)
             if config.record:
                 write_cassette(Path(config.record), config, record, folder)
+            if record.status in EXIT_STATUS:
+                write_hashes(folder)
     except (Exception, KeyboardInterrupt) as error:  # the log or a view could not be opened or closed
         if record.status == "running":
             record, problem = _mark_record_failed(record, error, folder)

@@ -14,6 +14,7 @@ from pathlib import Path
 from grs_agents.errors import GrsError, InputError
 from grs_agents.files import unwritable_error, write_bytes, write_file_or_stdout
 from grs_agents.foreign import read_bytes, read_npz_words
+from grs_agents.run.hashes import rewrite_hashes
 from grs_agents.terminal import escape_control_chars
 
 REMOVED = "[removed]"
@@ -126,7 +127,7 @@ class Shared:
 
 def pack_run_as_zip(folder: Path, out: Path, scrubber: Scrubber, make: Callable[[Path], Sequence[Path]]) -> Shared:
     """Pack a run."""
-    changed: list[str] = []
+    changed: dict[str, bytes] = {}
     left_out: list[str] = []
     with tempfile.TemporaryDirectory() as temporary:
         copy = Path(temporary) / scrubber.remove_secrets(folder.resolve().name)
@@ -134,11 +135,12 @@ def pack_run_as_zip(folder: Path, out: Path, scrubber: Scrubber, make: Callable[
             before = read_bytes(folder / name) if _is_scannable_file(name) else None
             data = None if before is None else _clean_file_content(name, before, scrubber)
             if data is None:
-                left_out.append(str(name))
+                left_out.append(name.as_posix())
                 continue
             if data != before:
-                changed.append(str(name))
+                changed[name.as_posix()] = before or b""
             write_bytes(copy / name, data)
+        rewrite_hashes(copy, changed, left_out)
         make(copy)
         packed = _zip_checked_folder(copy, scrubber)
     try:

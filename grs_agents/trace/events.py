@@ -10,7 +10,7 @@ Values that are safe to write as one line of JSON, whatever a model or a program
 import math
 from typing import Annotated, Any, Literal, TypeVar, cast
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, model_validator
 from pydantic_core import to_jsonable_python
 
 from grs_agents.base import Frozen
@@ -163,7 +163,7 @@ def _validate_json_fields(value: _Json, kind: type[CheckedFields]) -> _Json:
     return value
 
 
-VERSION = 3
+VERSION = 4
 """Of this vocabulary: one more whenever a reader of the last one would misread a line."""
 
 
@@ -331,12 +331,27 @@ class Rollout(Stamped):
 
 
 class Finding(Stamped):
-    """The audit checked one thing."""
+    """The audit checked one thing: what was ``measured``, and what is asked (``bound``)."""
 
     kind: Literal["finding"] = "finding"
     check: Text
     passed: bool
-    detail: Text = ""
+    measured: Text = ""
+    bound: Text = ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_version_3(cls, values: Any) -> Any:
+        """Up to version 3 both were one text, ``detail``."""
+        if isinstance(values, dict) and "detail" in values:
+            fields = cast("dict[str, Any]", values)
+            return {"measured": fields["detail"], **{key: fields[key] for key in fields if key != "detail"}}
+        return cast(Any, values)
+
+    @property
+    def detail(self) -> str:
+        """Both in one line."""
+        return f"{self.measured}; {self.bound}" if self.bound else self.measured
 
 
 class Note(Stamped):

@@ -17,6 +17,7 @@ from grs_agents import trace
 from grs_agents.errors import GrsError
 from grs_agents.foreign import find_member_file, read_bytes, read_picture, resolve_member_file
 from grs_agents.library import Library
+from grs_agents.sim.world import FIRST_BYSTANDER
 from grs_agents.terminal import escape_control_chars
 from grs_agents.views.common import (
     Rectangle,
@@ -185,13 +186,27 @@ def render_photo_and_objects(events: Sequence[trace.Event], sources: Sources) ->
     if any(shown):
         yield f'<div class="row">{"".join(shown)}</div>'
     if objects:
-        rows = [_object_row_cells(index, item) for index, item in enumerate(objects)]
-        yield render_table(["", "name", "size (cm)", "asset", "description"], rows, (0,))
+        bystanders = _find_bystanders(events, sources.folder)
+        rows = [(*_object_row_cells(at, item), bystanders.get(at, "")) for at, item in enumerate(objects)]
+        yield render_table(["", "name", "size (cm)", "asset", "description", "in the task"], rows, (0,))
 
 
 def _object_row_cells(index: int, item: dict[str, Any]) -> tuple[object, ...]:
     asset, description = item.get("asset") or "", item.get("description") or ""
     return object_mask_label(item, index), object_display_name(item), format_object_size(item), asset, description
+
+
+def _find_bystanders(events: Sequence[trace.Event], folder: Path) -> dict[int, str]:
+    """What the objects of the scene are, by their place in its list, that no goal of the last audit's task is about."""
+    played = [event.instance for event in last_audit_events(events, trace.Rollout) if event.instance]
+    try:
+        objects = read_task_instance(resolve_member_file(folder, played[0])).objects if played else ()
+    except GrsError:  # the picture of the task says so
+        return {}
+    others = (item for item in objects if item.role == "bystander")
+    return {
+        item.id - FIRST_BYSTANDER: "fixed bystander" if item.category == "fixed" else "bystander" for item in others
+    }
 
 
 def _render_annotated_photo(files: dict[str, str], objects: Sequence[dict[str, Any]], folder: Path) -> str:
@@ -344,9 +359,9 @@ def _render_test_runs(rows: Sequence[Step]) -> Iterator[str]:
 def _render_audit_findings(events: Sequence[trace.Event]) -> str:
     """What the last audit found."""
     findings = last_audit_events(events, trace.Finding)
-    cells = [(finding.check, format_finding_verdict(finding), finding.detail) for finding in findings]
+    cells = [(one.check, format_finding_verdict(one), one.measured, one.bound) for one in findings]
     colors: list[Verdict] = [_verdict_css_class(finding.passed) for finding in findings]
-    return render_table(["check", "", "detail"], cells, verdicts=colors) if cells else ""
+    return render_table(["check", "", "measured", "asked"], cells, verdicts=colors) if cells else ""
 
 
 def _render_programs(events: Sequence[trace.Event], folder: Path) -> Iterator[str]:

@@ -155,7 +155,7 @@ def _dump_message(role: str, text: str, finish: str = "") -> str:
 
 _FIELDS: dict[str, set[str]] = {
     "decision": {"verdict", "explanation", "policy"},
-    "finding": {"check", "passed", "detail"},
+    "finding": {"check", "passed", "measured", "bound"},
     "program_version": {"program", "number", "sha256", "diff"},
     "note": {"level", "text"},
 }

@@ -53,8 +53,9 @@ class PlaceBlock(Task):
 TESTS = """
 import unittest
 
+import numpy as np
 from {name} import PlaceBlock
-from grs_agents.sim import Environment
+from grs_agents.sim import Environment, utils
 
 
 class TestPlaceBlock(unittest.TestCase):
@@ -63,6 +64,9 @@ class TestPlaceBlock(unittest.TestCase):
         task = PlaceBlock()
         env.set_task(task)
         obs = env.reset()
+        blocks = env.find("{block}")
+        self.assertEqual(len(blocks), 2)
+        start = [env.get_object_pose(block)[0] for block in blocks]
         agent = task.oracle(env)
         total = 0
         for _ in range(task.max_steps):
@@ -74,7 +78,16 @@ class TestPlaceBlock(unittest.TestCase):
             if done:
                 break
         self.assertGreater(total, {bound})
+        (x, y, _), turn = env.get_object_pose(env.find("zone/zone.urdf")[0])
+        yaw = utils.quatXYZW_to_eulerXYZ(turn)[2]
+        for block, began in zip(blocks, start):
+            end = env.get_object_pose(block)[0]
+            self.assertGreater(np.linalg.norm(np.subtract(end, began)), 0.05)
+            dx, dy = end[0] - x, end[1] - y
+            self.assertLess(abs(np.cos(yaw) * dx + np.sin(yaw) * dy), 0.06)
+            self.assertLess(abs(np.cos(yaw) * dy - np.sin(yaw) * dx), 0.06)
 """
+RED = "block/red_block.urdf"
 
 
 @pytest.fixture
@@ -86,7 +99,7 @@ def program(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("name", ["task_code", "place_block"])
 def test_check_accepts_a_program_of_ones_own(tmp_path: Path, program: Path, name: str) -> None:
-    (tmp_path / "tests.py").write_text(TESTS.format(name=name, bound=0.99))
+    (tmp_path / "tests.py").write_text(TESTS.format(name=name, bound=0.99, block=RED))
     done = grs("check", str(program), "--tests", "tests.py", "--json", folder=tmp_path)
     found = json.loads(done.stdout)
     assert (done.returncode, found["status"]) == (0, "accepted"), done.stdout
@@ -94,7 +107,7 @@ def test_check_accepts_a_program_of_ones_own(tmp_path: Path, program: Path, name
 
 
 def test_check_rejects_a_program_whose_tests_fail(tmp_path: Path, program: Path) -> None:
-    (tmp_path / "tests.py").write_text(TESTS.format(name="task_code", bound=2))
+    (tmp_path / "tests.py").write_text(TESTS.format(name="task_code", bound=2, block=RED))
     done = grs("check", str(program), "--tests", "tests.py", "--seeds", "1", folder=tmp_path)
     assert done.returncode == 1
     assert "rejected" in done.stdout and "test_oracle" in done.stdout
@@ -186,16 +199,16 @@ def test_check_knows_the_assets_of_a_run(tmp_path: Path) -> None:
         config=Config(seed=5).model_dump(mode="json"),
     ).write(run)
     (run / "simulation.py").write_text(PROGRAM.replace("block/red_block.urdf", name))
-    (run / "test_simulation.py").write_text(TESTS.format(name="task_code", bound=0.99))
+    (run / "test_simulation.py").write_text(TESTS.format(name="task_code", bound=0.99, block=name))
     (tmp_path / "mine.py").write_text((run / "simulation.py").read_text())
     whole = grs("check", "run", "--seeds", "1", "--json", folder=tmp_path)
     assert whole.returncode == 0, whole.stdout
     found = json.loads(whole.stdout)
     assert found["tests"]["outcome"] == "passed" and found["audit"]["rollouts"][0]["seed"] == 5
-    assert grs("check", "mine.py", "--seeds", "1", "--assets", "run", folder=tmp_path).returncode == 0
+    assert grs("check", "mine.py", "--seeds", "1", "--scene", "run", folder=tmp_path).returncode == 0
     alone = grs("check", "mine.py", "--seeds", "1", folder=tmp_path)
     assert alone.returncode == 1 and "crate_1" in alone.stdout
-    assert grs("check", "mine.py", "--assets", ".", folder=tmp_path).returncode == 2
+    assert grs("check", "mine.py", "--scene", ".", folder=tmp_path).returncode == 2
 
 
 def test_a_policy_lies_in_the_current_folder(tmp_path: Path, program: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -297,7 +310,7 @@ def test_check_tells_tests_by_name_in_80_columns(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     name = "test_that_the_oracle_puts_every_block_there"
-    tests = TESTS.format(name="task_code", bound=0.99).replace("TestPlaceBlock", "TestOfAClassWithALongName")
+    tests = TESTS.format(name="task_code", bound=0.99, block=RED).replace("TestPlaceBlock", "TestOfAClassWithALongName")
     (tmp_path / "tests.py").write_text(tests.replace("test_oracle", name))
     done = grs("check", str(program), "--tests", "tests.py", "--seeds", "1", folder=tmp_path)
     assert name in done.stdout and "…" not in done.stdout

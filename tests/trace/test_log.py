@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
-from grs_agents.trace import EVENT, Event, EventLog, NodeStarted, Note, read_events
+from grs_agents.trace import EVENT, Event, EventLog, Finding, NodeStarted, Note, read_events
 
 
 def test_events_are_stamped_written_and_told_in_order(tmp_path: Path) -> None:
@@ -176,6 +176,9 @@ def test_an_older_vocabulary_is_read_and_a_later_one_named(tmp_path: Path) -> No
     first = b'{"version":1,"kind":"reply","call":"a","role":"match","model":"m","text":"yes"}\n'
     file.write_bytes(first)
     assert read_events(file)[0].version == 1
+    file.write_bytes(b'{"version":3,"kind":"finding","check":"solved","passed":true,"detail":"1.00; 0.99 is asked"}\n')
+    finding = read_events(file)[0]
+    assert isinstance(finding, Finding) and finding.detail == finding.measured == "1.00; 0.99 is asked"
     file.write_bytes(first + b'{"version":99,"kind":"dance","text":"x"}\n' + first)
     with pytest.raises(InputError, match=r"line 2 is an event of version 99.*later version"):
         read_events(file)

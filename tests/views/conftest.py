@@ -11,6 +11,7 @@ import pytest
 from grs_agents import content
 from grs_agents.library import Library
 from grs_agents.sim.instance import Goal, InstanceObject, TaskInstance
+from grs_agents.sim.world import FIRST_BYSTANDER
 from grs_agents.trace import (
     Decision,
     EventLog,
@@ -67,6 +68,8 @@ def write_rollout(folder: Path, seed: int, seconds: float = 4.0) -> Rollout:
         InstanceObject(id=number, asset=asset, pose=((0.35 + 0.12 * number, 0.1 * number - 0.2, 0.08), UNIT))
         for number, asset in enumerate(ASSETS)
     )
+    others = {"id": FIRST_BYSTANDER + 1, "role": "bystander"}  # it stands for the second object of the scene
+    objects = (*objects[:-1], objects[-1].model_copy(update=others))
     goal = Goal(
         objects=(0,),
         matches=((1,),),
@@ -177,7 +180,7 @@ class Script:
         self.node("fix_code", 1, *self.call("fix_code", "## Test report"), second)
         self.node("run_tests", 2, TestsRun(report=report(True)))
         rollouts = [write_rollout(self.folder, seed) for seed in range(2)]
-        findings = (Finding(check="reward", passed=True, detail="1.00 on 2 of 2 seeds"), Note(text="all well"))
+        findings = (Finding(check="reward", passed=True, measured="1.00 on 2 of 2 seeds"), Note(text="all well"))
         self.node("audit", 1, *rollouts, *findings, seconds=2.0)
         self.log.append(RunEnded(status="accepted", reason="every check passed"))
 

@@ -66,7 +66,7 @@ def made(tmp_path_factory: pytest.TempPathFactory, library: Library) -> str:
         Note(level="error", text=HOSTILE),
         TaskDefined(task={HOSTILE: HOSTILE, "assets-used": [HOSTILE]}),
         Tested(report={"outcome": HOSTILE, "cases": [case], "message": HOSTILE}),
-        Finding(check=HOSTILE, passed=False, detail=HOSTILE),
+        Finding(check=HOSTILE, passed=False, measured=HOSTILE, bound=HOSTILE),
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rollout_film, "_rendering_backends", lambda: ("rays",))
@@ -84,6 +84,7 @@ def test_the_page_holds_photo_task_pictures_decisions_diffs_and_tests(made: str)
         "after 4.0 s",
         "Seed 1: success, reward 1.00",
         '<span class="add">+        self.max_steps = 4</span>',
+        "<td>bystander</td></tr>",
     ):
         assert part in made, part
 

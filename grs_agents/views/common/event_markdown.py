@@ -108,10 +108,12 @@ def format_audit(findings: list[trace.Finding]) -> str:
     """What the audit has found so far, as a table."""
     rows = [
         f"| {to_markdown_cell(finding.check)} | **{format_finding_verdict(finding)}** "
-        f"| {to_markdown_cell(finding.detail)} |"
+        f"| {to_markdown_cell(finding.measured)} | {to_markdown_cell(finding.bound)} |"
         for finding in findings
     ]
-    return to_viewer_markdown("\n".join(["### Audit", "", "| check | | detail |", "|---|---|---|", *rows]))
+    return to_viewer_markdown(
+        "\n".join(["### Audit", "", "| check | | measured | asked |", "|---|---|---|---|", *rows])
+    )
 
 
 def format_finding_verdict(finding: trace.Finding) -> str:

@@ -58,7 +58,7 @@ def _make_event_section(event: trace.Event) -> Section | None:
         case trace.Rollout():
             section = _make_rollout_section(event)
         case trace.Finding():
-            section = Section(f"audit, {event.check}: {format_finding_verdict(event)}", event.detail)
+            section = _make_finding_section(event)
         case trace.Note():
             section = Section(event.level, event.text)
         case trace.NodeEnded():
@@ -81,6 +81,11 @@ def _make_rollout_section(event: trace.Rollout) -> Section:
     moved = f"moved {', '.join(event.moved)}" if event.moved else "moved nothing"
     text = f"{event.steps} steps, doing nothing earns {event.idle_reward:.2f}; {moved}"
     return Section(f"rollout of seed {event.seed}: {event.outcome}, reward {event.reward:.2f}", text)
+
+
+def _make_finding_section(event: trace.Finding) -> Section:
+    asked = f"\nasked: {event.bound}" if event.bound else ""
+    return Section(f"audit, {event.check}: {format_finding_verdict(event)}", event.measured + asked)
 
 
 def _make_node_end_section(event: trace.NodeEnded) -> Section | None:

@@ -117,7 +117,13 @@ Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.float32]
 FRAMES_PER_SECOND = 25.0
 _TABLE = ((0.5, 0.0, -0.011), (0.62, 1.1, 0.02), (152, 128, 98))  # centre, size, colour
-_WHITE, _ORANGE, _YELLOW, _GREEN = (240, 240, 240), (235, 130, 35), (255, 210, 60), (70, 215, 120)
+_WHITE, _MUTED, _ORANGE, _YELLOW, _GREEN = (
+    (240, 240, 240),
+    (150, 150, 150),
+    (235, 130, 35),
+    (255, 210, 60),
+    (70, 215, 120),
+)
 _BLUE, _PINK = (90, 170, 255), (255, 120, 200)
 
 
@@ -189,8 +195,9 @@ class RolloutView:
 
 
 def _object_name(item: InstanceObject) -> str:
-    """The object's name for people: of a template, what it is, e.g. a zone."""
-    return replace_undrawable_chars(Path(item.asset).stem.removesuffix("-template").replace("_", " "))
+    """The object's name for people: of a template, what it is, e.g. a zone; of a bystander, that it is one."""
+    name = Path(item.asset).stem.removesuffix("-template").replace("_", " ")
+    return replace_undrawable_chars(f"{name} (bystander)" if item.role == "bystander" else name)
 
 
 def _show_object_shapes(recording: Recording, path: str, item: InstanceObject, library: Library) -> None:
@@ -199,13 +206,14 @@ def _show_object_shapes(recording: Recording, path: str, item: InstanceObject, l
     for number, shape in enumerate(model.visuals or model.colliders):
         recording.log(f"{path}/{number}", shape_to_rerun(shape, library, item.color))
     top = [[0.0, 0.0, model.bounds[1][2] + 0.02]]
-    recording.log(f"{path}/name", rr.Points3D(top, labels=[_object_name(item)], colors=[_WHITE], radii=[0.0005]))
+    color = _MUTED if item.role == "bystander" else _WHITE
+    recording.log(f"{path}/name", rr.Points3D(top, labels=[_object_name(item)], colors=[color], radii=[0.0005]))
 
 
 def _object_shapes_path(item: InstanceObject) -> str:
     """Where the shapes of ``item`` lie: below its pose, under a name that differs where its looks differ.
     So nothing is ever cleared and shown at one path in one instant, which the viewer shows without its pose."""
-    looks = item.model_dump_json(include={"asset", "fill", "color"})
+    looks = item.model_dump_json(include={"asset", "fill", "color", "role"})
     return f"{Paths.WORLD}/object_{item.id}/looks_{sha256(looks.encode()).hexdigest()[:8]}"
 
 

@@ -42,5 +42,5 @@ def test_each_document_holds_its_facts() -> None:
     assert "seed 4" in event_markdown.format_run_start(RunStarted(run_id="r", graph="grs", seed=4))
     assert "### rejected" in event_markdown.format_run_end(RunEnded(status="rejected", reason="fixes used up"))
     assert "| idle | **failed** | 1.0 |" in event_markdown.format_audit(
-        [Finding(check="idle", passed=False, detail="1.0")]
+        [Finding(check="idle", passed=False, measured="1.0")]
     )

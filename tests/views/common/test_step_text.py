@@ -55,9 +55,9 @@ def test_the_step_that_failed_is_the_last_one_with_trouble(rows: list[Step]) -> 
     assert find_last_failed_step(rows[:3]) is None
     folded = Steps()
     folded.add_event(NodeStarted(node="audit"))
-    folded.add_event(Finding(check="solved", passed=False, detail="0.25 < 0.99"))
+    folded.add_event(Finding(check="solved", passed=False, measured="0.25", bound="at least 0.99"))
     folded.add_event(NodeEnded(node="audit", seconds=1.0))
-    assert folded.rows[0].problem_summary == "solved: 0.25 < 0.99"
+    assert folded.rows[0].problem_summary == "solved: 0.25; at least 0.99"
     folded.add_event(NodeStarted(node="conclude"))
     folded.add_event(NodeEnded(node="conclude", seconds=1.0, error="KeyError: 'reward'"))
     found = find_last_failed_step(folded.rows)

@@ -1,6 +1,7 @@
 """Rollouts one after the other in one world."""
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -13,11 +14,12 @@ from grs_agents.trace import Rollout
 from grs_agents.views.rerun import Paths, Recording, RolloutView, build_run_blueprint, rollout_duration
 
 
-def rollout(folder: Path, color: tuple[float, float, float, float] | None) -> Rollout:
+def rollout(
+    folder: Path, color: tuple[float, float, float, float] | None, role: Literal["task", "bystander"] = "task"
+) -> Rollout:
     """One block without a recording."""
-    block = InstanceObject(
-        id=3, asset="block/red_block.urdf", pose=((0.5, 0.0, 0.02), (0.0, 0.0, 0.0, 1.0)), color=color
-    )
+    pose = ((0.5, 0.0, 0.02), (0.0, 0.0, 0.0, 1.0))
+    block = InstanceObject(id=3, asset="block/red_block.urdf", pose=pose, color=color, role=role)
     instance = TaskInstance(task="T", seed=0, max_steps=1, timestep=0.002, objects=(block,), goals=())
     (folder / "instance.json").write_text(instance.model_dump_json())
     return Rollout(seed=0, reward=0.0, outcome="nothing_to_do", instance="instance.json")
@@ -34,6 +36,14 @@ def test_shapes_are_logged_again_only_where_they_differ(tmp_path: Path, library:
     assert len(shapes) == len(set(shapes)) == 2
     cleared = [path for path, batch in zip(paths, chunks, strict=True) if "Clear:is_recursive" in batch.schema.names]
     assert cleared == [shapes[0].removesuffix("/0")] or cleared == [shapes[1].removesuffix("/0")]
+
+
+def test_a_bystander_is_called_one(tmp_path: Path, library: Library) -> None:
+    recording = Recording(tmp_path / "a.rrd", "a", build_run_blueprint(("a",)))
+    RolloutView(tmp_path, library).show_rollout(recording, rollout(tmp_path, None, "bystander"))
+    recording.close()
+    chunks = [chunk.to_record_batch() for chunk in RrdReader(tmp_path / "a.rrd").stream().to_chunks()]
+    assert "red block (bystander)" in str([batch.to_pydict() for batch in chunks])
 
 
 def test_a_broken_recording_is_an_input_error_and_a_missing_one_lasts_no_time(tmp_path: Path, library: Library) -> None:

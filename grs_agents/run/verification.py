@@ -1,0 +1,180 @@
+"""``grs verify``: whether an ended run is what it was, and whether its audit comes out the same once more.
+
+No check is known here by name: the audit is made again, and the two records are compared value by value.
+"""
+
+import json
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, cast
+
+from langchain_core.language_models.chat_models import BaseChatModel
+
+from grs_agents.agents import Agents, MissingReply, collect_model_replies
+from grs_agents.config import Config, validate_config
+from grs_agents.foreign import check_run_folder, read_bytes, read_json
+from grs_agents.library import Library
+from grs_agents.models import is_offline
+from grs_agents.run.hashes import list_changed_files
+from grs_agents.run.program_check import CheckOrder, check_user_program
+from grs_agents.run.record import RunRecord, installed_versions, read_record
+from grs_agents.trace import read_events
+
+_AUDIT, _INSTANCES = "audit.json", "instances"
+_OF_THIS_MACHINE = ("sandbox", "workers", "record", "cassette", "policy")
+"""Keys of the configuration that a verdict does not depend on, or that name code and files of whoever made the run."""
+_KEYS = ("check", "seed")
+"""What tells the items of a list in ``audit.json`` from each other."""
+_MOST_WORDS = 160
+"""Of a value in a line that says what differs; both values are in the files."""
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What was compared, and what differs."""
+
+    folder: Path
+    verdict: str  # what the record of the run says
+    differences: tuple[str, ...]  # one line each, which begins with the file that differs
+    recomputed: bool  # whether the audit was made again; it is not where files were changed or no audit was made
+    note: str = ""  # why an honest run may differ here
+
+    @property
+    def holds(self) -> bool:
+        """Whether nothing differs."""
+        return not self.differences
+
+
+def verify_run(folder: Path, local: Config, show: Callable[[str], None] = lambda _: None) -> Verification:
+    """Compare the files of a run with their hashes; where none was changed, audit it again.
+
+    Args:
+        folder: the run, which may come from somebody else.
+        local: says how generated code is isolated here.
+        show: is told what is done next.
+
+    Raises:
+        InputError: the folder holds no ended run, or the sandbox cannot be had.
+    """
+    check_run_folder(folder)
+    show("comparing the files with their hashes")
+    if changed := list_changed_files(folder):
+        return Verification(folder, "unknown", changed, recomputed=False)
+    record = read_record(folder)
+    if not (folder / _AUDIT).is_file():
+        missing = (f"{_AUDIT}: an accepted run has one",) if _is_judged_accepted(record) else ()
+        return Verification(folder, record.status, missing, recomputed=False)
+    show("making the audit again")
+    with tempfile.TemporaryDirectory(prefix="grs-verify-") as temporary:
+        differences = tuple(_recompute_audit(folder, record, local, Path(temporary)))
+    here = installed_versions()
+    others = [f"{name} {was} (here {here.get(name)})" for name, was in record.versions.items() if here.get(name) != was]
+    note = f"the run was made with {', '.join(others)}" if differences and others else ""
+    return Verification(folder, record.status, differences, recomputed=True, note=note)
+
+
+def _is_judged_accepted(record: RunRecord) -> bool:
+    return record.status == "accepted" and record.command != "scene"
+
+
+def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: Path) -> Iterator[str]:
+    """Each difference between the audit in ``folder`` and the one that its programs get in ``temporary``."""
+    replies = collect_model_replies(read_events(folder / "events.jsonl"))
+    order = CheckOrder(
+        simulation=folder / "simulation.py",
+        tests=folder / "test_simulation.py",
+        config=_config_of_record(record, local),
+        folder=temporary,
+        task=folder / "task.json",
+        scene=folder / "scene.json",
+        assets=folder.resolve() / "assets",
+    )
+    try:
+        tests, audit = check_user_program(order, partial(_AgentsOfRecord, earlier=replies))
+    except MissingReply as error:
+        yield f"events.jsonl: {error.message}"
+        return
+    recorded = read_json(folder / _AUDIT, "restore the file")
+    yield from _list_differences(recorded, audit.model_dump(mode="json"), f"{_AUDIT}:")
+    yield from _compare_instances(folder, temporary)
+    if record.status == "accepted":
+        made = (temporary / _INSTANCES).glob("*")
+        lost = sorted(file.name for file in made if not (folder / _INSTANCES / file.name).is_file())
+        yield from (f"{_INSTANCES}/{name}: an accepted run has it" for name in lost)
+    yield from _list_shadowed_assets(folder / "assets")
+    accepted = audit.accepted and tests is not None and tests.all_passed
+    if (record.status == "accepted") != accepted:
+        yield f"run.json: status: recorded {record.status}, recomputed {'accepted' if accepted else 'rejected'}"
+    if record.rewards != audit.rewards:
+        yield f"run.json: rewards: recorded {record.rewards}, recomputed {audit.rewards}"
+
+
+def _config_of_record(record: RunRecord, local: Config) -> Config:
+    """The configuration of the run, with what belongs to the machine as it is here."""
+    own = {key: value for key, value in local.model_dump().items() if key in _OF_THIS_MACHINE}
+    return validate_config({**record.config, **own})
+
+
+class _AgentsOfRecord(Agents):
+    """Agents that never ask a model which may answer otherwise the next time: what it said is in the record."""
+
+    def chat_model_for_role(self, role: str) -> BaseChatModel:
+        """The offline model. Raises MissingReply: another serves ``role``, and was not asked this in the run."""
+        model = self.config.model_for_role(role).model
+        if not is_offline(model):
+            raise MissingReply(f"{model} ({role}) was not asked in the run what it is to be asked now")
+        return super().chat_model_for_role(role)
+
+
+def _compare_instances(folder: Path, temporary: Path) -> Iterator[str]:
+    """What was drawn and recorded. A run that put its best version back has removed what was not of that version."""
+    for file in sorted((folder / _INSTANCES).glob("*")):
+        made = temporary / _INSTANCES / file.name
+        name = f"{_INSTANCES}/{file.name}"
+        if not made.is_file():
+            yield f"{name}: it was not made again"
+        elif file.suffix == ".json":
+            yield from _list_differences(read_json(file, "restore it"), read_json(made, ""), f"{name}:")
+        elif file.suffix == ".npz" and read_bytes(file) != read_bytes(made):
+            yield f"{name}: the motion came out otherwise"
+
+
+def _list_shadowed_assets(own: Path) -> Iterator[str]:
+    """What a run brings along in place of the library's: a run makes assets of its photo, and none by such a name."""
+    library = Library()
+    for file in sorted(own.rglob("*")):
+        name = file.relative_to(own).as_posix()
+        if file.is_file() and name in library:
+            yield f"assets/{name}: it stands in place of the library's asset of that name"
+
+
+def _list_differences(recorded: Any, recomputed: Any, where: str) -> Iterator[str]:
+    """One line for each value that differs between two JSON values, with its place."""
+    if isinstance(recorded, dict) and isinstance(recomputed, dict):
+        before, now = cast("dict[str, Any]", recorded), cast("dict[str, Any]", recomputed)
+        for key in dict.fromkeys((*before, *now)):
+            yield from _list_differences(before.get(key), now.get(key), f"{where} {key}")
+    elif isinstance(recorded, list) and isinstance(recomputed, list):
+        items, others = _by_key(cast("list[Any]", recorded)), _by_key(cast("list[Any]", recomputed))
+        for key in dict.fromkeys((*items, *others)):
+            yield from _list_differences(items.get(key), others.get(key), f"{where} {key}")
+    elif json.dumps(recorded) != json.dumps(recomputed):  # which tells 1 from True
+        yield f"{where}: recorded {_shorten(recorded)}, recomputed {_shorten(recomputed)}"
+
+
+def _by_key(items: Sequence[Any]) -> dict[str, Any]:
+    """The items by what tells them from each other, else by their number."""
+    keyed: dict[str, Any] = {}
+    for number, item in enumerate(items):
+        fields = cast("dict[str, Any]", item) if isinstance(item, dict) else {}
+        named = next((f"{fields[key]}" for key in _KEYS if key in fields), str(number))
+        keyed[named if named not in keyed else f"{named} ({number})"] = item
+    return keyed
+
+
+def _shorten(value: Any) -> str:
+    text = "nothing" if value is None else json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= _MOST_WORDS else f"{text[:_MOST_WORDS]}..."

@@ -1,0 +1,84 @@
+"""``grs check --task --scene``: a program of one's own is checked as a run checks its own."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.cli.command import grs
+
+SEEDS = ("--set", "audit.seeds=1", "--json")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory, small_scene: Path) -> Path:
+    """A run of a small scene."""
+    folder = tmp_path_factory.mktemp("checked")
+    done = grs("run", str(small_scene), "--out", "run", *SEEDS, folder=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / "run"
+
+
+def findings_of_run(run: Path) -> list[dict[str, Any]]:
+    """What its own audit found."""
+    return json.loads((run / "audit.json").read_text("utf-8"))["findings"]
+
+
+def check(run: Path, *arguments: str) -> dict[str, Any]:
+    """What ``grs check`` says of its program, which was copied out of the run."""
+    (run.parent / "task_code.py").write_text((run / "simulation.py").read_text("utf-8"), "utf-8")
+    done = grs("check", "task_code.py", "--tests", "run/test_simulation.py", *arguments, *SEEDS, folder=run.parent)
+    assert done.returncode in (0, 1), done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize("how", ["run", "run/scene.json", "photo"])
+def test_a_program_is_checked_as_in_a_run(run: Path, small_scene: Path, how: str) -> None:
+    scene = str(small_scene) if how == "photo" else how
+    found = check(run, "--task", "run/task.json", "--scene", scene)
+    assert found["audit"]["findings"] == findings_of_run(run)
+    assert found["status"] == "accepted"
+
+
+def test_a_run_is_checked_against_its_own_task_and_scene(run: Path) -> None:
+    done = grs("check", "run", *SEEDS, folder=run.parent)
+    assert json.loads(done.stdout)["audit"]["findings"] == findings_of_run(run)
+
+
+def test_another_task_is_not_what_the_program_does(run: Path, tmp_path: Path) -> None:
+    task = json.loads((run / "task.json").read_text("utf-8"))
+    (tmp_path / "task.json").write_text(json.dumps({**task, "assets-used": ["bowl/bowl.urdf"]}))
+    found = check(run, "--task", str(tmp_path / "task.json"))
+    failed = [finding for finding in found["audit"]["findings"] if not finding["passed"]]
+    assert found["status"] == "rejected" and "bowl/bowl.urdf" in str(failed)
+
+
+def test_a_revised_task_is_held_against_the_one_before(run: Path, tmp_path: Path) -> None:
+    task = json.loads((run / "task.json").read_text("utf-8"))
+    before = {**task, "assets-used": [f"mug/mug_{number}.urdf" for number in range(8)]}
+    (tmp_path / "task.json").write_text(json.dumps({**task, "revised": {"from": before, "given-up": "most"}}))
+    found = check(run, "--task", str(tmp_path / "task.json"))
+    assert "mug/mug_7.urdf" in str([finding for finding in found["audit"]["findings"] if not finding["passed"]])
+
+
+@pytest.mark.parametrize(
+    ("option", "name", "content", "said"),
+    [
+        ("--task", "nowhere.json", None, "nowhere.json"),
+        ("--task", "task.json", "{", "not JSON"),
+        ("--task", "task.json", "{}", "task-name"),
+        ("--task", "task.json", '{"revised": {"given-up": "all"}}', "revised"),
+        ("--scene", "nowhere.json", None, "nowhere.json"),
+        ("--scene", "scene.json", "{}", "scene.json"),
+        ("--scene", "nowhere", None, "nowhere"),
+    ],
+)
+def test_what_is_no_task_or_scene_is_refused_in_one_line(
+    run: Path, tmp_path: Path, option: str, name: str, content: str | None, said: str
+) -> None:
+    if content is not None:
+        (tmp_path / name).write_text(content)
+    done = grs("check", str(run / "simulation.py"), option, name, folder=tmp_path)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done
+    assert said in done.stderr
