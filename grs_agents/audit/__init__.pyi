@@ -1,3 +1,4 @@
+from .assertion_changes import find_changed_assertions as find_changed_assertions
 from .checks import audit_task as audit_task
 from .goal_checks import pair_with_rollouts as pair_with_rollouts
 from .goal_sentences import ToldTask as ToldTask

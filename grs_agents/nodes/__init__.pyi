@@ -1,5 +1,4 @@
 from .asset_matching import make_model_matcher as make_model_matcher
-from .audited_programs import AuditedPrograms as AuditedPrograms
 from .auditing import audit_programs as audit_programs
 from .authoring import generate_sim as generate_sim
 from .authoring import generate_task as generate_task
@@ -54,4 +53,5 @@ from .scene_settling import settle_scene as settle_scene
 from .services import Node as Node
 from .services import Photo as Photo
 from .services import Services as Services
+from .task_instances import AuditedPrograms as AuditedPrograms
 from .task_instances import solve_task_instances as solve_task_instances

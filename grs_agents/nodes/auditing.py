@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 
 from grs_agents.audit import AuditReport, Finding, audit_task
-from grs_agents.nodes.audited_programs import AuditedPrograms
 from grs_agents.nodes.services import Services
-from grs_agents.nodes.task_instances import solve_task_instances
+from grs_agents.nodes.task_instances import AuditedPrograms, solve_task_instances
 from grs_agents.nodes.test_probing import probe_tests
 from grs_agents.nodes.word_judging import judge_words
 from grs_agents.trace import Note

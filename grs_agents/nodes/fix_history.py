@@ -12,9 +12,8 @@ from itertools import takewhile
 from typing import Any, Final, Literal, cast
 
 from grs_agents.agents import Verdict
-from grs_agents.audit import AuditReport
+from grs_agents.audit import AuditReport, find_changed_assertions
 from grs_agents.base import Frozen
-from grs_agents.nodes.assertion_changes import find_changed_assertions
 from grs_agents.nodes.services import Update
 from grs_agents.policies import failures_without_run_details, read_episode
 from grs_agents.sandbox import TestReport

@@ -5,7 +5,6 @@ from typing import Literal, cast
 from grs_agents.agents import TaskDefinition, Verdict
 from grs_agents.audit import AuditReport, StaticFinding, check_programs
 from grs_agents.files import write_json, write_text
-from grs_agents.nodes.audited_programs import AuditedPrograms
 from grs_agents.nodes.auditing import audit_programs
 from grs_agents.nodes.authoring import PROGRAM_FILES, task_from_state, write_task_file
 from grs_agents.nodes.bystanders import setup_of_programs
@@ -18,6 +17,7 @@ from grs_agents.nodes.fix_history import (
 )
 from grs_agents.nodes.fixing import judged_programs
 from grs_agents.nodes.services import Services, Update, logged_node
+from grs_agents.nodes.task_instances import AuditedPrograms
 from grs_agents.perception import SceneDescription
 from grs_agents.policies import Routed, RoutingContext, RoutingDecision, failures_without_run_details
 from grs_agents.sandbox import TestReport

@@ -1,4 +1,4 @@
-"""Task instances and the trusted oracle's rollouts of them."""
+"""What is audited: two programs, their task instances, and the trusted oracle's rollouts of them."""
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -7,15 +7,30 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from grs_agents.agents import TaskDefinition
 from grs_agents.files import write_json
 from grs_agents.nodes.bystanders import setup_of_programs
 from grs_agents.nodes.services import Services
 from grs_agents.perception import SceneDescription
+from grs_agents.sandbox import TestReport
 from grs_agents.sim import Rollout, TaskInstance, describe_first_error, place_bystanders
 from grs_agents.trace import Rollout as RolloutEvent
 
 NOISY_TRIALS = 5
 """Episodes with the least noise of the hand, shared out among different instances."""
+
+
+@dataclass(frozen=True)
+class AuditedPrograms:
+    """What is audited, and what it is measured against."""
+
+    simulation: str  # source of the simulation program
+    tests: str | None = None  # source of its tests, if there are any
+    report: TestReport | None = None  # of those tests
+    task: TaskDefinition | None = None  # None: no words are given
+    original: TaskDefinition | None = None  # the task before it was revised
+    scene: SceneDescription | None = None  # the photo; None: the program need not keep to one
+    name: str = "task_code"  # another module name that the tests may import the program by
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,9 @@ from grs_agents.audit import (
     find_faults_of_tests,
     make_mutants,
 )
-from grs_agents.nodes.audited_programs import AuditedPrograms
 from grs_agents.nodes.bystanders import setup_of_programs
 from grs_agents.nodes.services import Services
-from grs_agents.nodes.task_instances import SolvedInstances
+from grs_agents.nodes.task_instances import AuditedPrograms, SolvedInstances
 
 Json = dict[str, Any]
 

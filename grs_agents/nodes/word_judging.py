@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from grs_agents.agents import NoReply, WordsJudgement, roles
 from grs_agents.audit import Finding, pair_with_rollouts, tell_task
 from grs_agents.models import is_offline
-from grs_agents.nodes.audited_programs import AuditedPrograms
 from grs_agents.nodes.services import Services
+from grs_agents.nodes.task_instances import AuditedPrograms
 from grs_agents.sim import Rollout, TaskInstance
 
 BOUND = "the judge must agree"
