@@ -4,6 +4,7 @@ from .raster import Buffer as Buffer
 from .raster import barycentric_coordinates as barycentric_coordinates
 from .raster import rasterise_triangles as rasterise_triangles
 from .transforms import FloatArray as FloatArray
+from .transforms import matrix_to_quaternion as matrix_to_quaternion
 from .transforms import pose_matrix as pose_matrix
 from .transforms import rotation_about_axis as rotation_about_axis
 from .transforms import rotation_about_z as rotation_about_z

@@ -72,6 +72,19 @@ def quaternion_to_matrix(quaternion: Sequence[float]) -> FloatArray:
     return np.array([first, second, [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
 
 
+def matrix_to_quaternion(rotation: FloatArray) -> Quat:
+    """A 3 x 3 rotation matrix as (x, y, z, w) with w >= 0."""
+    w = math.sqrt(max(0.0, 1 + float(np.trace(rotation)))) / 2
+    signs = (rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1])
+    squares = (1 + 2 * np.diagonal(rotation) - np.trace(rotation)).clip(0.0) / 4
+    xyz = [math.copysign(math.sqrt(square), sign) for square, sign in zip(squares.tolist(), signs, strict=True)]
+    if w < 1e-6:  # half a turn: the signs come from the products
+        axis = int(np.argmax(np.abs(xyz)))
+        xyz = [abs(value) * (1 if i == axis else math.copysign(1, rotation[axis, i])) for i, value in enumerate(xyz)]
+    norm = math.sqrt(sum(value * value for value in xyz) + w * w)
+    return (xyz[0] / norm, xyz[1] / norm, xyz[2] / norm, w / norm)
+
+
 def multiply_quaternions(first: Sequence[float], second: Sequence[float]) -> Quat:
     """The rotation ``second`` followed by ``first``."""
     ax, ay, az, aw = first

@@ -7,11 +7,13 @@ from .asset import read_manifest as read_manifest
 from .asset_rendering import FINER as FINER
 from .asset_rendering import AssetView as AssetView
 from .asset_rendering import Lens as Lens
+from .asset_rendering import Painted as Painted
 from .asset_rendering import build_textured_triangles as build_textured_triangles
 from .asset_rendering import random_view_directions as random_view_directions
 from .asset_rendering import render_asset_views as render_asset_views
 from .asset_rendering import render_color_and_depth as render_color_and_depth
 from .asset_rendering import ring_view_directions as ring_view_directions
+from .asset_rendering import sample_triangle_colors as sample_triangle_colors
 from .background_asset import BACKGROUND as BACKGROUND
 from .background_asset import write_background_asset as write_background_asset
 from .colors import COLORS as COLORS

@@ -202,19 +202,21 @@ def render_color_and_depth(painted: Painted, local: Floats, lens: Lens) -> tuple
     facing = np.abs(np.einsum("ij,ij->i", normals, rays)) / np.sqrt(np.einsum("ij,ij->i", rays, rays))
     shade = _AROUND + (1 - _AROUND) * facing
     fine, deep = np.zeros((lens.height, lens.width, 4)), np.zeros((lens.height, lens.width))
-    fine[seen, :3] = _sample_albedo(painted, index, rays * depth[:, None], local) * shade[:, None]
+    weights = np.zeros_like(rays)
+    if painted.textures:
+        weights = np.nan_to_num(barycentric_coordinates(rays * depth[:, None], local[index]))
+    fine[seen, :3] = sample_triangle_colors(painted, index, weights) * shade[:, None]
     fine[seen, 3], deep[seen] = 1.0, depth
     return fine, deep
 
 
-def _sample_albedo(painted: Painted, index: npt.NDArray[np.int64], points: Floats, local: Floats) -> Floats:
-    """(N, 3) colour of points on triangles, 0..1."""
+def sample_triangle_colors(painted: Painted, index: npt.NDArray[np.int64], weights: Floats) -> Floats:
+    """(N, 3) colour, 0..1, of points on triangles ``index`` (N,), given by the weights (N, 3) of their corners."""
     colors = painted.colors[index].copy()
     for number, texture in enumerate(painted.textures):
         mine = np.flatnonzero(painted.texture[index] == number)
         triangle = index[mine]
-        weights = np.nan_to_num(barycentric_coordinates(points[mine], local[triangle]))
-        u, v = np.einsum("ij,ijk->ik", weights, painted.uvs[triangle]).T
+        u, v = np.einsum("ij,ijk->ik", weights[mine], painted.uvs[triangle]).T
         height, width = texture.shape[:2]
         columns = np.minimum((_wrap_texture_coordinates(u) * width).astype(np.int64), width - 1)
         rows = np.minimum(((1 - _wrap_texture_coordinates(v)) * height).astype(np.int64), height - 1)

@@ -41,7 +41,8 @@ def bystanders_of_run(scene: SceneDescription | None, services: Services) -> tup
 def setup_of_programs(scene: SceneDescription | None, services: Services) -> dict[str, Any]:
     """What a tool is told that runs programs: where the assets are, the arm, and what is around the task."""
     background = scene.background if scene is not None else None
-    return {"background": background, "bystanders": bystanders_of_run(scene, services), **services.simulator_setup}
+    around = {"background": background, "bystanders": bystanders_of_run(scene, services)}
+    return {**around, "robot": services.robot_name_or_path, **services.simulator_setup}
 
 
 def _is_near_workspace(item: SceneObject) -> bool:
@@ -67,10 +68,10 @@ def hold_unstable_objects(scene: SceneDescription, library: Library, robot: str)
 def _lowest_unstable_object(scene: SceneDescription, library: Library, robot: str) -> int | None:
     """The number of the object that moves by more than 1 cm when nothing acts, and of several the lowest; or None."""
     items = photo_objects(scene, library)
-    instance = TaskInstance(
-        task="", seed=0, max_steps=1, timestep=TIMESTEP, objects=items, goals=(), background=scene.background
-    )
-    env = Environment(library=library, task=InstanceTask(instance), robot=robot)
+    fields = {"task": "", "seed": 0, "max_steps": 1, "timestep": TIMESTEP, "goals": ()}
+    around = {"objects": items, "background": scene.background, "robot": robot}
+    instance = TaskInstance.model_validate({**fields, **around})
+    env = Environment(library=library, task=InstanceTask(instance), robot=instance.robot)
     env.reset()
     env.step_simulation(_WATCHED)
     moved = [one for one in items if math.dist(one.pose[0], env.get_object_pose(one.id)[0]) > _STAYS]

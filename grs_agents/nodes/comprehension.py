@@ -35,6 +35,7 @@ from grs_agents.perception import (
     describe_table_doubts,
     draw_object_names,
     load_mask,
+    measure_table_color,
     read_scene,
     reconstruct_background,
     register_objects,
@@ -196,11 +197,12 @@ def next_step_after_register(state: RunState) -> Literal["describe", "settle"]:
 @logged_node("settle")
 def settle_objects(state: RunState, services: Services) -> Update:
     """Resolve collisions, let the objects come to rest in MuJoCo, and write ``scene.json``."""
+    photo, table = _photo_and_table(state, services)
     records = [CandidateRecord.model_validate(item) for item in state["candidates"]]
     settled = settle_scene(
         [SceneObject.model_validate(item) for item in state["objects"]],
         records,
-        _photo_and_table(state, services),
+        (photo, table),
         services,
     )
     warnings = [*state["notes"], *settled.warnings]
@@ -216,7 +218,7 @@ def settle_objects(state: RunState, services: Services) -> Update:
             "; ".join(
                 [
                     f"{state['scene_path']}: none of {len(records)} segments is an object",
-                    *describe_table_doubts(_table_from_state(state)),
+                    *describe_table_doubts(table),
                 ]
             ),
             "put objects of at least 2 cm on the table, or name another model for describe and match",
@@ -224,13 +226,15 @@ def settle_objects(state: RunState, services: Services) -> Update:
     scene = SceneDescription(
         source=state["scene_path"],
         image=state["image"],
-        frame=_table_from_state(state),
+        frame=table,
         objects=settled.objects,
         dropped=(*(DroppedCandidate.model_validate(item) for item in state["dropped"]), *settled.dropped),
         warnings=tuple(warnings),
         background=state.get("background") or None,
         relations=settled.relations,
         twin=settled.twin,
+        camera=photo.camera.intrinsics,
+        table_color=measure_table_color(photo, table),
     )
     try:
         scene = hold_unstable_objects(scene, services.library, services.robot_name_or_path)
@@ -239,7 +243,7 @@ def settle_objects(state: RunState, services: Services) -> Update:
     scene.write(services.folder / "scene.json")
     services.log.append(SceneStage(stage="matched", summary=scene.model_dump(mode="json")))
     masks = {item.name: load_mask(services.folder / item.mask) for item in scene.objects}
-    named = draw_object_names(services.load_photo(state), masks, services.folder)
+    named = draw_object_names(photo, masks, services.folder)
     return {"scene": scene.model_dump(mode="json"), "image": named}
 
 

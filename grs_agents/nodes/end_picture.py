@@ -9,8 +9,10 @@ from grs_agents.files import write_bytes
 from grs_agents.foreign import read_picture
 from grs_agents.models import is_offline
 from grs_agents.nodes.services import Services
+from grs_agents.nodes.task_instances import draw_instances
 from grs_agents.perception import SceneDescription
 from grs_agents.sim import Episode, Rollout, TaskInstance, parse_instance_json
+from grs_agents.sim.instance import find_robot_in_folder
 from grs_agents.state import RunState
 
 MARKED = 3
@@ -57,17 +59,13 @@ def _find_last_rollout(state: RunState, services: Services) -> tuple[TaskInstanc
     if rollouts:
         last = min(rollouts, key=lambda rollout: rollout.episode.strict)
         file = services.folder / f"instances/seed_{last.seed}.json"
-        return parse_instance_json(file.read_text(encoding="utf-8")), last
-    background = SceneDescription.model_validate(state["scene"]).background
-    seeds, around = [services.config.seed], services.simulator_setup
-    made = services.run_tool(
-        "instantiate", simulation=state["simulation"], seeds=seeds, background=background, **around
-    )
-    if not made.instances:
+        return find_robot_in_folder(parse_instance_json(file.read_text(encoding="utf-8")), services.folder), last
+    scene = SceneDescription.model_validate(state["scene"])
+    drawn, _ = draw_instances(state["simulation"], [services.config.seed], services, scene)
+    if not drawn:
         return None
-    instance = TaskInstance.model_validate({**made.instances[0], "background": background})
-    done = services.run_tool("rollout", instance=instance.model_dump(mode="json"), **around)
-    return None if done.rollout is None else (instance, Rollout.model_validate(done.rollout))
+    done = services.run_tool("rollout", instance=drawn[0].model_dump(mode="json"), **services.simulator_setup)
+    return None if done.rollout is None else (drawn[0], Rollout.model_validate(done.rollout))
 
 
 def find_objects_at_fault(episode: Episode) -> list[int]:

@@ -10,20 +10,22 @@ from pathlib import Path
 from stat import S_ISDIR
 from typing import Any, Protocol
 
+from langgraph.errors import GraphInterrupt
 from langgraph.runtime import Runtime
 from pydantic import ValidationError
 
 from grs_agents.agents import Agents
 from grs_agents.config import Config
-from grs_agents.errors import ConfigError
+from grs_agents.errors import ConfigError, InputError
 from grs_agents.library import Library
 from grs_agents.perception import Camera, RGBDFrame, TableFrame, load_frame
 from grs_agents.policies import Policy
+from grs_agents.questions import read_question
 from grs_agents.sandbox import Sandbox
-from grs_agents.sim.arms import ROBOTS, get_arm
+from grs_agents.sim.arms import ROBOT_FOLDER, ROBOTS, copy_arm_files, get_arm
 from grs_agents.state import RunState
 from grs_agents.toolkit import ToolContext, load_tool
-from grs_agents.trace import EventLog, NodeEnded, NodeStarted, summarise_value
+from grs_agents.trace import EventLog, NodeEnded, NodeStarted, Note, summarise_value
 
 Update = dict[str, Any]
 Photo = tuple[RGBDFrame, TableFrame]
@@ -80,21 +82,28 @@ class Services:
     def _shipped_library(self) -> Library:
         return Library()
 
-    @property
+    @cached_property
     def robot_name_or_path(self) -> str:
-        """The arm's name, or the absolute path of its file: tools run in folders of their own."""
+        """The arm's name, or the absolute path of its file: of the copy in the run folder, where one can be made."""
         robot = self.config.robot
-        return robot if robot in ROBOTS else str(Path(robot).resolve())
+        if robot in ROBOTS:
+            return robot
+        source = Path(robot).resolve()
+        return str(copy_arm_files(source, self.folder.resolve() / ROBOT_FOLDER) or source)
 
     @property
     def simulator_setup(self) -> dict[str, Any]:
-        """What every tool that simulates is told: where the assets are, and the arm."""
-        return {"library_roots": [str(root) for root in self.library.roots], "robot": self.robot_name_or_path}
+        """What every tool that simulates is told: where the assets are."""
+        return {"library_roots": [str(root) for root in self.library.roots]}
 
     def __post_init__(self) -> None:
         """Refuse a robot that cannot be used before anything is spent on the run."""
         if self.robot_name_or_path not in ROBOTS:
-            get_arm(self.robot_name_or_path)
+            try:
+                get_arm(self.robot_name_or_path)
+            except InputError:
+                get_arm(str(Path(self.config.robot).resolve()))  # which names the user's own file
+                raise
 
     def run_tool(self, name: str, **request: Any) -> Any:
         """Run the tool called ``name`` with a request made of ``request``."""
@@ -135,6 +144,9 @@ def _log_node(name: str, body: Body) -> Node:
         error = ""
         try:
             update = body(state, services)
+        except GraphInterrupt as asked:  # the node begins anew with the reply
+            services.log.append(Note(level="info", text=f"asks: {read_question(asked.args[0][0].value).text}"))
+            raise
         except BaseException as problem:
             error = f"{type(problem).__name__}: {problem}"
             raise

@@ -72,6 +72,7 @@ from .segmentation.model_proposals import segment_from_proposals as segment_from
 from .segmentation.segmentation import segment_objects_on_table as segment_objects_on_table
 from .settling.support_relations import body_from_asset as body_from_asset
 from .settling.support_relations import find_spatial_relations as find_spatial_relations
+from .table_color import measure_table_color as measure_table_color
 from .table_finding import describe_table_doubts as describe_table_doubts
 from .table_finding import find_table as find_table
 from .table_finding import pixels_to_robot_frame as pixels_to_robot_frame
@@ -86,6 +87,7 @@ from .types import Candidate as Candidate
 from .types import CandidateRecord as CandidateRecord
 from .types import DroppedCandidate as DroppedCandidate
 from .types import Image as Image
+from .types import Intrinsics as Intrinsics
 from .types import Mask as Mask
 from .types import MatchEvidence as MatchEvidence
 from .types import Relation as Relation

@@ -23,7 +23,7 @@ Mask = npt.NDArray[np.bool_]
 Array = npt.NDArray[np.float64]
 
 
-class Camera(Frozen):
+class Intrinsics(Frozen):
     """A pinhole camera, OpenCV axes (x right, y down, z forward)."""
 
     fx: Positive  # fx, fy, cx, cy: intrinsics in pixels
@@ -32,9 +32,6 @@ class Camera(Frozen):
     cy: Finite
     width: Annotated[int, Field(gt=0)]  # width, height: of the colour image in pixels
     height: Annotated[int, Field(gt=0)]
-    depth_scale: Positive  # metres per unit of the depth image
-    # 4x4 rigid transform from the camera frame to the robot frame, if it was calibrated
-    T_robot_cam: Matrix | None = None
 
     @model_validator(mode="after")
     def _check_plausible_intrinsics(self) -> Self:
@@ -48,6 +45,19 @@ class Camera(Frozen):
             if not -extent <= getattr(self, name) <= 2 * extent:
                 raise ValueError(f"{name} = {getattr(self, name):g} is outside {-extent}..{2 * extent} pixels")
         return self
+
+
+class Camera(Intrinsics):
+    """The camera of a photo with depth."""
+
+    depth_scale: Positive  # metres per unit of the depth image
+    # 4x4 rigid transform from the camera frame to the robot frame, if it was calibrated
+    T_robot_cam: Matrix | None = None
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Focal lengths, principal point and size alone."""
+        return Intrinsics.model_validate({name: getattr(self, name) for name in Intrinsics.model_fields})
 
     @field_validator("T_robot_cam")
     @classmethod
@@ -147,6 +157,9 @@ class TableFrame(Frozen):
     note: str = ""  # what a reader should know
     # the level planes that may be the table, the lowest first; empty where none were looked for
     planes: tuple[LevelPlane, ...] = ()
+
+
+Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 
 
 def _check_inside_run_folder(name: str) -> str:
@@ -283,6 +296,10 @@ class SceneDescription(Frozen):
     background: str | None = None
     relations: tuple[Relation, ...] = ()
     twin: TwinReport | None = None
+    # the photo's camera, whose pose is the frame's, and the table's colour (sRGB, 0..1) where the photo shows it; None
+    # in descriptions of before there were any
+    camera: Intrinsics | None = None
+    table_color: tuple[Share, Share, Share] | None = None
 
     def write(self, file: Path) -> None:
         """Write ``scene.json`` whole."""

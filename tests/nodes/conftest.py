@@ -16,6 +16,7 @@ from grs_agents.policies import load_policy
 from grs_agents.sandbox import Sandbox
 from grs_agents.state import RunState
 from grs_agents.trace import read_events
+from tests.kept_sandbox import written_folder
 from tests.scripted import scripted
 
 Blocks = dict[str, tuple[float, float]]
@@ -124,7 +125,7 @@ def state(tmp_path: Path) -> RunState:
 @pytest.fixture(scope="session")
 def sandbox() -> Iterator[Sandbox]:
     """One sandbox for the nodes, with the simulation imported ahead of time."""
-    with Sandbox(preload=("grs_agents.sim",)) as running:
+    with Sandbox(preload=("grs_agents.sim",), readable=(written_folder(),)) as running:
         yield running
 
 

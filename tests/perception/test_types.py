@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
-from grs_agents.perception import Aabb, SceneDescription, TableFrame, read_scene_description
+from grs_agents.perception import Aabb, Camera, SceneDescription, TableFrame, read_scene_description
 
 IDENTITY = tuple(tuple(float(i == j) for j in range(4)) for i in range(4))
 COORDINATE = st.floats(-2, 2)
@@ -23,7 +23,16 @@ def test_a_box_knows_its_size_and_middle(low: tuple[float, ...], size: tuple[flo
 
 def test_a_description_survives_its_file(tmp_path: Path) -> None:
     table = TableFrame(T_robot_cam=IDENTITY, origin="table_plane", residual=0.001, inliers=0.5)
-    scene = SceneDescription(source="photo", image="scene/rgb.png", frame=table, objects=(), warnings=("dim",))
+    camera = Camera(fx=40.0, fy=50.0, cx=15.5, cy=11.5, width=32, height=24, depth_scale=0.001, T_robot_cam=IDENTITY)
+    scene = SceneDescription(
+        source="photo",
+        image="scene/rgb.png",
+        frame=table,
+        objects=(),
+        warnings=("dim",),
+        camera=camera.intrinsics,
+        table_color=(0.5, 0.4, 0.3),
+    )
     scene.write(tmp_path / "scene.json")
     assert read_scene_description(tmp_path / "scene.json") == scene
 

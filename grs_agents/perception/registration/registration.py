@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from grs_agents.base import Pose, Quat, Vec3
-from grs_agents.geometry import pose_matrix, rotation_about_axis, rotation_about_z, to_vec3
+from grs_agents.geometry import matrix_to_quaternion, pose_matrix, rotation_about_axis, rotation_about_z, to_vec3
 from grs_agents.library import Library, matrix_from_quaternion
 from grs_agents.perception.asset_surfaces import (
     Cloud,
@@ -26,7 +26,7 @@ from grs_agents.perception.registration.pose_cost import (
     total_cost_per_pose,
 )
 from grs_agents.perception.registration.pose_hypotheses import propose_initial_poses, propose_shifted_poses
-from grs_agents.perception.segmentation import fit_asset_to_box, quaternion_from_matrix
+from grs_agents.perception.segmentation import fit_asset_to_box
 from grs_agents.perception.types import Array, Mask, PoseMethod, RGBDFrame, TableFrame, UprightBox
 
 CONFIG = DEFAULT.registration
@@ -123,7 +123,7 @@ def register_asset(
     if registered > boxed - CONFIG.better or off > CONFIG.worst:
         off, cost = search.residual_at_pose(begin), float(search.cost_without_neighbors(begin[None])[0])
         return Registered(position, orientation, size, off, "box", _is_yaw_symmetric(begin, search.symmetry), cost)
-    position, rotation = to_vec3(best[:3, 3]), quaternion_from_matrix(best[:3, :3])
+    position, rotation = to_vec3(best[:3, 3]), matrix_to_quaternion(best[:3, :3])
     extents, free = _extents_without_yaw(best[:3, :3], search.surface), _is_yaw_symmetric(best, search.symmetry)
     cost = float(search.cost_without_neighbors(best[None])[0])
     return Registered(position, rotation, extents, off, "registered", free, cost)

@@ -9,6 +9,7 @@ import numpy as np
 
 from grs_agents.base import Quat, Vec3
 from grs_agents.errors import InputError
+from grs_agents.geometry import matrix_to_quaternion
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (
     THINNEST,
@@ -207,7 +208,7 @@ def fit_asset_to_box(upright: UprightBox, size: Vec3) -> tuple[Vec3, Quat, Vec3]
     bottom = upright.center[2] - upright.size[2] / 2
     cosine, sine = math.cos(upright.yaw), math.sin(upright.yaw)
     rotation = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]]) @ turn
-    return (upright.center[0], upright.center[1], bottom + extents[2] / 2), quaternion_from_matrix(rotation), extents
+    return (upright.center[0], upright.center[1], bottom + extents[2] / 2), matrix_to_quaternion(rotation), extents
 
 
 def _axis_aligned_rotations() -> list[Array]:
@@ -216,19 +217,6 @@ def _axis_aligned_rotations() -> list[Array]:
     about_x = np.array([[1, 0, 0], [0, 0, -1], [0, 1.0, 0]])
     about_y = np.array([[0, 0, 1], [0, 1, 0], [-1.0, 0, 0]])
     return [np.eye(3), quarter, about_x, about_y, quarter @ about_x, quarter @ about_y]
-
-
-def quaternion_from_matrix(rotation: Array) -> Quat:
-    """A rotation matrix as (x, y, z, w) with w >= 0."""
-    w = math.sqrt(max(0.0, 1 + float(np.trace(rotation)))) / 2
-    signs = (rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1])
-    squares = (1 + 2 * np.diagonal(rotation) - np.trace(rotation)).clip(0.0) / 4
-    xyz = [math.copysign(math.sqrt(square), sign) for square, sign in zip(squares.tolist(), signs, strict=True)]
-    if w < 1e-6:  # half a turn: the signs come from the products
-        axis = int(np.argmax(np.abs(xyz)))
-        xyz = [abs(value) * (1 if i == axis else math.copysign(1, rotation[axis, i])) for i, value in enumerate(xyz)]
-    norm = math.sqrt(sum(value * value for value in xyz) + w * w)
-    return (xyz[0] / norm, xyz[1] / norm, xyz[2] / norm, w / norm)
 
 
 def _to_vec3(values: "Array | Sequence[float]") -> Vec3:

@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
+from grs_agents.geometry import matrix_to_quaternion
 from grs_agents.library import Library
 from grs_agents.mujoco_import import mujoco
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.registration import Registered, register_asset, registration_cost
-from grs_agents.perception.segmentation import quaternion_from_matrix
 from grs_agents.perception.settling.depenetration import overlap_depth_by_pair, overlap_depth_of_object
 from grs_agents.perception.settling.settling import (
     PlacedObject,
@@ -115,7 +115,7 @@ class _CollisionScene:
         asset, pose = one.placed.asset, self.poses[number]
 
         def entered(poses: Floats) -> Floats:
-            placed = ((place, quaternion_from_matrix(turn)) for place, turn in _positions_and_rotations(poses))
+            placed = ((place, matrix_to_quaternion(turn)) for place, turn in _positions_and_rotations(poses))
             return np.array([self._place_and_measure_overlap(number, pose) for pose in placed])
 
         found = register_asset(asset, self.library, one.upright, frame, table, one.mask, entered)

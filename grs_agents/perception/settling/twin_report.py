@@ -19,7 +19,7 @@ from grs_agents.perception.settling.settling import (
     to_instance_objects,
 )
 from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, TwinReport
-from grs_agents.sim.world import VisibleScene, render_along_rays
+from grs_agents.sim.rendering import VisibleScene, render_along_rays
 
 CONFIG, SUPPORT = DEFAULT.settling, DEFAULT.support
 

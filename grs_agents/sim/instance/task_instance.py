@@ -3,8 +3,10 @@
 Instances from files and processes that are not trusted are bounded, then parsed, then checked.
 """
 
+import hashlib
 import json
 import math
+from pathlib import PurePath
 from typing import Annotated, Final, Literal, Self
 
 import numpy as np
@@ -14,7 +16,7 @@ from grs_agents.base import Frozen, Pose, Vec3
 from grs_agents.errors import InputError
 from grs_agents.foreign import check_json_limits
 from grs_agents.geometry import transforms
-from grs_agents.sim.instance.goal import Goal, Placed, check_unit_quaternion
+from grs_agents.sim.instance.goal import Goal, Placed, Unit, check_unit_quaternion
 
 POSITION_TOLERANCE = 0.01
 ROTATION_TOLERANCE = math.radians(15)
@@ -27,6 +29,15 @@ LARGEST_TIE_GAP = 0.05
 MOST_PAIRS = 10_000
 """Pairs of an object and a target in all goals together."""
 
+LIGHTEST, HEAVIEST = 0.001, 20.0
+"""Of an object whose mass the instance says, kilograms."""
+LEAST_FRICTION, MOST_FRICTION = 0.05, 2.0
+"""Coefficients of sliding friction: ice on steel, rubber on rubber."""
+WIDEST_PICTURE = 65_536
+"""Pixels of a camera's side."""
+FARTHEST_VIEW = 100.0
+"""Metres along any axis from the robot base to what only looks or shines: cameras and lights."""
+
 Channel = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1)]
 RGBA = tuple[Channel, Channel, Channel, Channel]
 Value = (
@@ -35,6 +46,10 @@ Value = (
 )
 Fill = dict[Annotated[str, Field(max_length=20)], Annotated[tuple[Value, ...], Field(max_length=4)]]
 """Values of a template's placeholders by stem, e.g. ``{"DIM": (0.2, 0.1, 0.05)}``: metres, colours 0..1, file names."""
+
+
+_Far = Annotated[float, Field(allow_inf_nan=False, ge=-FARTHEST_VIEW, le=FARTHEST_VIEW)]
+FarPoint = tuple[_Far, _Far, _Far]
 
 
 class InstanceObject(Frozen):
@@ -50,6 +65,9 @@ class InstanceObject(Frozen):
     color: RGBA | None = None  # 0..1, laid over the asset's own
     # a ``bystander`` stands there because the photo shows it: solid, named by no goal, at the end where it was
     role: Literal["task", "bystander"] = "task"
+    # kilograms, and the coefficient of sliding friction; None: the asset's own. Trusted code says both of every object
+    mass: Annotated[float, Field(allow_inf_nan=False, ge=LIGHTEST, le=HEAVIEST)] | None = None
+    friction: Annotated[float, Field(allow_inf_nan=False, ge=LEAST_FRICTION, le=MOST_FRICTION)] | None = None
 
     @model_validator(mode="after")
     def _check_pose_and_fill(self) -> Self:
@@ -78,10 +96,45 @@ class InstanceTie(Frozen):
         return self
 
 
+class InstanceCamera(Frozen):
+    """The photo's camera: a pinhole without distortion, OpenCV axes (x right, y down, z along the optical axis)."""
+
+    width: Annotated[int, Field(ge=1, le=WIDEST_PICTURE)]  # pixels
+    height: Annotated[int, Field(ge=1, le=WIDEST_PICTURE)]
+    fx: Annotated[float, Field(allow_inf_nan=False, gt=0, le=1e6)]  # fx, fy, cx, cy: pixels
+    fy: Annotated[float, Field(allow_inf_nan=False, gt=0, le=1e6)]
+    cx: Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
+    cy: Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
+    pose: tuple[FarPoint, tuple[Unit, Unit, Unit, Unit]]  # in the robot frame, metres
+    robot_placed: bool = False  # the robot stands where we put it, not where the photo was taken: it may hide the view
+
+    @model_validator(mode="after")
+    def _check_rotation(self) -> Self:
+        check_unit_quaternion(self.pose, "the camera")
+        return self
+
+
+class InstanceLight(Frozen):
+    """One light above the table, and what comes from everywhere."""
+
+    position: FarPoint = (0.3, -0.5, 2.0)  # metres, robot frame
+    target: FarPoint = (0.3, -0.1, 0.0)  # what it shines at
+    diffuse: tuple[Channel, Channel, Channel] = (0.7, 0.7, 0.7)
+    ambient: tuple[Channel, Channel, Channel] = (0.35, 0.35, 0.35)
+
+
+class InstanceTable(Frozen):
+    """What the table top looks like: one colour, or a pattern of two; sRGB, 0..1."""
+
+    color: RGBA = (0.80, 0.72, 0.60, 1.0)
+    pattern: Literal["plain", "checker", "speckled"] = "plain"
+    second_color: RGBA = (0.70, 0.62, 0.50, 1.0)
+
+
 class TaskInstance(Frozen):
     """A simulated task for one seed: everything a trusted process needs to build, run and score it."""
 
-    version: Literal[3] = 3
+    version: Literal[4] = 4
     task: Annotated[str, Field(max_length=200)]  # class name of the program it came from
     seed: Annotated[int, Field(ge=0, lt=2**32)]
     max_steps: Annotated[int, Field(ge=1, le=200)]
@@ -96,6 +149,12 @@ class TaskInstance(Frozen):
     goals: Annotated[tuple[Goal, ...], Field(max_length=200)]
     # library name of what stands fixed around the robot, as photographed; trusted code names it
     background: Annotated[str, Field(min_length=1, max_length=300)] | None = None
+    # what follows is named by trusted code: the arm ("ur5e", "panda" or the path of an MJCF file, in a file relative to
+    # its folder), the photo's camera (None without a photo), the light, and the table in the colour of the photo
+    robot: Annotated[str, Field(min_length=1, max_length=4096)] = "ur5e"
+    camera: InstanceCamera | None = None
+    light: InstanceLight = InstanceLight()
+    table: InstanceTable = InstanceTable()
     # what the runtime had to assume
     warnings: Annotated[tuple[Annotated[str, Field(max_length=500)], ...], Field(max_length=500)] = ()
 
@@ -103,6 +162,11 @@ class TaskInstance(Frozen):
     def task_objects(self) -> tuple[InstanceObject, ...]:
         """What the task put there itself: every object but the bystanders."""
         return tuple(item for item in self.objects if item.role == "task")
+
+    @property
+    def language(self) -> str:
+        """The whole task in one sentence: what its goals say, each sentence once."""
+        return ", then ".join(dict.fromkeys(goal.language for goal in self.goals if goal.language)) or self.task
 
     @model_validator(mode="after")
     def _check_consistency(self) -> Self:
@@ -177,6 +241,15 @@ def parse_instance_json(text: str | bytes, objects: int = 200) -> TaskInstance:
             "add fewer objects",
         )
     return instance
+
+
+def hash_instance(instance: TaskInstance) -> str:
+    """SHA-256 of the instance's JSON, hexadecimal: what a data set calls the scene that an episode began in.
+
+    It does not depend on the folder that an arm's file lies in.
+    """
+    named = instance.model_copy(update={"robot": PurePath(instance.robot).name})
+    return hashlib.sha256(named.model_dump_json().encode()).hexdigest()
 
 
 def describe_first_error(error: ValidationError) -> str:

@@ -1,4 +1,4 @@
-"""The simulated table: compiled models, physics, collision volumes, rendering."""
+"""The simulated table: compiled models, physics, collision volumes."""
 
 from grs_agents.lazy_exports import attach_lazy_exports
 

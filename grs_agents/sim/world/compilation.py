@@ -1,70 +1,26 @@
-"""Typed objects become a MuJoCo model: colliders, the arm, the table top at z = 0, one suction weld a body. Ties are
-joints of ropes and what is fixed to another object. The arm's own room is kept clear before anything is placed."""
+"""A world's spec is compiled, once for all poses of its objects, and indexed by their ids."""
 
 import copy
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Final, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.library import Library, ObjectModel, Shape, add_shape_geom, convex_mesh_volume, shape_volume
+from grs_agents.library import Library
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.arms import ROBOT_CONTYPE, Arm, get_arm, replace_cup_with_spatula
+from grs_agents.sim.arms import Arm, get_arm
 from grs_agents.sim.instance import InstanceObject, InstanceTie, SimulationError
-from grs_agents.sim.world import templates
-from grs_agents.sim.world.colors import COLORS
-
-LARGEST_BEAD: Final = 0.05
-"""What is larger and tied at a point is no bead of a rope: the cup must seal on it as on any other thing, metres."""
-_BEAD_ARMATURE: Final = 4e-6
-_BEAD_DAMPING: Final = 6e-5
-"""Of what is tied at a point: added to its inertia (kg m^2), and against its turning (N m s/rad)."""
-
-
-def find_object_ids_in_point_ties(ties: Sequence[InstanceTie]) -> frozenset[int]:
-    """Ids of what a point ties to another."""
-    return frozenset(number for tie in ties if tie.kind == "point" for number in (tie.parent, tie.child))
-
-
-def add_tie_constraints(spec: Any, ties: Sequence[InstanceTie], timestep: float) -> None:
-    """One equality of two sites for each tie, between the bodies called ``object_<id>``."""
-    for index, tie in enumerate(ties):
-        names: list[str] = []
-        for number, (position, (x, y, z, w)) in ((tie.parent, tie.parent_frame), (tie.child, tie.child_frame)):
-            names.append(f"tie_{index}_{number}")
-            spec.body(f"object_{number}").add_site(name=names[-1], pos=position, quat=(w, x, y, z))
-        kind = mujoco.mjtEq.mjEQ_CONNECT if tie.kind == "point" else mujoco.mjtEq.mjEQ_WELD
-        equality = spec.add_equality(
-            name=f"tie_{index}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, name1=names[0], name2=names[1]
-        )
-        equality.solref = (2 * timestep, 1.0)
-        if tie.kind == "point":
-            _tune_bead_dynamics(spec, tie)
-
-
-def _tune_bead_dynamics(spec: Any, tie: InstanceTie) -> None:
-    """Small things on a joint are slow to turn: it keeps the joint steady, and balls from rolling off as marbles do."""
-    for number in (tie.parent, tie.child):
-        for joint in spec.body(f"object_{number}").joints:
-            joint.armature, joint.damping = _BEAD_ARMATURE, np.full(3, _BEAD_DAMPING)
-        for geom in spec.body(f"object_{number}").geoms:
-            geom.condim = 3
-
-
-TIMESTEP: Final = 0.004
-Tool = Literal["suction", "spatula"]
-_DENSITY: Final = 300.0
-_CROWD: Final = 12
-_FEW_TIES: Final = 3
-"""Of more loose bodies that are pushed, or more ties, an iterative solver takes care, faster and steadier."""
-_ROLLING: Final = 0.002
-"""Arm of a ball's rolling resistance (m), as of a rubber ball on wood: one of 4 cm rests on slopes up to 6 degrees."""
-_GREY: Final = (0.7, 0.7, 0.7, 1.0)
-LARGEST, SMALLEST = 2.0, 1e-4
-"""Extents of a filled template, metres."""
+from grs_agents.sim.world.spec import (
+    LARGEST_BEAD,
+    TIMESTEP,
+    Tool,
+    WorldSpec,
+    find_object_ids_in_point_ties,
+    spec_of_objects,
+)
 
 
 @dataclass(frozen=True)
@@ -92,59 +48,6 @@ class World:
         return np.asarray(self.owners)
 
 
-def load_object_model(item: InstanceObject, library: Library) -> ObjectModel:
-    """The shapes of an object or filled template; one too large, or too thin, is a ``SimulationError``."""
-    if not item.fill:
-        return library.load_object_model(item.asset)
-    return templates.cached_template_result(
-        library, "model", item.asset, item.fill, lambda: _load_filled_template(item, library)
-    )
-
-
-def _load_filled_template(item: InstanceObject, library: Library) -> ObjectModel:
-    shapes = library.load_filled_template(item.asset, item.fill)
-    solids = [shape.size for shape in shapes.colliders if shape.kind != "mesh"]
-    thinnest = min([LARGEST, *(shapes.size if shapes.colliders else ()), *(side for size in solids for side in size)])
-    if max(shapes.size) > LARGEST or thinnest < SMALLEST:
-        size = " x ".join(f"{extent:.3g}" for extent in shapes.size)
-        found = f"{item.asset} filled in is {size} m, its thinnest part {thinnest:.1e} m"
-        raise SimulationError(found, f"give lengths that make it at most {LARGEST} m, each part at least {SMALLEST} m")
-    return shapes
-
-
-def is_movable(item: InstanceObject, shapes: ObjectModel) -> bool:
-    """Whether the object can move: not fixed, and solid enough to touch anything."""
-    return item.category != "fixed" and bool(shapes.colliders)
-
-
-def create_base_world_spec(timestep: float) -> Any:
-    """An empty world with the options that were measured to be fast and steady, the table and a light."""
-    spec = mujoco.MjSpec()
-    spec.modelname = "grs"
-    spec.compiler.degree = False
-    option = spec.option
-    option.timestep = timestep
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = 10.0
-    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-    option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-    spec.default.geom.solref = (2.5 * timestep, 1.0)
-    spec.worldbody.add_light(pos=(0.3, -0.5, 2.0), dir=(0.0, 0.2, -1.0))
-    spec.worldbody.add_geom(
-        name="table",
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=(1.2, 1.2, 0.05),
-        pos=(0.4, 0.0, -0.05),
-        rgba=(0.80, 0.72, 0.60, 1.0),
-        contype=1,
-        conaffinity=1,
-        friction=(0.8, 0.01, 0.0005),
-        condim=4,
-    )
-    return spec
-
-
 def build_world(
     objects: Sequence[InstanceObject],
     library: Library,
@@ -157,27 +60,9 @@ def build_world(
 ) -> World:
     """Compile a world. It does not depend on where the objects stand: ``reset_world_to_poses`` sets that.
 
-    ``visuals`` adds what is only seen (meshes, marks on the table); a spatula takes nothing up, so there are no suction
-    welds beside it. Raises ``UnknownNameError`` for an asset that the library has not, ``SimulationError`` for a filled
-    template that is too large or too thin, or a scene that MuJoCo takes for impossible.
+    Arguments and errors as ``spec_of_objects``; ``SimulationError`` also for a scene that MuJoCo takes for impossible.
     """
-    spec = create_base_world_spec(timestep)
-    arm = arm or get_arm()
-    arm.add(spec)
-    if tool == "spatula":
-        replace_cup_with_spatula(spec)
-    models = {item.id: load_object_model(item, library) for item in objects}
-    free = [item.id for item in objects if is_movable(item, models[item.id])]
-    for item in objects:
-        _add_object(spec, item, models[item.id], library, visuals)
-    if background is not None:
-        _add_background(spec, library.load_object_model(background), library, visuals)
-    graspable = free if tool == "suction" else []
-    if len(ties) > _FEW_TIES or len(free) - len(graspable) > _CROWD:
-        _use_iterative_solver(spec)
-    _add_suction_welds(spec, graspable, timestep)
-    add_tie_constraints(spec, ties, timestep)
-    return _make_indexed_world(_compile_spec(spec), arm, models, free, graspable, ties)
+    return compile_world(spec_of_objects(objects, library, timestep, visuals, ties, tool, arm, background))
 
 
 def _group_rigidly_tied_objects(ties: Sequence[InstanceTie]) -> dict[int, frozenset[int]]:
@@ -190,15 +75,9 @@ def _group_rigidly_tied_objects(ties: Sequence[InstanceTie]) -> dict[int, frozen
     return groups
 
 
-def _make_indexed_world(
-    model: Any,
-    arm: Arm,
-    models: Mapping[int, ObjectModel],
-    free: Sequence[int],
-    graspable: Sequence[int],
-    ties: Sequence[InstanceTie],
-) -> World:
-    """A compiled model with the places of everything in it; ``models`` and the rest by ids of objects."""
+def compile_world(made: WorldSpec) -> World:
+    """The compiled world with the places of everything in it; errors as ``build_world``."""
+    model, models, ties = _compile_spec(made.spec), made.models, made.ties
     limp = find_object_ids_in_point_ties(ties)
     bodies = {number: int(model.body(f"object_{number}").id) for number in models}
     owner_of = {body: number for number, body in bodies.items()}
@@ -206,13 +85,13 @@ def _make_indexed_world(
         model=model,
         data=mujoco.MjData(model),
         bodies=bodies,
-        welds={number: int(model.equality(f"suction_{number}").id) for number in graspable},
-        addresses={number: int(model.joint(f"object_{number}").qposadr[0]) for number in free},
+        welds={number: int(model.equality(f"suction_{number}").id) for number in made.graspable},
+        addresses={number: int(model.joint(f"object_{number}").qposadr[0]) for number in made.free},
         owners=tuple(owner_of.get(int(body), -1) for body in model.geom_bodyid),
         cup_geom=int(model.geom("cup").id),
         cup_body=int(model.body("cup").id),
         tip_site=int(model.site("tip").id),
-        arm=arm,
+        arm=made.arm,
         limp=limp,
         joined=_group_rigidly_tied_objects(ties),
         beads=frozenset(number for number in limp if max(models[number].size) <= LARGEST_BEAD),
@@ -232,28 +111,6 @@ def _compile_spec(spec: Any) -> Any:
         raise SimulationError(f"MuJoCo refuses the scene: {str(error)[:150]}", "change the object it names") from error
 
 
-def _use_iterative_solver(spec: Any) -> None:
-    """Options for piles and ropes: 50 grains in a heap cost 0.3 ms a step so, 2-3 ms with those for a few objects."""
-    option = spec.option
-    option.solver = mujoco.mjtSolver.mjSOL_CG
-    option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
-    option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
-    option.impratio, option.tolerance, option.iterations = 1.0, 1e-6, 50
-    for geom in spec.geoms:
-        geom.condim = 3 if geom.condim == 4 else geom.condim
-
-
-def _add_suction_welds(spec: Any, graspable: Sequence[int], timestep: float) -> None:
-    """One weld to the cup, switched off, for each object that it may take."""
-    for number in graspable:
-        name = f"suction_{number}"
-        objtype = mujoco.mjtObj.mjOBJ_BODY
-        weld = spec.add_equality(
-            name=name, type=mujoco.mjtEq.mjEQ_WELD, objtype=objtype, name1="cup", name2=f"object_{number}", active=False
-        )
-        weld.solref = (2 * timestep, 1.0)
-
-
 def reset_world_to_poses(built: World, objects: Sequence[InstanceObject]) -> None:
     """Set a world back to its beginning, with the objects it was built from at their poses, at rest."""
     # What cannot move is placed first: a state works out once, when it begins, where such bodies are.
@@ -266,74 +123,6 @@ def reset_world_to_poses(built: World, objects: Sequence[InstanceObject]) -> Non
         if item.id in built.addresses:
             (position, (x, y, z, w)), start = item.pose, built.addresses[item.id]
             built.data.qpos[start : start + 7] = (*position, w, x, y, z)
-
-
-def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: Library, visuals: bool) -> None:
-    name = f"object_{item.id}"
-    body = spec.worldbody.add_body(name=name)
-    if is_movable(item, shapes):
-        body.add_freejoint(name=name)
-    geoms = _add_collider_geoms(spec, body, shapes, library, visuals)
-    volumes = [_collider_volume(shape, library) for shape in shapes.colliders]
-    total = sum(volumes)
-    mass = shapes.mass if shapes.mass > 0 else max(0.02, _DENSITY * total)
-    for geom, shape, volume in zip(geoms, shapes.colliders, volumes, strict=True):
-        geom.mass = max(mass * volume / total, 1e-5)
-        geom.rgba = (*(item.color or shape.color or _GREY)[:3], 1.0)  # a ray misses what is wholly transparent
-        if shape.kind == "sphere":
-            geom.condim, geom.friction = 6, (shapes.friction, 0.01, _ROLLING)
-    for geom, shape in _add_visual_geoms(spec, body, shapes, library, visuals):
-        geom.mass, geom.rgba = 0.0, item.color or shape.color or _asset_color_rgba(item, library)
-
-
-def _add_background(spec: Any, shapes: ObjectModel, library: Library, visuals: bool) -> None:
-    """One body that never moves; objects and the arm bump into its boxes."""
-    body = spec.worldbody.add_body(name="background")
-    _add_collider_geoms(spec, body, shapes, library, visuals)
-    for geom, shape in _add_visual_geoms(spec, body, shapes, library, visuals):
-        geom.rgba = shape.color or _GREY
-        if shape.kind == "mesh":
-            # It is open, so it has no volume.
-            spec.mesh(geom.meshname).inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
-
-
-def _add_collider_geoms(spec: Any, body: Any, shapes: ObjectModel, library: Library, visuals: bool) -> list[Any]:
-    """Add what is touched; it is seen only where ``visuals`` are not."""
-    geoms = [_add_geom(spec, body, one, library, f"{body.name}_{index}") for index, one in enumerate(shapes.colliders)]
-    for geom in geoms:
-        geom.contype, geom.conaffinity, geom.group = 1, 1 | ROBOT_CONTYPE, 3 if visuals else 0
-        geom.condim, geom.friction = 4, (shapes.friction, 0.01, 0.0)
-    return geoms
-
-
-def _add_visual_geoms(
-    spec: Any, body: Any, shapes: ObjectModel, library: Library, visuals: bool
-) -> Iterator[tuple[Any, Shape]]:
-    """Add what is only seen, if ``visuals`` are asked for: each geom with its shape."""
-    for index, shape in enumerate(shapes.visuals if visuals else ()):
-        geom = _add_geom(spec, body, shape, library, f"{body.name}_visual_{index}")
-        geom.contype, geom.conaffinity, geom.group = 0, 0, 2
-        yield geom, shape
-
-
-def _asset_color_rgba(item: InstanceObject, library: Library) -> tuple[float, float, float, float]:
-    """The library's word for an asset's colour, for meshes whose colour is in a texture."""
-    name = library.asset(item.asset).color if item.asset in library else ""
-    red, green, blue = COLORS.get(name, [0.7, 0.7, 0.7])
-    return (red, green, blue, 1.0)
-
-
-def _collider_volume(shape: Shape, library: Library) -> float:
-    """Of a collider, m^3; the parts of an object share its mass in this proportion."""
-    if shape.kind != "mesh":
-        return shape_volume(shape)
-    return max(
-        float(abs(np.prod(shape.size))) * convex_mesh_volume(library.mesh_or_texture_path(shape.mesh or "")), 1e-12
-    )
-
-
-def _add_geom(spec: Any, body: Any, shape: Shape, library: Library, name: str) -> Any:
-    return add_shape_geom(spec, body, shape, name, library.mesh_or_texture_path(shape.mesh) if shape.mesh else None)
 
 
 def arm_spheres_at_home(robot: str, library: Library) -> npt.NDArray[np.float64]:

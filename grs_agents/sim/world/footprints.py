@@ -52,6 +52,13 @@ class Prism:
         return (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
 
     @cached_property
+    def edge_ranges(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Outward normals (K, 2) of its edges, and how far (K,) it reaches along each, from and to, metres."""
+        normals = _outward_edge_normals(self.outline)
+        along = self.outline @ normals.T
+        return normals, along.min(axis=0), along.max(axis=0)
+
+    @cached_property
     def without_top(self) -> "Prism":
         """The same prism rising without end: things can stand beside it, and not on it."""
         return replace(self, high=_ENDLESS)
@@ -204,6 +211,23 @@ def signed_outline_gaps(moving: FloatArray, still: FloatArray, offsets: FloatArr
     before = other.min(axis=0) - (own.max(axis=0) + shift)
     after = own.min(axis=0) + shift - other.max(axis=0)
     return np.maximum(before, after).max(axis=1)
+
+
+def least_outline_gaps(moving: FloatArray, others: Sequence[Prism], offsets: FloatArray) -> FloatArray:
+    """The least (N,) of the gaps that ``signed_outline_gaps`` tells for each of the others; infinite for none."""
+    solid = [other for other in others if len(other.outline) >= 3]
+    if len(moving) < 3 or not solid or not len(offsets):
+        return np.full(len(offsets), np.inf)
+    starts = np.cumsum([0, *(len(other.outline) for other in solid[:-1])])
+    axes, points = _outward_edge_normals(moving), np.concatenate([other.outline for other in solid])
+    own, along, shift = moving @ axes.T, points @ axes.T, (offsets @ axes.T)[:, None]
+    before = np.minimum.reduceat(along, starts) - (own.max(axis=0) + shift)
+    after = own.min(axis=0) + shift - np.maximum.reduceat(along, starts)
+    across = np.maximum(before, after).max(axis=2)  # along the edges of what moves
+    normals, low, high = (np.concatenate(part) for part in zip(*(other.edge_ranges for other in solid), strict=True))
+    own, shift = moving @ normals.T, offsets @ normals.T
+    gaps = np.maximum(low - (own.max(axis=0) + shift), own.min(axis=0) + shift - high)
+    return np.maximum(across, np.maximum.reduceat(gaps, starts, axis=1)).min(axis=1)
 
 
 def margins_inside_outline(moving: FloatArray, around: FloatArray, offsets: FloatArray) -> FloatArray:

@@ -236,6 +236,11 @@ class Physics:
         """Id of the object on the cup."""
         return self.cup.held
 
+    def lead_commands(self, path: FloatArray, speeds: FloatArray) -> FloatArray:
+        """Commands (N, dof) that bring the arm through joint positions (N, dof) at ``speeds`` (N, dof) or (dof,): ahead
+        of them by what the joints' damping costs."""
+        return path + speeds * self._lead
+
     def follow_joint_path(self, path: FloatArray, stop: Callable[[], bool] | None = None) -> bool:
         """Drive the arm through joint positions (N, dof), one a time step or slower, as its joints' speeds allow;
         True if ``stop`` (asked each time) held."""
@@ -245,7 +250,7 @@ class Physics:
         stride = 2 if self.cup.held is None else 1
         # Ahead by what damping and inertia cost, the arm keeps to its path; else it would swing out to the side.
         torque = joint_paths.joint_speeds(rate, self.timestep) @ self.arm.inertia_matrix(path[len(path) // 2])
-        commands = (path + rate * self._lead + torque / self._stiffness)[stride - 1 :: stride]
+        commands = (self.lead_commands(path, rate) + torque / self._stiffness)[stride - 1 :: stride]
         control, dof = self.data.ctrl, self.dof
         for command in commands:
             control[:dof] = command

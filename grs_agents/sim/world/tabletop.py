@@ -14,7 +14,7 @@ from grs_agents.geometry import FloatArray, transforms
 from grs_agents.library import Library, ObjectModel
 from grs_agents.sim.arms import Arm
 from grs_agents.sim.instance import InstanceObject, InstanceTie, NoFreeSpaceError, Recorder, SimulationError
-from grs_agents.sim.world import budget, bystanders, compilation, footprints, templates
+from grs_agents.sim.world import budget, bystanders, compilation, footprints, spec, templates
 from grs_agents.sim.world.collision_volumes import Volume, sample_collision_volume
 from grs_agents.sim.world.colors import color_to_rgba
 from grs_agents.sim.world.physics import Physics
@@ -45,8 +45,8 @@ class Tabletop:
         self.recorder = Recorder()
         self.places: dict[int, Pose] = {}  # of every object when the scene had settled
         self.seed(seed)
-        self.timestep = compilation.TIMESTEP
-        self.tool: compilation.Tool = "suction"
+        self.timestep = spec.TIMESTEP
+        self.tool: spec.Tool = "suction"
         self.background = templates.defaults.background
         self._objects: dict[int, InstanceObject] = {}
         self._ties: list[InstanceTie] = []
@@ -137,7 +137,7 @@ class Tabletop:
             return
         own = [item for item in self.objects if item.role == "task"]
         placed, around = bystanders.claim_bystanders(own, templates.defaults.bystanders)
-        self._models |= {item.id: compilation.load_object_model(item, self.library) for item in around}
+        self._models |= {item.id: spec.load_object_model(item, self.library) for item in around}
         self._objects = {item.id: item for item in (*placed, *around)}
         self._physics, self._stale = None, False
 
@@ -145,7 +145,7 @@ class Tabletop:
         """Add a typed object and return the id it has here; refuse what is too large, too thin or one too many."""
         budget.check_object_count(len(self._objects) + 1)
         number = self._next_object_id if item.role == "task" else self._free_bystander_id(item.id)
-        shapes = compilation.load_object_model(item, self.library)
+        shapes = spec.load_object_model(item, self.library)
         self._vertices = budget.add_to_vertex_count(self._vertices, shapes, self.library)
         self._objects[number] = item if item.id == number else item.model_copy(update={"id": number})
         self._models[number], self._stale = shapes, True
@@ -237,7 +237,7 @@ class Tabletop:
 
     def is_object_movable(self, obj: int) -> bool:
         """Whether an object can be moved."""
-        return compilation.is_movable(self.object_by_id(obj), self.object_model(obj))
+        return spec.is_movable(self.object_by_id(obj), self.object_model(obj))
 
     def get_object_pose(self, obj: int) -> Pose:
         """Position (m) of the centre of an object's box and its rotation (xyzw)."""
@@ -284,7 +284,10 @@ class Tabletop:
 
         Environments that come after each other share what is compiled, each has a copy of its own.
         """
-        kinds = tuple((item.id, item.asset, tuple(sorted(item.fill.items())), item.category) for item in objects)
+        kinds = tuple(
+            (item.id, item.asset, tuple(sorted(item.fill.items())), item.category, item.mass, item.friction)
+            for item in objects
+        )
         key = (self.timestep, kinds, self.object_ties, self.tool, self.background, self.arm)
         if self._world is None or self._world[0] != key:
             known = _compiled.setdefault(self.library, {})
@@ -319,7 +322,7 @@ class Tabletop:
     def raise_sunken_objects(self) -> None:
         """Raise what reaches below the table top, as objects placed from noisy depth may."""
         for number, item in list(self._objects.items()):
-            if not compilation.is_movable(item, self._models[number]):
+            if not spec.is_movable(item, self._models[number]):
                 continue
             pose = self.get_object_pose(number)
             low = footprints.lowest_height_at_pose(self._models[number], pose)

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
+from grs_agents.geometry import matrix_to_quaternion
 from grs_agents.library import Library
 from grs_agents.perception import (
     Candidate,
@@ -22,7 +23,6 @@ from grs_agents.perception import (
     measure_candidates,
     read_scene,
 )
-from grs_agents.perception.segmentation import quaternion_from_matrix
 from tests.perception.conftest import Rendered, Thing, render
 
 SIDE = st.floats(0.02, 0.3)
@@ -126,7 +126,7 @@ def test_a_quaternion_is_its_rotation(a: float, b: float, c: float) -> None:
     about_x = np.array([[1, 0, 0], [0, math.cos(b), -math.sin(b)], [0, math.sin(b), math.cos(b)]])
     about_y = np.array([[math.cos(c), 0, math.sin(c)], [0, 1, 0], [-math.sin(c), 0, math.cos(c)]])
     rotation = about_z @ about_x @ about_y
-    q = quaternion_from_matrix(rotation)
+    q = matrix_to_quaternion(rotation)
     assert np.linalg.norm(q) == pytest.approx(1)
     assert q[3] >= 0
     assert np.allclose(_rotate(q), rotation, atol=1e-5)
@@ -136,7 +136,7 @@ def test_a_quaternion_is_its_rotation(a: float, b: float, c: float) -> None:
 def test_half_a_turn_has_a_quaternion(axis: int) -> None:
     rotation = -np.eye(3)
     rotation[axis, axis] = 1
-    assert np.allclose(_rotate(quaternion_from_matrix(rotation)), rotation)
+    assert np.allclose(_rotate(matrix_to_quaternion(rotation)), rotation)
 
 
 @given(size=st.tuples(SIDE, SIDE, SIDE), yaw=ANGLE, turn=st.permutations([0, 1, 2]))

@@ -15,7 +15,7 @@ from grs_agents.sim.instance import MAX_BYTES
 
 POSE = [[0.5, 0.0, 0.02], [0.0, 0.0, 0.0, 1.0]]
 VALID: dict[str, Any] = {
-    "version": 3,
+    "version": 4,
     "task": "Packing",
     "seed": 3,
     "max_steps": 4,
@@ -169,7 +169,7 @@ REFUSED = {
     "a number for a flag": ('"replace": false', '"replace": 0', "goals.0.replace"),
     "far away": ("0.5, 0.0, 0.02", "5.0, 0.0, 0.02", "objects.0.pose"),
     "negative id": ('"id": 1', '"id": -1', "objects.0.id"),
-    "another version": ('"version": 3', '"version": 2', "version"),
+    "another version": ('"version": 4', '"version": 3', "version"),
     "nested": ('"a word"', "[" * 100_000, "64 levels"),
     "lone surrogate": ('"a word"', '"\\ud800"', ""),
 }

@@ -7,7 +7,8 @@ import pytest
 
 from grs_agents.library import Library, write_background_asset
 from grs_agents.sim import Environment, InstanceObject, InstanceTask, TaskInstance
-from grs_agents.sim.world import arm_spheres_at_home, rendering
+from grs_agents.sim.rendering import View, VisibleScene, render_views
+from grs_agents.sim.world import arm_spheres_at_home
 
 SHELF = np.array([[[0.4, -0.3, 0.10], [0.6, -0.1, 0.12]]])
 MESH = (np.array([[0.4, -0.3, 0.12], [0.6, -0.3, 0.12], [0.6, -0.1, 0.12], [0.4, -0.1, 0.12]]),)
@@ -48,9 +49,9 @@ def test_an_environment_takes_it_away_again(library: Library) -> None:
 
 
 def test_cameras_see_it(library: Library) -> None:
-    view = rendering.View((0.5, -0.2, 1.0), (0.5, -0.19, 0.0), height=60, width=80)
-    sight = rendering.VisibleScene((), library, background="background/room.urdf")
-    red, _, blue = rendering.render_views(sight, [view])[0].color[30, 40].tolist()
+    view = View((0.5, -0.2, 1.0), (0.5, -0.19, 0.0), height=60, width=80)
+    sight = VisibleScene((), library, background="background/room.urdf")
+    red, _, blue = render_views(sight, [view])[0].color[30, 40].tolist()
     assert blue > 3 * red
 
 

@@ -28,6 +28,18 @@ def test_gaps_are_the_distance_along_the_axis_between_squares(x, y, yaw) -> None
     assert abs(gap - expected) < 0.002 or gap >= expected
 
 
+@given(st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-3, 3)), min_size=1, max_size=5))
+def test_the_least_gap_to_several_outlines_is_that_to_the_nearest(places) -> None:
+    square = footprints.rectangle_outline((0, 0), (0.2, 0.1), 0.4)
+    outlines = [footprints.rectangle_outline((x, y), (0.1, 0.3), yaw) for x, y, yaw in places]
+    offsets = np.array([[0.0, 0.0], [0.3, -0.1], [-0.4, 0.2]])
+    others = [footprints.Prism(outline, 0, 0.1) for outline in outlines]
+    single = [footprints.signed_outline_gaps(square, outline, offsets) for outline in outlines]
+    np.testing.assert_allclose(
+        footprints.least_outline_gaps(square, others, offsets), np.min(single, axis=0), atol=1e-12
+    )
+
+
 def test_the_outline_of_a_can_on_the_table_reaches_from_the_table_to_its_top() -> None:
     height = LIBRARY.asset("HOPE/Corn.urdf").size[2]
     outline = footprints.object_prism_at_pose(
