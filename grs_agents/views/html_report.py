@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents import trace
+from grs_agents.base import Vec3
 from grs_agents.errors import GrsError
 from grs_agents.foreign import find_member_file, read_bytes, read_picture, resolve_member_file
 from grs_agents.library import Library
@@ -159,7 +160,6 @@ class Sources:
 
     folder: Path
     library: Library  # 3D assets, the run's own laid over
-    robot: str = "ur5e"  # name of the arm, or its file
     show: Callable[[str], None] | None = None  # is told what is drawn next
 
     def announce_drawing(self, what: str) -> None:
@@ -174,15 +174,17 @@ def render_photo_and_objects(events: Sequence[trace.Event], sources: Sources) ->
     camera: dict[str, Any] = {}
     objects: list[dict[str, Any]] = []
     background: str | None = None
+    table: Vec3 | None = None
     for event in events:
         if isinstance(event, trace.SceneStage):
             files.update(event.files)
             camera.update(event.summary.get("camera") or {})
             objects = event.summary.get("objects") or objects
             background = event.summary.get("background") or background
+            table = event.summary.get("table_color") or table
     sources.announce_drawing("the camera's view of the simulation")
     photo = _render_annotated_photo(files, objects, sources.folder)
-    shown = [photo, _render_simulated_view(events, sources, objects, camera, background)]
+    shown = [photo, _render_simulated_view(events, sources, objects, camera, background, table)]
     if any(shown):
         yield f'<div class="row">{"".join(shown)}</div>'
     if objects:
@@ -230,6 +232,7 @@ def _render_simulated_view(
     objects: Sequence[dict[str, Any]],
     camera: dict[str, Any],
     background: str | None,
+    table: Vec3 | None,
 ) -> str:
     """The task as the camera of the photo would see it; of a run that came to none, the objects found."""
     if not camera.get("T_robot_cam"):
@@ -239,11 +242,16 @@ def _render_simulated_view(
         if played:
             instance = read_task_instance(resolve_member_file(sources.folder, played[0].instance or ""))
             objects_shown, background = list(instance.objects), instance.background
+            table = instance.table.color[:3]
             caption = f"The same view of the task, seed {instance.seed}, before the robot moves"
         else:
             objects_shown = build_twin_objects(objects, sources.library)
             caption = "The same view of what was found: the asset that stands for each object"
-        image = render_from_photo_camera(objects_shown, sources.library, camera, background) if objects_shown else None
+        image = (
+            render_from_photo_camera(objects_shown, sources.library, camera, background, table)
+            if objects_shown
+            else None
+        )
     except GrsError as error:
         return render_paragraph(f"The simulation cannot be drawn: {error}", "quiet")
     return "" if image is None else render_picture(image, caption)
@@ -268,7 +276,7 @@ def render_rollouts(events: Sequence[trace.Event], sources: Sources) -> Iterator
 
 def _render_rollout_stills(event: trace.Rollout, sources: Sources, strip: bool) -> Iterator[str]:
     sources.announce_drawing(f"the rollout of seed {event.seed}")
-    shot = Shot(sources.folder.resolve(), event, sources.library, sources.robot)
+    shot = Shot(sources.folder.resolve(), event, sources.library)
     try:
         end = shot.recorded_motion.duration_seconds
         moments = [0.0, end, *(np.linspace(0, end, FRAMES).tolist() if strip else ())]

@@ -12,8 +12,9 @@ import numpy.typing as npt
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.library import Library
 from grs_agents.mujoco_import import mujoco
+from grs_agents.sim import rendering
 from grs_agents.sim.instance import InstanceObject, SimulationError
-from grs_agents.sim.world import FRONT, LEFT, RIGHT, View, rendering
+from grs_agents.sim.rendering import FRONT, LEFT, RIGHT, Picture, View, VisibleScene
 
 CameraConfig = dict[str, Any]
 
@@ -40,7 +41,7 @@ def camera_config_from_view(view: View) -> CameraConfig:
 AGENT_CAMERAS: tuple[CameraConfig, ...] = tuple(camera_config_from_view(view) for view in (FRONT, LEFT, RIGHT))
 
 
-def render_from_camera_config(sight: rendering.VisibleScene, config: Mapping[str, Any]) -> rendering.Picture:
+def render_from_camera_config(sight: VisibleScene, config: Mapping[str, Any]) -> Picture:
     """What a configured camera sees; raises ``SimulationError`` where the configuration does not fit."""
     try:
         height, width = (int(count) for count in config["image_size"])
@@ -77,7 +78,7 @@ def render_top_down_maps(
     x, y = float(bounds[0, 0]) + cells[1] * pixel, float(bounds[1, 0]) + cells[0] * pixel
     eye = np.array([bounds[0].mean(), bounds[1].mean(), _FAR])
     directions = np.stack([x - eye[0], y - eye[1], np.full(x.shape, -_FAR)], axis=-1) / _FAR
-    picture = rendering.render_along_rays(rendering.VisibleScene(objects, library), eye, directions)
+    picture = rendering.render_along_rays(VisibleScene(objects, library), eye, directions)
     height = np.where(picture.depth > 0, _FAR - picture.depth, 0)
     return picture.color, np.maximum(height, 0).astype(np.float32), np.maximum(picture.owner, 0)
 
@@ -85,7 +86,7 @@ def render_top_down_maps(
 class Observation(Mapping[str, Any]):
     """``color``: three (480, 640, 3) uint8 images; ``depth``: three (480, 640) float32 images, metres."""
 
-    def __init__(self, sight: rendering.VisibleScene) -> None:
+    def __init__(self, sight: VisibleScene) -> None:
         self._sight = sight
         self._images: dict[str, tuple[npt.NDArray[Any], ...]] | None = None
 

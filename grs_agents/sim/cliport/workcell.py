@@ -13,7 +13,8 @@ from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.cliport import cameras, end_effectors
 from grs_agents.sim.instance import SimulationError, UnsupportedError
 from grs_agents.sim.motion import placement, tool_paths
-from grs_agents.sim.world import Recording, Tabletop, VisibleScene, parse_pose
+from grs_agents.sim.rendering import VisibleScene
+from grs_agents.sim.world import Recording, Tabletop, parse_pose
 
 _SPEED: Final = 1.0
 """Radians a second of the fastest joint in ``movej``."""

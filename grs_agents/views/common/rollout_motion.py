@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from grs_agents.errors import InputError
 from grs_agents.foreign import read_bytes, read_npz
-from grs_agents.sim.instance import MAX_BYTES, InstanceError, TaskInstance, parse_instance_json
+from grs_agents.sim.instance import MAX_BYTES, InstanceError, TaskInstance, find_robot_in_folder, parse_instance_json
 
 Array = npt.NDArray[np.float32]
 _REMEDY = "restore the file or run again"
@@ -62,11 +62,12 @@ class Grasp:
 
 
 def read_task_instance(file: Path) -> TaskInstance:
-    """The task instance of a rollout."""
+    """The task instance of a rollout, in the folder ``instances`` of its run."""
     try:
-        return parse_instance_json(read_bytes(file, _REMEDY, MAX_BYTES))
+        instance = parse_instance_json(read_bytes(file, _REMEDY, MAX_BYTES))
     except InstanceError as error:
         raise InputError(f"{file}: {error.message}", _REMEDY) from error
+    return find_robot_in_folder(instance, file.parent.parent)
 
 
 def read_motion(file: Path) -> Motion:

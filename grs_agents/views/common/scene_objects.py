@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ValidationError
 
-from grs_agents.base import Pose
+from grs_agents.base import Pose, Vec3
 from grs_agents.library import (
     COLORS,
     FINER,
@@ -117,6 +117,7 @@ def render_from_photo_camera(
     library: Library,
     camera: dict[str, Any],
     background: str | None = None,
+    table: Vec3 | None = None,
     width: int = 480,
 ) -> npt.NDArray[np.uint8]:
     """Objects on the table (H, ``width``, 3) as the camera of the photo would see them, in their own colours.
@@ -128,6 +129,7 @@ def render_from_photo_camera(
         library: 3D assets.
         camera: ``fx``, ``fy``, ``cx``, ``cy``, ``width``, ``height`` in pixels and ``T_robot_cam``.
         background: library name of what stands around, or None.
+        table: colour of its top (sRGB, 0..1), or None for wood.
         width: of the picture; its shape is the photo's.
     """
     scale = float(camera["width"]) / (width * FINER)
@@ -142,7 +144,7 @@ def render_from_photo_camera(
     pose = np.asarray(camera["T_robot_cam"], dtype=np.float64)
     shapes = [shape for item in objects for shape in _visible_shapes(item, library)]
     shapes += library.load_object_model(background).visuals if background else ()
-    fine, deep = _render_table_and_sky(lens, pose)
+    fine, deep = _render_table_and_sky(lens, pose, table or _WOOD)
     if shapes:
         painted = build_textured_triangles(library, shapes)
         local = (painted.corners - pose[:3, 3]) @ pose[:3, :3]
@@ -170,7 +172,7 @@ def _visible_shapes(item: InstanceObject, library: Library) -> list[Shape]:
     return [shape if shape.color or shape.texture else shape.model_copy(update=bare) for shape in placed]
 
 
-def _render_table_and_sky(lens: Lens, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _render_table_and_sky(lens: Lens, pose: FloatArray, table: Vec3) -> tuple[FloatArray, FloatArray]:
     """Colour (H, W, 3) of table and sky, and depth (H, W) of the table, m; infinite where there is none."""
     rays = np.ones((lens.height, lens.width, 3))
     rays[..., 0] = (np.arange(lens.width) - lens.cx) / lens.fx
@@ -180,4 +182,4 @@ def _render_table_and_sky(lens: Lens, pose: FloatArray) -> tuple[FloatArray, Flo
         far = -pose[2, 3] / turned[..., 2]
         points = pose[:2, 3] + far[..., None] * turned[..., :2]
         hit = (far > 0) & (np.abs(points - _TABLE_MIDDLE) < _TABLE_HALF).all(axis=-1)
-    return np.where(hit[..., None], _WOOD, _SKY), np.where(hit, far, np.inf)
+    return np.where(hit[..., None], table, _SKY), np.where(hit, far, np.inf)

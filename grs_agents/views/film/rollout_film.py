@@ -34,7 +34,6 @@ class Shot:
     folder: Path  # the run
     event: Rollout
     library: Library = field(default_factory=Library)  # 3D assets, the run's own laid over
-    robot: str = "ur5e"  # name of the arm, or its file
     width: int = 640  # pixels
     height: int = 480
     target: Vec3 = (0.42, 0.0, 0.16)  # what the camera looks at, m
@@ -121,7 +120,6 @@ def _encode_render_job(shot: Shot, seconds: Sequence[float], rays: bool = False,
         "instance": str(resolve_member_file(shot.folder, shot.event.instance or "")),
         "recording": str(resolve_member_file(shot.folder, shot.event.recording or "")),
         "roots": [str(root) for root in shot.library.roots],
-        "robot": shot.robot,
     }
     look = {key: asdict(shot)[key] for key in ("width", "height", "target", "distance", "azimuth", "elevation")}
     return json.dumps({**files, **look, "seconds": list(seconds), "rays": rays, "window": window}).encode()

@@ -24,18 +24,17 @@ STILLS = 24
 Image = npt.NDArray[np.uint8]
 
 
-def _load_stage_and_motion(order: dict[str, Any], textures: bool) -> tuple[Any, Any, Any]:
+def _load_stage_and_motion(order: dict[str, Any]) -> tuple[Any, Any, Any]:
     """The stage, the motion and the joints of the arm in it."""
     from grs_agents.library import Library
-    from grs_agents.sim.arms import get_arm
+    from grs_agents.sim.rendering import Stage, scene_props_from_instance
     from grs_agents.views.common import read_motion, read_task_instance
-    from grs_agents.views.film.mujoco_scene import Stage, recover_joint_positions, scene_props_from_instance
+    from grs_agents.views.film.recorded_motion import recover_joint_positions
 
     instance = read_task_instance(Path(order["instance"]))
     library = Library(*(Path(root) for root in order["roots"]))
     samples = 4 if len(order["seconds"]) <= STILLS else 0
-    props = replace(scene_props_from_instance(instance, get_arm(order["robot"])), textures=textures, samples=samples)
-    stage = Stage(props, library)
+    stage = Stage(replace(scene_props_from_instance(instance), samples=samples), library)
     motion = read_motion(Path(order["recording"]))
     return stage, motion, recover_joint_positions(stage.model, motion)
 
@@ -50,15 +49,17 @@ def _make_camera(mujoco: Any, order: dict[str, Any]) -> Any:
 def write_rendered_frames(order: dict[str, Any], output: BinaryIO) -> None:
     """Write the ordered frames, with OpenGL or, if ``order["rays"]``, without."""
     if order["rays"]:
-        stage, motion, joints = _load_stage_and_motion(order, textures=False)
+        stage, motion, joints = _load_stage_and_motion(order)
         picture = _make_raycast_renderer(stage, order)
     else:
         # before anything else imports it: with the graphics library of MUJOCO_GL
         mujoco = importlib.import_module("mujoco")
-        stage, motion, joints = _load_stage_and_motion(order, textures=True)
+        stage, motion, joints = _load_stage_and_motion(order)
         picture = _make_opengl_renderer(mujoco, stage, order)
+    from grs_agents.views.film.recorded_motion import show_recorded_frame
+
     for seconds in order["seconds"]:
-        stage.set_frame(motion, motion.frame_index_at(seconds), joints)
+        show_recorded_frame(stage, motion, motion.frame_index_at(seconds), joints)
         output.write(np.ascontiguousarray(picture()).tobytes())
     output.flush()
 
@@ -75,23 +76,30 @@ def _make_opengl_renderer(mujoco: Any, stage: Any, order: dict[str, Any]) -> Cal
 
 
 def _make_raycast_renderer(stage: Any, order: dict[str, Any]) -> Callable[[], Image]:
-    from grs_agents.sim.world import View, camera_ray_directions
-    from grs_agents.views.film.mujoco_scene import raycast_image
+    from grs_agents.sim.rendering import RayPainter, View, lens_from_field_of_view, view_pose
 
     azimuth, elevation = np.deg2rad(order["azimuth"]), np.deg2rad(order["elevation"])
     ahead = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     eye = np.array(order["target"]) - order["distance"] * ahead
     x, y, z = (float(value) for value in eye)
     view = View((x, y, z), tuple(order["target"]), 45.0, order["height"], order["width"])
-    directions = camera_ray_directions(view).reshape(order["height"], order["width"], 3)
-    return lambda: raycast_image(stage.model, stage.data, eye, directions)
+    painter = RayPainter(stage, view.height, view.width)
+    lens, pose = lens_from_field_of_view(view.field_of_view, view.height, view.width), view_pose(view)
+
+    def paint() -> Image:
+        painter.look(lens, pose)
+        return painter.draw_color()
+
+    return paint
 
 
 def play_in_mujoco_window(order: dict[str, Any]) -> None:
     """Play the motion in MuJoCo's window, again and again, until it is closed."""
     mujoco = importlib.import_module("mujoco")
     viewer_module = importlib.import_module("mujoco.viewer")
-    stage, motion, joints = _load_stage_and_motion(order, textures=True)
+    from grs_agents.views.film.recorded_motion import show_recorded_frame
+
+    stage, motion, joints = _load_stage_and_motion(order)
     with viewer_module.launch_passive(stage.model, stage.data, show_left_ui=False, show_right_ui=False) as viewer:
         camera = _make_camera(mujoco, order)
         viewer.cam.lookat[:], viewer.cam.distance = camera.lookat, camera.distance
@@ -100,7 +108,7 @@ def play_in_mujoco_window(order: dict[str, Any]) -> None:
             if not viewer.is_running():
                 return
             with viewer.lock():
-                stage.set_frame(motion, motion.frame_index_at(min(seconds, motion.duration_seconds)), joints)
+                show_recorded_frame(stage, motion, motion.frame_index_at(min(seconds, motion.duration_seconds)), joints)
             viewer.sync()
             time.sleep(1 / 60)
 

@@ -15,7 +15,7 @@ from grs_agents.base import Pose
 from grs_agents.errors import InputError
 from grs_agents.foreign import find_member_file, read_picture, resolve_member_file
 from grs_agents.library import Library, Shape, matrix_from_quaternion, read_surface
-from grs_agents.sim.instance import InstanceObject, TaskInstance
+from grs_agents.sim.instance import InstanceObject, InstanceTable, TaskInstance
 from grs_agents.sim.world import load_object_model
 from grs_agents.trace import Rollout
 from grs_agents.views.common import (
@@ -116,7 +116,7 @@ def _load_texture(path: Path) -> Any:
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.float32]
 FRAMES_PER_SECOND = 25.0
-_TABLE = ((0.5, 0.0, -0.011), (0.62, 1.1, 0.02), (152, 128, 98))  # centre, size, colour
+_TABLE = ((0.5, 0.0, -0.011), (0.62, 1.1, 0.02))  # centre, size
 _WHITE, _MUTED, _ORANGE, _YELLOW, _GREEN = (
     (240, 240, 240),
     (150, 150, 150),
@@ -160,7 +160,7 @@ class RolloutView:
 
     def _show_objects(self, recording: Recording, instance: TaskInstance, moving: set[str]) -> None:
         """What stands on the table, and where, but for the bodies ``moving``, of which each pose is shown."""
-        self._show_static_world(recording)
+        self._show_static_world(recording, instance.table)
         library = library_with_run_assets(self._folder, self._library)
         present: set[str] = set()
         for item in instance.objects:
@@ -180,13 +180,13 @@ class RolloutView:
             recording.log(path, rr.Clear(recursive=True))
         self._shown = present
 
-    def _show_static_world(self, recording: Recording) -> None:
+    def _show_static_world(self, recording: Recording, looks: InstanceTable) -> None:
         """What all rollouts have in common, with the first of them."""
         if self._table_shown:
             return
         self._table_shown = True
         recording.log(Paths.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        center, size, color = _TABLE
+        (center, size), color = _TABLE, [round(255 * channel) for channel in looks.color]
         table = rr.Boxes3D(centers=[center], sizes=[size], colors=[color], fill_mode="solid")
         recording.log(f"{Paths.WORLD}/table", table)
         robot = rr.LineStrips3D.from_fields(radii=[0.028], colors=[_ORANGE])

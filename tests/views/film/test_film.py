@@ -12,17 +12,17 @@ from grs_agents.library import Library
 from grs_agents.mujoco_import import mujoco
 from grs_agents.sim import TaskInstance, rollout
 from grs_agents.sim.arms import get_arm
+from grs_agents.sim.rendering import Stage, scene_props_from_instance
 from grs_agents.trace import NodeStarted, Rollout
 from grs_agents.views.common import find_grasps, read_motion
 from grs_agents.views.film import (
     Shot,
-    Stage,
     find_recorded_rollout,
     play_in_mujoco_window,
     recover_joint_positions,
     render_frames,
     rollout_film,
-    scene_props_from_instance,
+    show_recorded_frame,
     write_film,
 )
 from tests.views.conftest import write_rollout
@@ -65,7 +65,7 @@ def test_the_joints_bring_every_link_where_it_was_recorded(tmp_path: Path, libra
     motion = read_motion(tmp_path / "arm.npz")
     found = recover_joint_positions(stage.model, motion)
     assert np.abs(np.sin((found - wanted) / 2)).max() < 1e-3
-    stage.set_frame(motion, 3, found)
+    show_recorded_frame(stage, motion, 3, found)
     assert np.allclose(stage.data.xpos[stage.model.body("cup").id], places[3][-1], atol=1e-4)
 
 

@@ -1,0 +1,197 @@
+"""The cameras of a running environment: the photo's, one in front of the robot, one at its wrist."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final, Literal, Protocol, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.errors import InputError, UnknownNameError
+from grs_agents.geometry import FloatArray, pose_matrix, transforms
+from grs_agents.library import Lens, Library
+from grs_agents.sim.instance import InstanceCamera, TaskInstance
+from grs_agents.sim.rendering import opengl
+from grs_agents.sim.rendering.lenses import lens_from_field_of_view, view_pose
+from grs_agents.sim.rendering.ray_painter import RayPainter
+from grs_agents.sim.rendering.stage import LARGEST_PICTURE, Stage, scene_props_from_instance
+from grs_agents.sim.rendering.views import FRONT, Picture
+from grs_agents.sim.world import Physics
+
+Backend = Literal["auto", "egl", "osmesa", "rays"]
+BACKENDS: Final[tuple[Backend, ...]] = get_args(Backend)
+CAMERAS: Final = ("photo", "front", "wrist")
+_QUICK: Final = {"samples": 0, "shadows": False, "flash": 0.2, "glossy": False}
+_WRIST_AT: Final = (0.09, 0.0, -0.14)
+_WRIST_TILT: Final = 0.3
+_WRIST_FIELD_OF_VIEW: Final = 65.0
+"""Of the wrist's camera: its place in the frame of the tip (m; z points out of the cup), how far it is turned towards
+the cup (rad), and its vertical field of view (deg)."""
+
+
+class SceneCameras:
+    """Draws a running environment from its cameras.
+
+    Args:
+        instance: the task instance that the environment runs.
+        library: where its assets are.
+        size: rows and columns of the pictures.
+        names: of the cameras that are wanted, of ``CAMERAS``; "photo" only if the instance has a camera.
+        backend: what to draw with. "auto" takes OpenGL where it works (EGL, then OSMesa), rays elsewhere.
+
+    Raises ``UnknownNameError`` for a camera that there is not, ``InputError`` for a size or an asset that cannot be
+    drawn, ``OpenGLError`` where the named ``backend`` does not work here.
+    """
+
+    def __init__(
+        self,
+        instance: TaskInstance,
+        library: Library,
+        size: tuple[int, int],
+        names: Sequence[str] = CAMERAS,
+        backend: Backend = "auto",
+    ) -> None:
+        _check_request(instance, size, names, backend)
+        self._size = size
+        self._library = opengl.choose_library() if backend == "auto" else None if backend == "rays" else backend
+        self._automatic = backend == "auto"
+        if backend in opengl.LIBRARIES and not opengl.is_working(backend):
+            raise opengl.OpenGLError(f"{backend} does not draw here", "see `grs doctor`, or draw by rays")
+        self._stage = Stage(replace(scene_props_from_instance(instance), **_QUICK), library)
+        self._painter: Painter | None = None
+        height, width = size
+        lenses = {
+            "front": lens_from_field_of_view(FRONT.field_of_view, height, width),
+            "wrist": lens_from_field_of_view(_WRIST_FIELD_OF_VIEW, height, width),
+        }
+        self._photo = instance.camera
+        if instance.camera is not None:
+            lenses["photo"] = _lens_of_photo(instance.camera, height, width)
+        self._lenses = {name: lenses[name] for name in names}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The cameras, as they were asked for."""
+        return tuple(self._lenses)
+
+    @property
+    def backend(self) -> str:
+        """What pictures are drawn with: "egl", "osmesa" or "rays"."""
+        return self._library or "rays"
+
+    def intrinsics(self, name: str) -> FloatArray:
+        """(3, 3) camera matrix in pixels, the centre of the first pixel at (0, 0)."""
+        lens = self._lens(name)
+        return np.array([[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1.0]])
+
+    def pose(self, name: str, physics: Physics) -> FloatArray:
+        """T_robot_cam (4, 4), OpenCV axes, m."""
+        self._lens(name)
+        self._stage.copy_state(physics)
+        return self._pose(name)
+
+    def render(self, physics: Physics, name: str) -> Picture:
+        """What a camera sees: colour, depth and which object."""
+        painter = self._look(physics, name)
+        return Picture(painter.draw_color(), *painter.draw_depth_and_owner())
+
+    def render_color(self, physics: Physics, name: str) -> npt.NDArray[np.uint8]:
+        """(H, W, 3) what a camera sees, in colour alone, which is quicker."""
+        return self._look(physics, name).draw_color()
+
+    def close(self) -> None:
+        """Give back what the graphics library holds; a later picture takes it again."""
+        if self._painter is not None:
+            self._painter.close()
+            self._painter = None
+
+    def _look(self, physics: Physics, name: str) -> "Painter":
+        lens = self._lens(name)
+        self._stage.copy_state(physics)
+        painter = self._painter
+        if painter is None or not painter.is_usable:
+            painter = self._make_painter()
+        painter.look(lens, self._pose(name), arm=not (name == "photo" and self._photo and self._photo.robot_placed))
+        return painter
+
+    def _make_painter(self) -> "Painter":
+        if self._library is not None:
+            try:
+                self._painter = opengl.OpenGLPainter(self._stage, *self._size, self._library)
+                return self._painter
+            except opengl.OpenGLError:
+                if not self._automatic:
+                    raise
+                self._library = None
+        self._painter = RayPainter(self._stage, *self._size)
+        return self._painter
+
+    def _lens(self, name: str) -> Lens:
+        if name not in self._lenses:
+            raise UnknownNameError("camera", name, self.names)
+        return self._lenses[name]
+
+    def _pose(self, name: str) -> FloatArray:
+        if name == "photo" and self._photo is not None:
+            position, rotation = self._photo.pose
+            return pose_matrix(transforms.quaternion_to_matrix(rotation), np.array(position))
+        return view_pose(FRONT) if name == "front" else self._stage.tip_pose @ _WRIST
+
+
+class Painter(Protocol):
+    """Draws a stage, by one means or another."""
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether it can draw in this process."""
+        ...
+
+    def look(self, lens: Lens, pose: FloatArray, arm: bool = True) -> None:
+        """Take up how the stage is now, seen through ``lens`` from ``pose`` (T_robot_cam, OpenCV axes)."""
+        ...
+
+    def draw_color(self) -> npt.NDArray[np.uint8]:
+        """(H, W, 3) as seen from where ``look`` was told."""
+        ...
+
+    def draw_depth_and_owner(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]:
+        """(H, W) each: metres along the optical axis, 0 for nothing; object id or -1."""
+        ...
+
+    def close(self) -> None:
+        """Give back what it holds."""
+        ...
+
+
+def _check_request(instance: TaskInstance, size: tuple[int, int], names: Sequence[str], backend: str) -> None:
+    if backend not in BACKENDS:
+        raise UnknownNameError("backend", backend, BACKENDS)
+    there = tuple(name for name in CAMERAS if name != "photo" or instance.camera is not None)
+    for name in names:
+        if name not in there:
+            raise UnknownNameError("camera", name, there)
+    if not all(1 <= side <= LARGEST_PICTURE for side in size):
+        raise InputError(f"pictures of {size[0]} x {size[1]} px", f"ask for 1 to {LARGEST_PICTURE} rows and columns")
+
+
+def _lens_of_photo(camera: InstanceCamera, height: int, width: int) -> Lens:
+    """The whole photo in a picture of another size; the centre of the first pixel is at (0, 0) in both."""
+    across, down = width / camera.width, height / camera.height
+    return Lens(
+        camera.fx * across,
+        camera.fy * down,
+        (camera.cx + 0.5) * across - 0.5,
+        (camera.cy + 0.5) * down - 0.5,
+        width,
+        height,
+    )
+
+
+def _wrist_pose() -> FloatArray:
+    """T_tip_cam (4, 4): the cup is at the lower edge of the picture."""
+    sine, cosine = np.sin(_WRIST_TILT), np.cos(_WRIST_TILT)
+    down, forward = np.array([-cosine, 0.0, -sine]), np.array([-sine, 0.0, cosine])
+    return pose_matrix(np.stack([np.cross(down, forward), down, forward], axis=1), np.array(_WRIST_AT))
+
+
+_WRIST: Final = _wrist_pose()
