@@ -134,7 +134,6 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
         one = asked[item]
         instance = sim.TaskInstance.model_validate(one.instance)
         mutant = None if one.mutant is None else sim.TaskInstance.model_validate(one.mutant)
-        memory.begin_run(mutant is not None)
         sim.set_environment_defaults(library, instance.seed, *around)
         probe = sim.Environment.witness = sim.Probe(instance, mutant, one.coin, one.early, memory)
 

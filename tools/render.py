@@ -14,7 +14,7 @@ from grs_agents.sandbox import CallResult
 from grs_agents.toolkit import ToolContext, open_library, readable_folders
 
 if TYPE_CHECKING:
-    from grs_agents.sim.world import rendering
+    from grs_agents.sim.rendering import Picture
 
 Box = tuple[int, int, int, int]
 MARK = (255, 0, 255)
@@ -30,7 +30,6 @@ class Request(Frozen):
         instance: a ``TaskInstance`` as JSON.
         output: the PNG file to write.
         library_roots: asset folders, later ones win; none means the library shipped with GRS.
-        robot: ``ur5e``, ``panda`` or the path of an MJCF file.
         moment: after settling, or when the oracle has finished.
         poses: of objects by id, where they are to be drawn instead; nothing is simulated then.
         marked: ids of objects to outline.
@@ -41,7 +40,6 @@ class Request(Frozen):
     instance: dict[str, Any]
     output: str
     library_roots: tuple[str, ...] = ()
-    robot: str = "ur5e"
     moment: Literal["start", "end"] = "start"
     poses: dict[int, Pose] | None = None
     marked: tuple[int, ...] = ()
@@ -66,7 +64,7 @@ class Result(Frozen):
 
 def run(request: Request, context: ToolContext) -> Result:
     """Draw in the sandbox."""
-    reads = readable_folders(request.library_roots, request.robot)
+    reads = readable_folders(request.library_roots, str(request.instance.get("robot", "")))
     limits = context.limits.model_dump(mode="json")
     frame = {"request": request.model_dump(mode="json"), "limits": limits}
     call: CallResult = context.sandbox.call("render", frame, context.limits, reads)
@@ -90,17 +88,19 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
 
 def _draw(asked: Request, limits: Limits) -> tuple[bytes, dict[int, Box]]:
     from grs_agents import sim
-    from grs_agents.sim.world import rendering
+    from grs_agents.sim import rendering
 
     instance = sim.TaskInstance.model_validate(asked.instance)
     library = open_library(asked.library_roots)
-    sim.set_environment_defaults(library, instance.seed, asked.robot, limits)
+    sim.set_environment_defaults(library, instance.seed, instance.robot, limits)
+    task = sim.InstanceTask(instance)
+    env = sim.Environment(task=task, library=library, seed=instance.seed, robot=instance.robot)
     if asked.poses is not None:
         poses = [asked.poses.get(item.id, item.pose) for item in instance.objects]
-        visible = rendering.VisibleScene(instance.objects, library, poses=poses, background=instance.background)
+        visible = rendering.VisibleScene(
+            instance.objects, library, arm=env.arm, poses=poses, background=instance.background
+        )
     else:
-        task = sim.InstanceTask(instance)
-        env = sim.Environment(task=task, library=library, seed=instance.seed)
         env.reset()
         if asked.moment == "end":
             sim.run_oracle(env, task)
@@ -111,7 +111,7 @@ def _draw(asked: Request, limits: Limits) -> tuple[bytes, dict[int, Box]]:
     return rendering.encode_png(picture.color), boxes
 
 
-def _outline_object(picture: "rendering.Picture", number: int) -> Box | None:
+def _outline_object(picture: "Picture", number: int) -> Box | None:
     """Paint the pixels around an object; gives its box in pixels, None where it is not seen."""
     import numpy as np
 

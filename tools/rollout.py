@@ -20,14 +20,12 @@ class Request(Frozen):
     Attributes:
         instance: a ``TaskInstance`` as JSON.
         library_roots: asset folders, later ones win; none means the library shipped with GRS.
-        robot: ``ur5e``, ``panda`` or the path of an MJCF file.
         recording: an .npz file to write the motion to, or None.
         trials: how often to solve it again with noise of the hand.
     """
 
     instance: dict[str, Any]
     library_roots: tuple[str, ...] = ()
-    robot: str = "ur5e"
     recording: str | None = None
     trials: Annotated[int, Field(ge=0, le=20)] = 0
 
@@ -48,7 +46,7 @@ class Result(Frozen):
 
 def run(request: Request, context: ToolContext) -> Result:
     """Run the oracle in the sandbox."""
-    reads = readable_folders(request.library_roots, request.robot)
+    reads = readable_folders(request.library_roots, str(request.instance.get("robot", "")))
     limits = context.limits.model_dump(mode="json")
     frame = {"request": request.model_dump(mode="json"), "limits": limits}
     call: CallResult = context.sandbox.call("rollout", frame, context.limits, reads)
@@ -69,7 +67,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     try:
         instance = sim.TaskInstance.model_validate(asked.instance)
         library = open_library(asked.library_roots)
-        sim.set_environment_defaults(library, instance.seed, asked.robot, limits)
+        sim.set_environment_defaults(library, instance.seed, instance.robot, limits)
         done = sim.rollout(instance, library, recording if asked.recording else None, asked.trials)
     except (GrsError, ValueError) as error:
         return {**Result(rollout=None, outcome="error", error=str(error)).model_dump(mode="json"), "motion": None}

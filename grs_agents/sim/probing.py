@@ -24,12 +24,15 @@ _TRUSTED: Final = tuple(
 )
 """The classes that tests must leave as they are."""
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
-_MOST_STATES: Final = 16
-"""How many states are kept; each takes up to 16 MB, and more than so many actions are rare in an episode."""
+_MOST_STATES: Final = 32
+"""How many states are kept, those used last; each takes up to 16 MB, and half as many actions are rare in an episode.
+"""
 Action = dict[str, Pose]
 PickAndPlace = Callable[[Pose, Pose], PickPlaceResult]
 _COMPARED: Final = ("max_steps", "timestep", "primitive", "sixdof", "pos_eps", "rot_eps", "ties", "goals")
 """What of two instances must be equal, besides their objects: all that decides how an episode goes."""
+_NAMED_LATER: Final = {"mass": None, "friction": None}
+"""What trusted code adds to the objects that a program drew; it is what they have without."""
 _FULL: Final = 0.985
 """Strict score of an episode at full reward, as goals count as met."""
 
@@ -37,15 +40,13 @@ _FULL: Final = 0.985
 class EpisodeMemory:
     """What the oracle decided and what actions did, by the exact state they began in: both are deterministic.
 
-    So several tests that run the same episode cost one. An oracle that takes over where one in memory left the path
-    begins afresh.
+    So several tests that run the same episode cost one, and mutants share the actions before the one that tells them
+    apart. An oracle that takes over where one in memory left the path begins afresh.
     """
 
     def __init__(self) -> None:
         self._decisions: dict[Any, tuple[Action | None, Stop | None]] = {}
-        self._actions: dict[Any, tuple[PickPlaceResult, Any, int]] = {}
-        self._kept = 0  # how many of them, the first, are the audited instance's
-        self._of_mutant = False
+        self._actions: dict[Any, tuple[PickPlaceResult, Any, int]] = {}  # what was used last comes last
 
     def recall_or_act(self, env: Environment, pick: Pose, place: Pose, act: PickAndPlace) -> PickPlaceResult:
         """What ``act(pick, place)`` does to the scene and returns."""
@@ -54,15 +55,16 @@ class EpisodeMemory:
             return act(pick, place)
         key = (_make_scene_key(env), pick, place)
         if key in self._actions:
-            result, state, steps = self._actions[key]
+            result, state, steps = self._actions[key] = self._actions.pop(key)
             physics.budget.spend_steps(steps)
             physics.restore_state(state)
             return result
         before = physics.budget.left
         result = act(pick, place)
-        if physics.cup.held is None and len(self._actions) - self._kept * self._of_mutant < _MOST_STATES:
+        if physics.cup.held is None:
+            if len(self._actions) >= _MOST_STATES:
+                del self._actions[next(iter(self._actions))]
             self._actions[key] = (result, physics.save_state(), before - physics.budget.left)
-            self._kept += not self._of_mutant
         return result
 
     def recall_or_decide(self, trail: Any, env: Environment, decide: Callable[[], Action | None]) -> Action | None:
@@ -72,12 +74,6 @@ class EpisodeMemory:
         decision, env.recorder.stop = self._decisions[trail]
         set_last_recorder(env.recorder)
         return decision
-
-    def begin_run(self, of_mutant: bool) -> None:
-        """Forget the actions of the mutant before; those of the audited instance are kept."""
-        for key in list(self._actions)[self._kept :]:
-            del self._actions[key]
-        self._of_mutant = of_mutant
 
 
 class RememberingOracle(Oracle):
@@ -197,7 +193,8 @@ class Probe:
             drawn = describe_instance(env, cast(Task, env.task), self.instance.seed)
         except (AttributeError, TypeError, ValueError):
             return "it is no task instance"
-        mine, theirs = ({item.id: item for item in one.task_objects} for one in (drawn, self.instance))
+        mine = {item.id: item for item in drawn.task_objects}
+        theirs = {item.id: item.model_copy(update=_NAMED_LATER) for item in self.instance.task_objects}
         fields = [name for name in _COMPARED if getattr(drawn, name) != getattr(self.instance, name)]
         return ", ".join(["objects"] * (mine != theirs) + fields)
 

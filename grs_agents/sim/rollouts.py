@@ -120,7 +120,7 @@ def rollout(
     again with the least noise of the hand.
     """
     task = InstanceTask(instance)
-    env = Environment(task=task, library=library, seed=instance.seed)
+    env = Environment(task=task, library=library, seed=instance.seed, robot=instance.robot)
     env.timestep = instance.timestep
     initial: dict[int, Pose] = {}
     begin = 0.0
@@ -237,7 +237,7 @@ def _measure_idling(env: Environment, task: Task, seconds: float) -> dict[str, A
                 break
     except GrsError:
         return idle  # the reward stays 1
-    scores = _score_goals_by_last_word(task)
+    scores = score_goals_by_last_word(task)
     idle["idle_scores"] = tuple(scores)
     if env.physics.max_free_body_speed() <= _UNREST:
         # The published reward stops at the first goal that is open, though later ones may hold already.
@@ -246,7 +246,7 @@ def _measure_idling(env: Environment, task: Task, seconds: float) -> dict[str, A
     return idle
 
 
-def _score_goals_by_last_word(task: Task) -> list[float]:
+def score_goals_by_last_word(task: Task) -> list[float]:
     """How far each goal holds now, 0..1; an object that a later goal speaks of too counts as it stands to that one."""
     last: dict[int, float] = {}
     means: list[float] = []

@@ -29,10 +29,10 @@ def test_an_instance_is_solved_and_recorded(context: ToolContext, instance: dict
         assert len(motion["names"]) == bodies
 
 
-def test_the_robot_that_is_asked_for_solves_it(context: ToolContext, instance: dict[str, Any], tmp_path: Path) -> None:
+def test_the_robot_of_the_instance_solves_it(context: ToolContext, instance: dict[str, Any], tmp_path: Path) -> None:
     tool = load_tool("rollout")
     file = tmp_path / "motion.npz"
-    result = tool.run(tool.Request(instance=instance, recording=str(file), robot="panda"), context)
+    result = tool.run(tool.Request(instance={**instance, "robot": "panda"}, recording=str(file)), context)
     assert Rollout.model_validate(result.rollout).episode.outcome == "success"
     with np.load(file) as motion:
         assert {"link_7", "cup"} <= set(motion["names"].tolist())
@@ -40,7 +40,7 @@ def test_the_robot_that_is_asked_for_solves_it(context: ToolContext, instance: d
 
 def test_a_robot_that_is_not_there_is_a_value(context: ToolContext, instance: dict[str, Any]) -> None:
     tool = load_tool("rollout")
-    result = tool.run(tool.Request(instance=instance, robot="pandas"), context)
+    result = tool.run(tool.Request(instance={**instance, "robot": "pandas"}), context)
     assert (result.rollout, result.outcome) == (None, "error")
     assert "panda" in result.error
 
