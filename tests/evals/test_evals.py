@@ -20,28 +20,30 @@ def test_every_experiment_explains_itself(name: str, capsys: pytest.CaptureFixtu
     assert name in capsys.readouterr().out
 
 
-def test_seeds_of_a_scene(small_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_seeds_of_a_scene_are_not_mixed_with_others(
+    small_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main = content.load_module("evals", "seeds").main
     arguments = [str(small_scene), "--seeds", "2", "--out", str(tmp_path / "out"), "--json"]
-    status = content.load_module("evals", "seeds").main(arguments)
+    status = main(arguments)
     figures = json.loads(capsys.readouterr().out)
     assert (status, figures["summary"]["verdicts"]) == (0, 2)
     assert json.loads((tmp_path / "out" / "figures.json").read_text()) == figures
     assert "seed 1" in (tmp_path / "out" / "figures.md").read_text()
-
-
-def test_runs_of_two_experiments_are_not_mixed(tmp_path: Path) -> None:
-    main = content.load_module("evals", "real").main
-    scene = tmp_path / "scenes" / "bad"
-    scene.mkdir(parents=True)
-    (scene / "camera.json").write_text("{}")
-    arguments = [str(tmp_path / "scenes"), "--out", str(tmp_path / "out")]
-    assert main(arguments) == 1
-    assert main(arguments) == 1  # the same experiment goes on
+    assert main(arguments) == 0  # the same experiment goes on: no run is made again
+    assert json.loads(capsys.readouterr().out) == figures
     with pytest.raises(InputError, match="other config"):
         main([*arguments, "--set", "policy=rules"])
     (tmp_path / "out" / "experiment.json").write_text("[")
     with pytest.raises(InputError, match=r"experiment\.json"):
         main(arguments)
+
+
+def test_an_experiment_whose_runs_fail_is_none(tmp_path: Path) -> None:
+    scene = tmp_path / "scenes" / "bad"
+    scene.mkdir(parents=True)
+    (scene / "camera.json").write_text("{}")
+    assert content.load_module("evals", "real").main([str(tmp_path / "scenes"), "--out", str(tmp_path / "out")]) == 1
 
 
 def test_no_seeds_are_refused(tmp_path: Path) -> None:

@@ -103,6 +103,10 @@ class Arm:
         """Names of its bodies, the cup last."""
         return self._arm_model.links
 
+    def tip_pose(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Position (3,) of the tip, m, and its rotation (3, 3) from the tool straight down at joints (dof,)."""
+        return self._arm_model.tip_pose(joints)
+
     def solve_ik_tool_down(self, tips: FloatArray, yaws: FloatArray, seed: FloatArray | None = None) -> FloatArray:
         """Joint positions (N, dof) along a path of the tip (N, 3; m), tool down: continuous, NaN where the arm cannot.
         The ``yaws`` (N,) are not wrapped, so that a path may turn on and on. It begins at ``seed``, None for home."""
@@ -135,6 +139,10 @@ class Arm:
         """Whether joint positions (N, dof) are all finite and within the limits."""
         within = (path >= self.lower_joint_limits - 1e-6) & (path <= self.upper_joint_limits + 1e-6)
         return bool(np.isfinite(path).all() and within.all())
+
+    def collision_at(self, joints: FloatArray) -> Collision | None:
+        """What of the arm meets the table or itself at joint positions (dof,)."""
+        return self._arm_model.first_collision_along(joints[None])
 
     def first_collision_along(self, path: FloatArray) -> Collision | None:
         """Where the arm first meets the table or itself along joint positions (N, dof), seen every ``_NEAR`` rad."""

@@ -13,6 +13,8 @@ _SPACING: Final = 0.04
 
 def choose_waypoint_indices(tips: FloatArray, rotations: FloatArray) -> npt.NDArray[np.intp]:
     """The rows of a path of poses (N, 3), (N, 3, 3) that are to be solved; the first and the last among them."""
+    if len(tips) == 1:
+        return np.zeros(1, dtype=np.intp)
     steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
     cosine = np.einsum("nij,nij->n", rotations[1:], rotations[:-1]) / 2 - 0.5
     travel = np.concatenate([[0.0], np.cumsum(steps + 0.25 * np.arccos(np.clip(cosine, -1.0, 1.0)))])

@@ -2,6 +2,8 @@ from . import placement as placement
 from . import tool_paths as tool_paths
 from .grasp import Grasp as Grasp
 from .grasp import find_grasp as find_grasp
+from .joint_controller import CONTROL_RATE as CONTROL_RATE
+from .joint_controller import JointController as JointController
 from .pick_place import PickPlace as PickPlace
 from .pick_place import PickPlaceResult as PickPlaceResult
 from .placement import TALLEST_STACK as TALLEST_STACK

@@ -47,6 +47,19 @@ def cup_sealed_fraction(physics: Physics, number: int) -> float:
     return sum(other == number and abs(far - depth) <= _GIVE for far, other in rays) / len(rays)
 
 
+def find_touched_object(physics: Physics) -> tuple[int, float] | None:
+    """Of the objects that the cup touches and could hold, the one on which most of its lip lies, and that share."""
+    touched = sorted(physics.objects_touching_cup() & physics.world.welds.keys())
+    shares = [cup_sealed_fraction(physics, number) for number in touched]
+    return max(zip(touched, shares, strict=True), key=lambda one: one[1]) if touched else None
+
+
+def find_object_in_seal(physics: Physics) -> int | None:
+    """Id of the object that the cup, where it is now, would hold if it sucked."""
+    found = find_touched_object(physics)
+    return found[0] if found and (found[1] >= SEALED or found[0] in physics.world.beads) else None
+
+
 @dataclass(frozen=True)
 class Grasp:
     """What looking down on an object finds."""

@@ -115,11 +115,10 @@ class PickPlace:
 
         if not self._descend_until(near, lowest, touches):
             return self._out_of_reach(lowest.point)
-        touched = sorted(physics.objects_touching_cup() & physics.world.welds.keys())
-        if not touched:
+        touched = grasp.find_touched_object(physics)
+        if touched is None:
             return self._explain_no_contact(point, aimed, met)
-        best = max(touched, key=lambda number: grasp.cup_sealed_fraction(physics, number))
-        share = grasp.cup_sealed_fraction(physics, best)
+        best, share = touched
         if share < grasp.SEALED and best not in physics.world.beads:
             self._retreat_upwards()
             if aimed not in (best, -1):

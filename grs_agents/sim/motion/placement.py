@@ -3,7 +3,7 @@ The ways of choosing a target share what the arm can serve, and how targets are 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -14,11 +14,11 @@ from grs_agents.sim.arms import Arm
 from grs_agents.sim.instance import Stop
 from grs_agents.sim.world import (
     Prism,
+    least_outline_gaps,
     margins_inside_outline,
     rectangle_outline,
     rest_heights_at_offsets,
     rotation_matrix_2d,
-    signed_outline_gaps,
 )
 
 _BATCH: Final = 256
@@ -36,8 +36,43 @@ def sample_free_pose(
     arm: Arm,
     gap: float = 0.01,
 ) -> Pose | None:
-    """A free pose on the table, in reach, for a box of ``size`` (m; signs ignored) with ``gap`` around it, or None."""
-    x, y, z = (max(abs(float(extent)), 0.001) for extent in size)
+    """A free pose on the table, in reach, for a box of ``size`` (m; signs ignored) with ``gap`` around it, or None.
+
+    Remembered, with the state it leaves ``rng`` in: each reset of an environment draws most places as the one before.
+    """
+    sides, before = tuple(max(abs(float(extent)), 0.001) for extent in size), rng.bit_generator.state
+    key = (sides, bounds.tobytes(), repr(before), tuple(map(id, obstacles)), id(arm), gap)
+    if key not in _drawn:
+        if len(_drawn) >= _REMEMBERED:
+            _drawn.clear()
+        pose = _sample_free_pose(sides, bounds, obstacles, rng, arm, gap)
+        _drawn[key] = _Drawn(pose, rng.bit_generator.state, (*obstacles, arm))
+    rng.bit_generator.state = _drawn[key].state
+    return _drawn[key].pose
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """A pose that was drawn, if there was one."""
+
+    pose: Pose | None
+    state: Any  # of the generator afterwards
+    kept: tuple[Any, ...]  # what the key tells by identity
+
+
+_REMEMBERED: Final = 256
+_drawn: dict[Any, _Drawn] = {}
+
+
+def _sample_free_pose(
+    size: Sequence[float],
+    bounds: FloatArray,
+    obstacles: Sequence[Prism],
+    rng: np.random.Generator,
+    arm: Arm,
+    gap: float,
+) -> Pose | None:
+    x, y, z = size
     for _ in range(_BATCHES):
         yaw = float(rng.uniform(-np.pi, np.pi))
         outline = rectangle_outline((0.0, 0.0), (x, y), yaw)
@@ -62,13 +97,9 @@ def _find_free_rows(
     (x0, x1), (y0, y1) = bounds[:2]
     around = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
     rows = np.flatnonzero(margins_inside_outline(outline, around, offsets) >= 0)
-    for other in others:
-        if not len(rows):
-            return rows
-        rows = rows[signed_outline_gaps(outline, other.outline, offsets[rows]) >= gap]
     for height in (top, top + 0.15):
         rows = rows[arm.reachable_mask(np.column_stack([offsets[rows], np.full(len(rows), height)]))]
-    return rows
+    return rows[least_outline_gaps(outline, others, offsets[rows]) >= gap]
 
 
 @dataclass(frozen=True)
