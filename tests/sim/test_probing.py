@@ -4,6 +4,7 @@ import numpy as np
 
 from grs_agents.library import Library
 from grs_agents.sim import Environment, EpisodeMemory, Probe, Task, TaskInstance, instantiate, run_oracle
+from grs_agents.sim.world import state_mass_and_friction
 
 FLAT = (0.0, 0.0, 0.0, 1.0)
 
@@ -35,7 +36,8 @@ def play(instance: TaskInstance, probe: Probe | None = None) -> Environment:
 
 
 def test_an_episode_from_memory_is_the_same() -> None:
-    instance = instantiate(TwoBlocks(), 3, Library())
+    library = Library()
+    instance = state_mass_and_friction(instantiate(TwoBlocks(), 3, library), library)  # as it is audited
     plain, memory = play(instance), EpisodeMemory()
     for _ in range(2):
         probe = Probe(instance, None, 1, False, memory)

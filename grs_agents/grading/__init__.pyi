@@ -1,0 +1,14 @@
+from .grade import Figures as Figures
+from .grade import Grade as Grade
+from .grade import GradePart as GradePart
+from .grade import grade_task as grade_task
+from .grade import halving_noise as halving_noise
+from .primitive_policy import Demonstration as Demonstration
+from .primitive_policy import PrimitivePolicy as PrimitivePolicy
+from .primitive_task import Decision as Decision
+from .primitive_task import PrimitiveTask as PrimitiveTask
+from .primitive_task import decide as decide
+from .primitive_task import demonstrate as demonstrate
+from .primitive_task import evaluate_policy as evaluate_policy
+from .primitive_task import random_decision as random_decision
+from .trials import GradeOrder as GradeOrder
