@@ -1,0 +1,2 @@
+from .mjcf_folder import MjcfFolder as MjcfFolder
+from .mjcf_folder import export_mjcf as export_mjcf
