@@ -1,0 +1,94 @@
+"""``grs demos``."""
+
+import re
+from pathlib import Path
+
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.text import Text
+
+from grs_agents import terminal
+from grs_agents.demos import (
+    FORMATS,
+    DatasetSummary,
+    DemoOrder,
+    Format,
+    WorkFolder,
+    check_format,
+    make_demonstrations,
+    write_dataset,
+)
+from grs_agents.errors import InputError, UnknownNameError
+from grs_agents.sim.rendering import CAMERAS, LARGEST_PICTURE
+from grs_agents.task_folder import open_task_folder
+from grs_agents.terminal import print_json
+
+_ABANDONED = 1
+"""Exit status where fewer episodes came about than were asked for."""
+
+
+def parse_format(name: str) -> Format:
+    """The format of a name."""
+    for known in FORMATS:
+        if known == name:
+            return known
+    raise UnknownNameError("format", name, FORMATS)
+
+
+def parse_cameras(text: str) -> tuple[str, ...]:
+    """The cameras that ``photo,front`` names."""
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    for name in names:
+        if name not in CAMERAS:
+            raise UnknownNameError("camera", name, CAMERAS)
+    return names
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """The rows and columns that ``96x128`` names."""
+    match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
+    size = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not all(0 < side <= LARGEST_PICTURE for side in size):
+        raise InputError(
+            f"--size {text!r} is no size of a picture", f"give ROWSxCOLUMNS, as 96x128; at most {LARGEST_PICTURE} each"
+        )
+    return size
+
+
+def write_demonstrations(run: Path, order: DemoOrder, kind: str, out: Path | None, as_json: bool) -> int:
+    """Make the demonstrations of a task, with progress, and write them; 0 if there are as many as asked for, else 1."""
+    chosen = parse_format(kind)
+    check_format(chosen, order)
+    folder = open_task_folder(run)
+    out = out or run.resolve().with_name(f"{run.resolve().name}-demos")
+    if out.exists():
+        raise InputError(f"{out} is there already", "name another folder with --out, or remove it")
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=terminal.make_console(error=True)) as progress:
+        row = progress.add_task("demonstrations", total=order.episodes)
+
+        def show(made: WorkFolder) -> None:
+            failed = len(made.attempts) - made.count
+            dropped = f", {failed} dropped" if failed else ""
+            progress.update(row, completed=made.count, description=f"demonstrations{dropped}")
+
+        made = make_demonstrations(folder, order, out.with_name(f"{out.name}-unfinished"), show)
+        progress.update(row, description=f"writing {kind}")
+        summary = write_dataset(made, chosen, out, folder)
+    _print_summary(summary, order.episodes, as_json)
+    return 0 if summary.episodes == order.episodes else _ABANDONED
+
+
+def _print_summary(summary: DatasetSummary, wanted: int, as_json: bool) -> None:
+    if as_json:
+        print_json(summary.model_dump(mode="json"))
+        return
+    console = terminal.make_console()
+    count = str(summary.episodes) if summary.episodes == wanted else f"only {summary.episodes} of {wanted}"
+    told = f"{summary.out}: {count} episodes, {summary.steps} steps, format {summary.format}"
+    console.print(Text(told, style="bold"))
+    if summary.dropped:
+        stages = ", ".join(f"{count} by the {stage}" for stage, count in summary.dropped.items())
+        console.print(Text(f"  attempts without a demonstration: {stages}"))
+    for reason in summary.reasons:
+        console.print(Text(f"    {reason}"))
+    console.print(Text(f"  open it with {summary.opens_with}"))

@@ -1,0 +1,12 @@
+from .dataset import check_format as check_format
+from .dataset import write_dataset as write_dataset
+from .production import DemoOrder as DemoOrder
+from .production import make_demonstrations as make_demonstrations
+from .types import FORMATS as FORMATS
+from .types import CameraModel as CameraModel
+from .types import DatasetCard as DatasetCard
+from .types import DatasetSummary as DatasetSummary
+from .types import Demonstration as Demonstration
+from .types import Dropped as Dropped
+from .types import Format as Format
+from .work_folder import WorkFolder as WorkFolder

@@ -1,0 +1,108 @@
+"""Where the episodes of an unfinished data set are kept: one file for each attempt, so that little is lost."""
+
+import io
+import json
+import zipfile
+from collections.abc import Iterator
+from dataclasses import fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.lib import format as npy
+
+from grs_agents.demos.types import CameraModel, Demonstration, Dropped
+from grs_agents.errors import InputError
+from grs_agents.files import write_bytes, write_json
+
+_ORDER: Final = "order.json"
+_ARRAYS: Final = ("joint_positions", "joint_velocities", "tip", "suction", "objects", "actions", "rewards")
+_IMAGE: Final = "image:"
+
+
+class WorkFolder:
+    """The attempts of one order. Raises ``InputError`` if the folder has those of another."""
+
+    def __init__(self, path: Path, order: dict[str, Any]) -> None:
+        self.path, file = path, path / _ORDER
+        self.order: dict[str, Any] = json.loads(json.dumps(order))  # what all attempts depend on
+        order = self.order
+        if not file.is_file():
+            write_json(file, order)
+        elif (begun := json.loads(file.read_text(encoding="utf-8"))) != order:
+            other = sorted(key for key in {*begun, *order} if begun.get(key) != order.get(key))
+            raise InputError(
+                f"{path} holds episodes that were begun otherwise: {', '.join(other)}",
+                "give the same options to go on, or remove that folder to begin anew",
+            )
+
+    @cached_property
+    def _kept(self) -> dict[int, Path]:
+        return self._find("npz")
+
+    @cached_property
+    def _dropped(self) -> dict[int, Path]:
+        return self._find("json")
+
+    def _find(self, kind: str) -> dict[int, Path]:
+        return {int(file.stem.partition("_")[2]): file for file in sorted(self.path.glob(f"attempt_*.{kind}"))}
+
+    @property
+    def attempts(self) -> frozenset[int]:
+        """The attempts that were made."""
+        return frozenset(self._kept) | frozenset(self._dropped)
+
+    @property
+    def count(self) -> int:
+        """How many demonstrations there are."""
+        return len(self._kept)
+
+    def add(self, attempt: int, result: Demonstration | Dropped) -> None:
+        """Keep what came of an attempt, whole or not at all."""
+        if isinstance(result, Dropped):
+            self._dropped[attempt] = write_json(self._file(attempt, "json"), result.model_dump())
+        else:
+            self._kept[attempt] = write_bytes(self._file(attempt, "npz"), _pack(result))
+
+    def _file(self, attempt: int, kind: str) -> Path:
+        return self.path / f"attempt_{attempt:06d}.{kind}"
+
+    def demonstrations(self) -> Iterator[Demonstration]:
+        """What there is, in the order of the attempts; one at a time is in memory."""
+        for _, file in sorted(self._kept.items()):
+            yield _unpack(file)
+
+    def all_dropped(self) -> list[Dropped]:
+        """What came to nothing, in the order of the attempts."""
+        return [Dropped.model_validate_json(file.read_bytes()) for _, file in sorted(self._dropped.items())]
+
+
+def _pack(demonstration: Demonstration) -> bytes:
+    """As an .npz file, lightly compressed: pictures of a simulation shrink to a third at little cost."""
+    arrays: dict[str, Any] = {name: getattr(demonstration, name) for name in _ARRAYS}
+    arrays |= {_IMAGE + name: images for name, images in demonstration.images.items()}
+    words = {one.name: getattr(demonstration, one.name) for one in fields(demonstration)}
+    header = {name: value for name, value in words.items() if name not in (*_ARRAYS, "images", "cameras")}
+    header["cameras"] = [camera.model_dump() for camera in demonstration.cameras]
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
+        file.writestr("header.json", json.dumps(header))
+        for name, array in arrays.items():
+            with file.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                npy.write_array(entry, np.ascontiguousarray(array), allow_pickle=False)
+    return buffer.getvalue()
+
+
+def _unpack(path: Path) -> Demonstration:
+    with zipfile.ZipFile(path) as file:
+        header: dict[str, Any] = json.loads(file.read("header.json"))
+        names = [name.removesuffix(".npy") for name in file.namelist() if name.endswith(".npy")]
+        arrays: dict[str, Any] = {
+            name: npy.read_array(io.BytesIO(file.read(f"{name}.npy")), allow_pickle=False) for name in names
+        }
+    images = {name.removeprefix(_IMAGE): arrays.pop(name) for name in names if name.startswith(_IMAGE)}
+    header["cameras"] = tuple(CameraModel.model_validate(one) for one in header["cameras"])
+    for name in ("object_names", "joint_names"):
+        header[name] = tuple(header[name])
+    return Demonstration(**header, **arrays, images=images)
