@@ -4,16 +4,21 @@ A request names the scene, and each node's changes stream back; what the run lea
 other's. Settings come from ``GRS_*`` variables and from the request.
 """
 
+from collections.abc import Generator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from langchain_core.runnables import RunnableConfig
+from langgraph.errors import GraphInterrupt
 from langgraph.graph import END, START, StateGraph
 
 from grs_agents.config import load_config
 from grs_agents.errors import InputError
-from grs_agents.run import GIVEN, Order, execute_run, load_graph
+from grs_agents.run import GIVEN, Order, Views, execute_run, load_graph
 from grs_agents.state import RunState
+from grs_agents.trace import EventLog
 from grs_agents.views import attach_live_views
 
 
@@ -21,6 +26,26 @@ class Answer(RunState):
     """The state that a run ended in, and where the rest of it lies."""
 
     folder: str  # the run folder, for `grs show`, `grs report` and `grs replay`
+
+
+_waiting: dict[str, Path] = {}
+"""The folders of runs that wait for a reply, by the thread of the server that they belong to."""
+
+
+@contextmanager
+def _remember_where_it_waits(thread: str) -> Generator[Views]:
+    """The live views; the folder of a run that asks a person is kept for when its thread goes on."""
+    folders: list[Path] = []
+
+    def attach(folder: Path, log: EventLog) -> AbstractContextManager[None]:
+        folders.append(folder)
+        return attach_live_views(folder, log)
+
+    try:
+        yield attach
+    except GraphInterrupt:
+        _waiting[thread] = folders[-1]
+        raise
 
 
 def build_served_graph(name: str) -> StateGraph[Answer, None, RunState, Answer]:
@@ -34,10 +59,15 @@ def build_served_graph(name: str) -> StateGraph[Answer, None, RunState, Answer]:
         settings: list[str] = [*config.get("configurable", {}).get("set", ()), f"graph={name}"]
         if not state.get("scene_path"):
             raise InputError("the request names no scene", "give the state a scene_path: a folder, a file, or bop:...")
+        thread = str(config.get("configurable", {}).get("thread_id", ""))
+        waiting = _waiting.pop(thread, None)
         given = {key: value for key, value in state.items() if key not in GIVEN}
         command = "run" if getattr(load_graph(name), "VERDICT", True) else "scene"
         order = Order(command, Path(state["scene_path"]), load_config(None, settings).config, given=given, nested=True)
-        ended = execute_run(order, attach_live_views)
+        if waiting is not None:
+            order = replace(order, out=waiting, resume=True)
+        with _remember_where_it_waits(thread) as views:
+            ended = execute_run(order, views)
         if ended.problem is not None:
             raise ended.problem
         return {**ended.state, "folder": str(ended.folder)}

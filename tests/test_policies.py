@@ -2,9 +2,12 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypedDict, cast
 
 import pytest
+from langgraph.checkpoint.memory import InMemorySaver
+from langgraph.graph import START, StateGraph
+from langgraph.types import Command
 
 from grs_agents.agents import Agents, TaskDefinition
 from grs_agents.audit import StaticFinding
@@ -20,6 +23,7 @@ from grs_agents.policies import (
     failures_without_run_details,
     load_policy,
 )
+from grs_agents.questions import read_question
 from grs_agents.sandbox import TestCase, TestReport
 from grs_agents.sim import ActionRecord, Episode, Outcome
 from grs_agents.sim.instance import ObjectMotion
@@ -260,3 +264,24 @@ def test_an_unknown_name_lists_the_valid_ones() -> None:
         load_policy("rule")
     assert set(POLICIES) <= set(caught.value.valid)
     assert str(caught.value).index("rules") < str(caught.value).index("llm")
+
+
+def test_human_asks_with_the_evidence_and_follows_the_reply() -> None:
+    class Routing(TypedDict, total=False):
+        verdict: str
+        explanation: str
+
+    def route(state: Routing) -> Routing:
+        decision = load_policy("human").decide(context("failed", [case("error", "simulation")]))
+        return {"verdict": decision.verdict, "explanation": decision.explanation}
+
+    graph = StateGraph(Routing).add_node("route", route).add_edge(START, "route").compile(InMemorySaver())
+    thread: Any = {"configurable": {"thread_id": "1"}}
+    graph.invoke({}, thread)
+    question = read_question(graph.get_state(thread).interrupts[0].value)
+    assert question.choices == ("fix_code", "fix_test")
+    assert "The rules would say fix_code" in question.details
+    assert graph.invoke(Command(resume="fix_test: the test expects what the task does not say"), thread) == {
+        "verdict": "fix_test",
+        "explanation": "the test expects what the task does not say",
+    }

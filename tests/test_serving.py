@@ -12,7 +12,9 @@ from pathlib import Path
 from typing import Any, cast
 
 import pytest
+from langgraph.checkpoint.memory import InMemorySaver
 from langgraph.graph import StateGraph
+from langgraph.types import Command
 
 from grs_agents import content, serving
 from grs_agents.errors import ConfigError, InputError
@@ -117,3 +119,42 @@ def test_langgraph_dev_serves_a_scene(tmp_path: Path, sample_scene: Path) -> Non
             ended = json.load(reply)
     assert len(ended["scene"]["objects"]) >= 8
     assert read_record(tmp_path / ended["folder"]).status == "accepted"
+
+
+def test_a_served_graph_waits_for_a_person_and_goes_on_in_the_same_run(
+    tmp_path: Path, sample_scene: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(content, "_overlays", [])
+    (tmp_path / "graphs").mkdir()
+    (tmp_path / "graphs" / "asking.py").write_text(ASKING, encoding="utf-8")
+    content.add_overlay_folder(tmp_path)
+    graph = serving.build_served_graph("asking").compile(InMemorySaver())
+    thread: Any = {"configurable": {"thread_id": "7"}}
+    graph.invoke(given(scene_path=str(sample_scene)), thread)
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert read_record(folder).status == "waiting"
+    ended = graph.invoke(Command(resume="a person's reply"), thread)
+    assert (read_record(folder).status, read_record(folder).reason) == ("accepted", "a person's reply")
+    assert Path(ended["folder"]).resolve() == folder
+
+
+ASKING = """\
+from langgraph.graph import END, START, StateGraph
+from langgraph.types import interrupt
+
+from grs_agents.nodes import Services
+from grs_agents.state import RunState
+
+
+def ask(state: RunState):
+    return {"status": "accepted", "reason": interrupt("Shall it be?")}
+
+
+def build():
+    graph = StateGraph(RunState, context_schema=Services)
+    graph.add_node("ask", ask)
+    graph.add_edge(START, "ask")
+    graph.add_edge("ask", END)
+    return graph
+"""

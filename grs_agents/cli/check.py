@@ -16,6 +16,7 @@ from grs_agents.foreign import check_run_folder
 from grs_agents.perception import read_scene_description, resolve_scene_path
 from grs_agents.run import CheckOrder, Order, check_user_program, execute_run, read_record
 from grs_agents.sandbox import TestReport
+from grs_agents.sim.arms import find_arm_file
 from grs_agents.terminal import print_json
 from grs_agents.views import attach_live_views, show_activity_status
 
@@ -82,6 +83,8 @@ def _config_matching_run(folder: Path, chosen: Effective) -> Config:
     """The configuration with the robot and the seed of the run in ``folder``, where the user names none."""
     recorded = read_record(folder).config if (folder / "run.json").is_file() else {}
     same = {key: recorded[key] for key in ("robot", "seed") if key in recorded and chosen.sources[key] == "default"}
+    if "robot" in same:
+        same["robot"] = find_arm_file(folder, str(same["robot"]))
     return validate_config({**chosen.config.model_dump(), **same})
 
 

@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -11,7 +11,12 @@ from grs_agents.cli.assets import assets_app
 from grs_agents.cli.options import (
     Cassette,
     ConfigFile,
+    Distractors,
+    Friction,
+    Jitter,
     Json,
+    Light,
+    Mass,
     Models,
     Otel,
     Out,
@@ -19,11 +24,15 @@ from grs_agents.cli.options import (
     Resume,
     Seed,
     Settings,
+    Texture,
     Unsafe,
     View,
+    Workers,
+    Yaw,
     add_model_setting,
     check_graph_is_scene,
     load_effective_config,
+    make_variation,
     refuse_config_on_resume,
     scene_of_cassette,
     settings_of_recording,
@@ -36,6 +45,7 @@ app = typer.Typer(
     help="From a photo with depth to a validated MuJoCo robot task.",
     no_args_is_help=True,
     add_completion=False,
+    context_settings={"help_option_names": ["--help", "-h"]},
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -45,7 +55,20 @@ SCENE = typer.Argument(
     "or a sample scene by its name, such as groceries."
 )
 Scene = Annotated[Path, SCENE]
-RunFolder = Annotated[Path, typer.Argument(help="A run folder.")]
+
+
+def _resolve_run(folder: Path) -> Path:
+    from grs_agents.cli.runs import resolve_run_folder
+
+    return resolve_run_folder(folder)
+
+
+RunFolder = Annotated[
+    Path, typer.Argument(help="A run folder, or latest: of those below runs/.", callback=_resolve_run)
+]
+_PORTABLE = "For MuJoCo 3.3 and dm_control too: suction by an adhesion actuator, no sleep."
+_FOLDER = "A new or empty folder, or an earlier export; beside the run by default."
+RunStatus = Literal["running", "accepted", "rejected", "failed", "interrupted", "waiting"]
 _SEEDS = "How many task instances to solve; audit.seeds by default."
 Seeds = Annotated[int | None, typer.Option("--seeds", help=_SEEDS, min=1, max=100)]
 _PAGE = "The file, - for standard output; report.html in the run folder by default."
@@ -53,6 +76,7 @@ _TASK = "The task definition that it must keep to, as a run writes it."
 _SCENE = (
     "The photo that it must keep to: a run folder, a scene.json, or what grs run takes, which is then comprehended."
 )
+_REPLY = "The reply; without it the question is printed, and asked on a terminal."
 _ZIP = "The zip file, - for standard output; beside the run folder by default."
 _CONTENT = "Your own graphs, tools, prompts and assets; their code is executed."
 
@@ -68,7 +92,7 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def apply_global_options(
     content_folder: Annotated[Path | None, typer.Option("--content", help=_CONTENT)] = None,
-    version: Annotated[bool, typer.Option("--version", callback=_print_version, is_eager=True)] = False,
+    version: Annotated[bool, typer.Option("--version", "-V", callback=_print_version, is_eager=True)] = False,
 ) -> None:
     """From a photo with depth to a validated MuJoCo robot task."""
     if content_folder is not None:
@@ -152,6 +176,35 @@ def verify(run: RunFolder, json: Json = False, unsafe: Unsafe = False) -> None:
     sys.exit(verify_run_folder(run, load_effective_config(None, None, unsafe=unsafe).config, json))
 
 
+@app.command("runs")
+def list_run_folders(
+    folder: Annotated[Path, typer.Argument(help="What the run folders lie in.")] = Path("runs"),
+    status: Annotated[
+        RunStatus | None, typer.Option("--status", help="Only those that ended so, or wait or run still.")
+    ] = None,
+    scene: Annotated[
+        str | None, typer.Option("--of", help="Only those whose scene has this in its path.", metavar="TEXT")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """List runs, the newest first."""
+    from grs_agents.cli.runs import list_runs
+
+    list_runs(folder, status, scene, json)
+
+
+@app.command()
+def approve(
+    run: RunFolder,
+    reply: Annotated[str | None, typer.Option("--reply", help=_REPLY, metavar="TEXT")] = None,
+    json: Json = False,
+) -> None:
+    """Answer the question that a waiting run asks, and let it go on. Exit status as for run; 4: it waits."""
+    from grs_agents.cli.run import approve_run
+
+    sys.exit(approve_run(run, reply, json))
+
+
 @app.command()
 def show(
     run: RunFolder,
@@ -228,6 +281,91 @@ def play(
 
 
 @app.command()
+def instances(
+    run: RunFolder,
+    seeds: Annotated[str, typer.Option("--seeds", help="Which to make, END not among them.", metavar="FIRST:END")],
+    jitter: Jitter = 0.0,
+    yaw: Yaw = 0.0,
+    mass: Mass = 0.0,
+    friction: Friction = 0.0,
+    light: Light = False,
+    texture: Texture = False,
+    distractors: Distractors = 0,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="The folder; <run>-instances beside the run.", metavar="DIR")
+    ] = None,
+    workers: Workers = 2,
+    json: Json = False,
+) -> None:
+    """More instances of an accepted run, as data: each a variation of one of its own that the expert has solved."""
+    from grs_agents.cli.instances import write_instances
+
+    variation = make_variation(jitter, yaw, mass, friction, light, texture, distractors)
+    sys.exit(write_instances(run, seeds, variation, out, workers, json))
+
+
+@app.command()
+def demos(
+    run: Annotated[Path, typer.Argument(help="An accepted run, or a folder of grs instances.")],
+    episodes: Annotated[
+        int, typer.Option("--episodes", help="How many are wanted.", metavar="N", min=1, max=1_000_000)
+    ] = 200,
+    kind: Annotated[str, typer.Option("--format", help="lerobot, robomimic or minari.")] = "lerobot",
+    cameras: Annotated[
+        str, typer.Option("--camera", help="Whose pictures: photo, front, wrist.", metavar="NAME,NAME")
+    ] = "",
+    size: Annotated[str, typer.Option("--size", help="Of the pictures.", metavar="ROWSxCOLUMNS")] = "96x128",
+    seed: Annotated[int, typer.Option("--seed", help="Of the variations.", metavar="N", min=0, max=2**32 - 1)] = 0,
+    jitter: Jitter = 0.03,
+    yaw: Yaw = 30.0,
+    mass: Mass = 0.0,
+    friction: Friction = 0.0,
+    light: Light = False,
+    texture: Texture = False,
+    distractors: Distractors = 0,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="The data set; <run>-demos beside the run.", metavar="DIR")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Demonstrations of the expert as a data set to learn from, each replayed through the environment at 25 Hz.
+
+    They begin in the instances there are, then in variations of them. Begun again after an interruption, the same
+    command goes on. Exit status 1: fewer episodes came about.
+    """
+    from grs_agents.cli.demos import parse_cameras, parse_size, write_demonstrations
+    from grs_agents.demos import DemoOrder
+
+    variation = make_variation(jitter, yaw, mass, friction, light, texture, distractors)
+    order = DemoOrder(
+        episodes=episodes, seed=seed, variation=variation, cameras=parse_cameras(cameras), size=parse_size(size)
+    )
+    sys.exit(write_demonstrations(run, order, kind, out, json))
+
+
+@app.command()
+def grade(
+    run: RunFolder,
+    episodes: Annotated[int, typer.Option("--episodes", help="Of each policy.", metavar="N", min=1, max=10_000)] = 30,
+    demonstrations: Annotated[
+        int, typer.Option("--demonstrations", help="That the learned policy has.", metavar="N", min=1, max=10_000)
+    ] = 60,
+    trials: Annotated[
+        int, typer.Option("--trials", help="Of the expert at each miss of its hand.", metavar="N", min=1, max=10_000)
+    ] = 12,
+    seed: Seed = None,
+    workers: Workers = 2,
+    json: Json = False,
+) -> None:
+    """How hard an accepted task is: one number, and the moves, clutter, tolerance and successes that it is made of."""
+    from grs_agents.cli.grade import print_grade
+    from grs_agents.grading import GradeOrder
+
+    order = GradeOrder(episodes=episodes, demonstrations=demonstrations, trials=trials, seed=seed or 0)
+    sys.exit(print_grade(run, order, workers, json))
+
+
+@app.command()
 def share(
     run: RunFolder,
     out: Annotated[Path | None, typer.Option("--out", help=_ZIP, metavar="FILE.zip")] = None,
@@ -236,6 +374,24 @@ def share(
     from grs_agents.cli.run_outputs import share_run_as_zip
 
     share_run_as_zip(run, out)
+
+
+@app.command()
+def export(
+    run: Annotated[Path, typer.Argument(help="An accepted run, or a folder of `grs instances`.")],
+    to: Annotated[Literal["mjcf"], typer.Option("--format", help="What to write.")] = "mjcf",
+    portable: Annotated[bool, typer.Option("--portable", help=_PORTABLE)] = False,
+    seed: Annotated[
+        int | None, typer.Option("--seed", help="Of the task instance; the first one by default.", metavar="N")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help=_FOLDER, metavar="DIR")] = None,
+    json: Json = False,
+) -> None:
+    """Write an accepted run's scene as a folder that opens in plain MuJoCo, wherever it lies."""
+    from grs_agents.cli.export import export_task
+
+    assert to == "mjcf"  # the only format so far
+    export_task(run, seed, portable, out, json)
 
 
 def _require_run_folder(run: Path | None, command: str) -> Path:

@@ -1,6 +1,7 @@
 """Options that several verbs share. The configuration is imported when it is asked for: ``--help`` needs none."""
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +11,7 @@ from grs_agents.errors import ConfigError, InputError
 
 if TYPE_CHECKING:
     from grs_agents.config import Effective
+    from grs_agents.sim.variation import Variation
 
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="A TOML configuration file.", metavar="FILE")]
 _SET = typer.Option("--set", help="Override one key, e.g. --set max_fixes=5. Repeatable.", metavar="KEY=VALUE")
@@ -34,7 +36,36 @@ Cassette = Annotated[
 ]
 View = Annotated[bool, typer.Option("--view", help="Open the rerun viewer and watch the run live.")]
 Otel = Annotated[bool, typer.Option("--otel", help="Send OpenTelemetry spans to where the OTEL_* variables say.")]
+Workers = Annotated[
+    int, typer.Option("--workers", help="Processes that simulate at a time.", metavar="N", min=1, max=256)
+]
 Unsafe = Annotated[bool, typer.Option("--unsafe-no-sandbox", help="Run generated code without isolation.")]
+
+Jitter = Annotated[float, typer.Option("--jitter", help="Metres along x and y.", min=0, max=0.5)]
+Yaw = Annotated[float, typer.Option("--yaw", help="Degrees about the vertical.", min=0, max=180)]
+Mass = Annotated[float, typer.Option("--mass", help="Share of each object's mass.", min=0, max=0.99)]
+Friction = Annotated[float, typer.Option("--friction", help="Share of its friction.", min=0, max=0.99)]
+Light = Annotated[bool, typer.Option("--light", help="Vary where the light is, and how bright.")]
+Texture = Annotated[bool, typer.Option("--texture", help="Vary the table's pattern and colours.")]
+_DISTRACTORS = typer.Option("--distractors", help="Objects of the library to put about.", metavar="N", min=0, max=50)
+Distractors = Annotated[int, _DISTRACTORS]
+
+
+def make_variation(
+    jitter: float, yaw: float, mass: float, friction: float, light: bool, texture: bool, distractors: int
+) -> "Variation":
+    """The variation that these options make; ``yaw`` is in degrees."""
+    from grs_agents.sim.variation import Variation
+
+    return Variation(
+        jitter=jitter,
+        yaw=math.radians(yaw),
+        mass=mass,
+        friction=friction,
+        light=light,
+        texture=texture,
+        distractors=distractors,
+    )
 
 
 def load_effective_config(

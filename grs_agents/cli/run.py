@@ -1,18 +1,22 @@
 """``grs run`` and ``grs scene``."""
 
 import shlex
+import sys
 import traceback
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import typer
 from rich.table import Table
 from rich.text import Text
 
 from grs_agents import terminal
-from grs_agents.config import Config
+from grs_agents.config import Config, validate_config
 from grs_agents.errors import GrsError, InputError
 from grs_agents.perception import SceneDescription, read_scene_description, resolve_scene_path
-from grs_agents.run import Order, RunRecord, UnexpectedError, execute_run
+from grs_agents.questions import Question, check_reply
+from grs_agents.run import WAITING, Order, Outcome, RunRecord, UnexpectedError, Views, execute_run, read_record
 from grs_agents.terminal import print_escaped, print_json
 from grs_agents.views import attach_live_views, summary_table
 
@@ -29,7 +33,39 @@ def run_graph(
 ) -> int:
     """Run the configured graph with its recording and live progress, and print the end."""
     order = Order(command, resolve_scene_path(scene), config, out, resume)
-    ended = execute_run(order, partial(attach_live_views, view=view, otel=otel))
+    return finish_run(order, scene, as_json, partial(attach_live_views, view=view, otel=otel))
+
+
+def finish_run(order: Order, scene: Path, as_json: bool, views: Views = attach_live_views) -> int:
+    """Run what was ordered, ask at the terminal what it asks, and print the end."""
+    ended = execute_run(order, views)
+    while ended.record.question is not None and sys.stdin.isatty() and not as_json:
+        print_question(ended.record.question)
+        reply = typer.prompt("reply")
+        try:
+            check_reply(ended.record.question, reply)
+        except InputError as error:
+            print_escaped(f"grs: {error}", error=True)
+            continue
+        ended = execute_run(replace(order, out=ended.folder, resume=True, reply=reply), views)
+    _print_end(order.command, scene, ended, as_json)
+    return ended.record.exit_status or 0
+
+
+def approve_run(folder: Path, reply: str | None, as_json: bool) -> int:
+    """Go on with a waiting run with a reply; without one print what it asks, and ask it on a terminal."""
+    record = read_record(folder)
+    if record.question is None:
+        raise InputError(f"the run {folder} is {record.status} and waits for no reply", f"grs show {folder}")
+    if reply is None and not sys.stdin.isatty():
+        print_json(record.question.model_dump(mode="json")) if as_json else print_question(record.question)
+        return WAITING
+    source = Path(record.source)
+    order = Order(record.command, source, validate_config(record.config), folder, True, reply=reply)
+    return finish_run(order, source, as_json)
+
+
+def _print_end(command: str, scene: Path, ended: Outcome, as_json: bool) -> None:
     if as_json:
         print_json(ended.record.model_dump(mode="json"))
     elif ended.problem is None:
@@ -39,7 +75,16 @@ def run_graph(
     if ended.record.status == "interrupted" and command == "run":
         again = shlex.join(["grs", "run", str(scene), "--out", str(ended.folder), "--resume"])
         print_escaped(f"interrupted; to go on: {again}", error=True)
-    return ended.record.exit_status or 0
+    if ended.record.status == "waiting":
+        again = shlex.join(["grs", "approve", str(ended.folder), "--reply", "..."])
+        print_escaped(f"waiting for a reply; to go on: {again}", error=True)
+
+
+def print_question(question: Question) -> None:
+    """What a run waits for: the details, then the question, then the choices."""
+    print_escaped("\n".join(filter(None, (question.details, question.text))))
+    if question.choices:
+        print_escaped(f"choices: {', '.join(question.choices)}")
 
 
 def _print_run_summary(command: str, folder: Path, record: RunRecord) -> None:

@@ -43,9 +43,9 @@ def play_rollout(folder: Path, out: Path | None, seed: int | None) -> int:
     from grs_agents.views.common import library_with_run_assets
     from grs_agents.views.film import Shot, find_recorded_rollout, play_in_mujoco_window, write_film
 
-    robot = str(read_record(folder).config.get("robot", "ur5e"))
+    read_record(folder)
     rollout = find_recorded_rollout(read_events(folder / "events.jsonl"), folder, seed)
-    shot = Shot(folder.resolve(), rollout, library_with_run_assets(folder, Library()), robot)
+    shot = Shot(folder.resolve(), rollout, library_with_run_assets(folder, Library()))
     if out is None:
         return play_in_mujoco_window(shot)
     with show_activity_status("drawing the film") as show:
@@ -61,7 +61,7 @@ def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) ->
 
     record, out = read_record(folder), out or folder / "report.html"
     check_output_path(out)
-    sources = Sources(folder, library_with_run_assets(folder, Library()), str(record.config.get("robot", "ur5e")), show)
+    sources = Sources(folder, library_with_run_assets(folder, Library()), show)
     page = render_html_report(record.model_dump(mode="json"), read_events(folder / "events.jsonl"), sources)
     return write_file_or_stdout(out, page.encode("utf-8", "replace"))
 

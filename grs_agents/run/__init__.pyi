@@ -1,5 +1,6 @@
 from .batch import Job as Job
 from .batch import run_jobs as run_jobs
+from .execution import WAITING as WAITING
 from .execution import Outcome as Outcome
 from .execution import UnexpectedError as UnexpectedError
 from .execution import Views as Views

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from langgraph.errors import GraphInterrupt
 from langgraph.runtime import Runtime
 
 from grs_agents import interrupts
@@ -18,6 +19,7 @@ from grs_agents.errors import ConfigError, GrsError, InputError
 from grs_agents.files import unwritable_error
 from grs_agents.nodes import Services, conclude_run
 from grs_agents.policies import load_policy
+from grs_agents.questions import Question, read_question
 from grs_agents.run.checkpoint import FILE, check_checkpoint_file, check_restored_state
 from grs_agents.run.hashes import write_hashes
 from grs_agents.run.record import EXIT_STATUS, RunRecord, collect_run_counts, seconds_by_stage
@@ -31,7 +33,8 @@ from grs_agents.trace import Event, EventLog, Note, RunEnded, RunStarted, read_e
 if TYPE_CHECKING:
     from langgraph.checkpoint.base import BaseCheckpointSaver
 
-INTERRUPTED = 130
+INTERRUPTED, WAITING = 130, 4
+"""Exit statuses of runs without a verdict."""
 Views = Callable[[Path, EventLog], AbstractContextManager[None]]
 """Attaches what people look at (recording, progress) to the log of a run, and closes it at the end."""
 State = dict[str, Any]
@@ -54,7 +57,7 @@ class Outcome:
 def execute_run(order: Order, views: Views) -> Outcome:
     """Run the configured graph on a scene. Raises InputError: scene, configuration or folder is refused."""
     with open_run(order) as (folder, record, config):
-        if order.resume and record.status in EXIT_STATUS:
+        if order.resume and record.status != "running":
             return Outcome(folder, record)
         return _execute_with_log(order, views, folder, record.write(folder), config)
 
@@ -70,6 +73,8 @@ def _execute_with_log(order: Order, views: Views, folder: Path, record: RunRecor
                 write_cassette(Path(config.record), config, record, folder)
             if record.status in EXIT_STATUS:
                 write_hashes(folder)
+    except GraphInterrupt:
+        raise
     except (Exception, KeyboardInterrupt) as error:  # the log or a view could not be opened or closed
         if record.status == "running":
             record, problem = _mark_record_failed(record, error, folder)
@@ -82,13 +87,20 @@ def _execute_with_log(order: Order, views: Views, folder: Path, record: RunRecor
 def _run_graph_and_record(
     order: Order, config: Config, folder: Path, log: EventLog, record: RunRecord, state: State
 ) -> tuple[RunRecord, GrsError | None]:
-    """Run the graph and write the record of how it ended."""
+    """Run the graph and write the record of how it ended; the graph around a nested one is told that it waits."""
     problem: GrsError | None = None
     try:
-        _invoke_graph(order, config, folder, log, record, state)
-        record = _mark_record_with_verdict(order, record, state)
-        if config.cassette and not config.record:
+        question = _invoke_graph(order, config, folder, log, record, state)
+        if question is not None:
+            record = _mark_record_waiting(record, question)
+        else:
+            record = _mark_record_with_verdict(order, record, state)
+        if question is None and config.cassette and not config.record:
             record = compare_with_recording(config.cassette, record, folder)
+    except GraphInterrupt as asked:  # for the graph around it, which keeps the checkpoints
+        waiting = _mark_record_waiting(record, read_question(asked.args[0][0].value))
+        _add_metrics_to_record(waiting, log, state).write(folder)
+        raise
     except (Exception, KeyboardInterrupt) as error:
         record, problem = _mark_record_failed(record, error, folder)
     return _add_metrics_to_record(record, log, state).write(folder), problem
@@ -117,6 +129,10 @@ def _mark_record_ended(record: RunRecord, status: str, reason: str, exit_status:
     return record.model_copy(update={"status": status, "reason": reason, "exit_status": exit_status})
 
 
+def _mark_record_waiting(record: RunRecord, question: Question) -> RunRecord:
+    return _mark_record_ended(record, "waiting", question.text, WAITING).model_copy(update={"question": question})
+
+
 def _mark_record_failed(
     record: RunRecord, error: Exception | KeyboardInterrupt, folder: Path
 ) -> tuple[RunRecord, GrsError | None]:
@@ -140,8 +156,14 @@ def _convert_to_grs_error(error: BaseException, folder: Path) -> GrsError:
     return problem
 
 
-def _invoke_graph(order: Order, config: Config, folder: Path, log: EventLog, record: RunRecord, state: State) -> None:
-    """Compile the graph and run it, or go on with it; ``state`` takes what it reached."""
+def _invoke_graph(
+    order: Order, config: Config, folder: Path, log: EventLog, record: RunRecord, state: State
+) -> Question | None:
+    """Compile the graph and run it, or go on with it; ``state`` takes what it reached.
+
+    Returns:
+        The question that a node asks, of the first one if several do; None once the graph has ended.
+    """
     with open_sandbox(config) as sandbox, _open_checkpointer(order, folder) as checkpointer:
         sandbox.warm_up()  # its imports overlap with comprehension
         services = _make_services(config, folder, log, sandbox)
@@ -164,19 +186,34 @@ def _invoke_graph(order: Order, config: Config, folder: Path, log: EventLog, rec
         try:
             if order.nested:
                 state.update(graph.invoke(begin, settings, context=services))
-                return
+                return None
             settings["configurable"] = {"thread_id": record.id}
             resumed = order.resume and bool(_load_checkpoint_state(graph, settings, folder))
             if resumed:
                 log.append(Note(level="info", text=f"resumed, attempt {record.attempts}"))
             try:
-                graph.invoke(None if resumed else begin, settings, context=services, durability="sync")
+                start = _command_with_reply(graph, settings, order, log) if resumed else begin
+                graph.invoke(start, settings, context=services, durability="sync")
             finally:
                 with suppress(sqlite3.Error):  # a full disk is reported by what it stopped
                     state.update(graph.get_state(settings).values)
+            asked = graph.get_state(settings).interrupts
+            return read_question(asked[0].value) if asked else None
         except BudgetReached as reached:
             state["problem"] = reached.message
             state.update(conclude_run(cast(RunState, state), runtime=Runtime(context=services)))
+    return None
+
+
+def _command_with_reply(graph: Any, settings: dict[str, Any], order: Order, log: EventLog) -> Any:
+    """What a graph goes on with: the reply to the first question that it waits for, or nothing."""
+    from langgraph.types import Command
+
+    asked = graph.get_state(settings).interrupts
+    if not asked or order.reply is None:
+        return None
+    log.append(Note(level="info", text=f"{read_question(asked[0].value).text} {order.reply}"))
+    return Command(resume={asked[0].id: order.reply})
 
 
 def _load_checkpoint_state(graph: Any, settings: dict[str, Any], folder: Path) -> State:
@@ -193,13 +230,13 @@ def _load_checkpoint_state(graph: Any, settings: dict[str, Any], folder: Path) -
 
 
 @contextmanager
-def _open_checkpointer(order: Order, folder: Path) -> Generator["BaseCheckpointSaver[str] | bool"]:
-    """Where the graph's checkpoints go; False if the graph that it is part of keeps its own."""
+def _open_checkpointer(order: Order, folder: Path) -> Generator["BaseCheckpointSaver[str] | None"]:
+    """Where the graph's checkpoints go; None leaves them to the graph that it is part of."""
     from langgraph.checkpoint.serde.jsonplus import JsonPlusSerializer
     from langgraph.checkpoint.sqlite import SqliteSaver
 
     if order.nested:
-        yield False
+        yield None
         return
     # Without a list of modules of ours, a tampered checkpoint cannot have anything called when it is read.
     strict = JsonPlusSerializer(allowed_msgpack_modules=None)

@@ -15,9 +15,10 @@ from grs_agents.base import Frozen
 from grs_agents.errors import InputError
 from grs_agents.files import write_json
 from grs_agents.foreign import check_json_limits, check_run_folder, read_bytes
+from grs_agents.questions import Question
 from grs_agents.trace import Event
 
-Status = Literal["running", "accepted", "rejected", "failed", "interrupted"]
+Status = Literal["running", "accepted", "rejected", "failed", "interrupted", "waiting"]
 PACKAGES = "mujoco langgraph langchain-core rerun-sdk numpy opencv-python-headless pydantic trimesh"
 EXIT_STATUS = {"accepted": 0, "rejected": 1}
 """The verdicts, each with what the command returns."""
@@ -33,6 +34,7 @@ class RunRecord(Frozen):
     id: str
     status: Status
     reason: str = ""  # why, in one line
+    question: Question | None = None  # what a run that is `waiting` waits for
     exit_status: int | None = None  # what the command returned; `None` while running
     command: str  # `run`, `scene` or `check`
     source: str  # the scene folder or the program

@@ -23,6 +23,7 @@ from grs_agents.foreign import path_exists
 from grs_agents.models import make_chat_model
 from grs_agents.perception import check_scene_source, short_scene_name
 from grs_agents.policies import load_policy
+from grs_agents.questions import check_reply
 from grs_agents.run.record import EXIT_STATUS, FILE, RunRecord, installed_versions, read_record
 from grs_agents.toolkit import load_tool
 
@@ -131,7 +132,16 @@ class Order:
     resume: bool = False  # go on with the run in `out`
     # fields of the state beside those that every run begins with
     given: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    reply: str | None = None  # to the question that the run in `out` waits for
     nested: bool = False  # the graph runs in a node of another, which is told of its steps and keeps the checkpoints
+
+
+def _check_reply_is_awaited(order: Order, record: RunRecord) -> None:
+    if order.reply is None:
+        return
+    if record.question is None:
+        raise InputError(f"the run {order.out} is {record.status} and waits for no reply", "see `grs show`")
+    check_reply(record.question, order.reply)
 
 
 @contextmanager
@@ -144,14 +154,21 @@ def open_run(order: Order) -> Generator[tuple[Path, RunRecord, Config]]:
     if order.resume:
         folder, record = open_resumed_folder(order.out, order.source, order.command)
         config = validate_config(record.config)
-        if record.status in EXIT_STATUS:
+        if record.status in EXIT_STATUS or (record.status == "waiting" and order.reply is None and not order.nested):
             yield folder, record, config
             return
+        _check_reply_is_awaited(order, record)
         check_configured_names(config, order.command, order.given)
         with lock_run_folder(folder):
             record = read_record(folder)  # another process may have written it before it let go
             if record.status not in EXIT_STATUS:
-                update = {"status": "running", "reason": "", "exit_status": None, "attempts": record.attempts + 1}
+                update = {
+                    "status": "running",
+                    "reason": "",
+                    "exit_status": None,
+                    "question": None,
+                    "attempts": record.attempts + 1,
+                }
                 record = record.model_copy(update=update)
             yield folder, record, config
         return

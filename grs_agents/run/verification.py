@@ -21,6 +21,7 @@ from grs_agents.models import is_offline
 from grs_agents.run.hashes import list_changed_files
 from grs_agents.run.program_check import CheckOrder, check_user_program
 from grs_agents.run.record import RunRecord, installed_versions, read_record
+from grs_agents.sim.arms import find_arm_file
 from grs_agents.trace import read_events
 
 _AUDIT, _INSTANCES = "audit.json", "instances"
@@ -86,7 +87,7 @@ def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: 
     order = CheckOrder(
         simulation=folder / "simulation.py",
         tests=folder / "test_simulation.py",
-        config=_config_of_record(record, local),
+        config=_config_of_record(folder, record, local),
         folder=temporary,
         task=folder / "task.json",
         scene=folder / "scene.json",
@@ -112,10 +113,11 @@ def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: 
         yield f"run.json: rewards: recorded {record.rewards}, recomputed {audit.rewards}"
 
 
-def _config_of_record(record: RunRecord, local: Config) -> Config:
-    """The configuration of the run, with what belongs to the machine as it is here."""
+def _config_of_record(folder: Path, record: RunRecord, local: Config) -> Config:
+    """The configuration of the run, with its copy of an arm's file, and what belongs to the machine as it is here."""
     own = {key: value for key, value in local.model_dump().items() if key in _OF_THIS_MACHINE}
-    return validate_config({**record.config, **own})
+    config = validate_config({**record.config, **own})
+    return config.model_copy(update={"robot": find_arm_file(folder, config.robot)})
 
 
 class _AgentsOfRecord(Agents):

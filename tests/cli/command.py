@@ -1,4 +1,4 @@
-"""The ``grs`` command, run inside the test's process: its imports are paid for once."""
+"""The ``grs`` command, run inside the test's process: its imports, and those of its sandbox, are paid for once."""
 
 import contextlib
 import io
@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from unittest.mock import patch
 
+from grs_agents import content
 from grs_agents.cli import main
+from grs_agents.run import open_sandbox
+from tests.kept_sandbox import lend_sandbox
 
 
 @dataclass(frozen=True)
@@ -19,8 +22,9 @@ class Done:
     stderr: str
 
 
-def grs(*arguments: str, folder: Path) -> Done:
-    """Run ``grs`` with ``arguments`` in ``folder``."""
+def grs(*arguments: str, folder: Path, own_sandbox: bool = False) -> Done:
+    """Run ``grs`` with ``arguments`` in ``folder``; unless it is to have its own, in a sandbox that others use too."""
+    lend = open_sandbox if own_sandbox else lend_sandbox
     out, err = io.StringIO(), io.StringIO()
     status = 0
     with (
@@ -28,6 +32,9 @@ def grs(*arguments: str, folder: Path) -> Done:
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(err),
         patch.object(sys, "argv", ["grs", *arguments]),
+        patch.object(content, "_overlays", list(content._overlays)),
+        patch("grs_agents.run.execution.open_sandbox", lend),
+        patch("grs_agents.run.program_check.open_sandbox", lend),
     ):
         try:
             main()

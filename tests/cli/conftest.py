@@ -2,7 +2,8 @@
 
 import base64
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -72,10 +73,17 @@ class ScriptedServer:
         return role, waiting.pop(0).replace("{reply}", reply) if waiting else reply
 
 
-@pytest.fixture
-def scripted_server() -> Iterator[ScriptedServer]:
+@contextmanager
+def serve_script() -> Generator[ScriptedServer]:
     """An OpenAI-compatible server on 127.0.0.1."""
     script = ScriptedServer()
 
     with chat_server(script.answer) as script.url:
+        yield script
+
+
+@pytest.fixture
+def scripted_server() -> Iterator[ScriptedServer]:
+    """A server for one test."""
+    with serve_script() as script:
         yield script

@@ -36,8 +36,7 @@ def test_list_tells_size_mass_and_licence(home: Path) -> None:
     assert "603 g" in grs("assets", "list", folder=home).stdout
 
 
-def test_the_content_option_lays_the_library_over_the_shipped_one(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("grs_agents.content._overlays", [])  # it outlives a command only in this process
+def test_the_content_option_lays_the_library_over_the_shipped_one(home: Path) -> None:
     listed = json.loads(grs("--content", "grs-content", "list", "--json", folder=home).stdout)
     assert "ycb/006_mustard_bottle.urdf" in listed["assets"] and "HOPE/Milk.urdf" in listed["assets"]
 

@@ -168,17 +168,10 @@ def test_a_graph_of_ones_own_must_come_to_a_verdict(tmp_path: Path, small_scene:
         "--set",
         "graph=endless",
     )
-    done = Done(*_outside(arguments, tmp_path))
+    done = grs(*arguments, folder=tmp_path)
     assert done.returncode == 2
     assert "graph 'endless' ended without a verdict" in done.stderr.strip().splitlines()[-1]
     assert json.loads((tmp_path / "run" / "run.json").read_text())["counts"]["objects"] == 3
-
-
-def _outside(arguments: tuple[str, ...], folder: Path) -> tuple[int, str, str]:
-    """Run ``grs`` in a process of its own."""
-    command = [sys.executable, "-m", "grs_agents", *arguments]
-    ended = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=200, check=False)
-    return ended.returncode, ended.stdout, ended.stderr
 
 
 def test_an_existing_run(tmp_path: Path, sample_scene: Path) -> None:

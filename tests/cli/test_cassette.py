@@ -2,8 +2,9 @@
 
 import json
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -11,6 +12,7 @@ from grs_agents import content
 from grs_agents.agents import read_cassette
 from grs_agents.trace import Prompt, Reply, read_events
 from tests.cli.command import grs
+from tests.cli.conftest import ScriptedServer, serve_script
 
 BROKEN = "```python\nimport unittest\n\nclass T(unittest.TestCase):\n    def test_a(self):\n        nowhere()\n```"
 KEY = "sk-0123456789-of-mine"
@@ -29,63 +31,76 @@ def exchanges(run: Path) -> list[tuple[object, ...]]:
     )
 
 
-@pytest.fixture
-def recorded(
-    tmp_path: Path, small_scene: Path, scripted_server: Any, monkeypatch: pytest.MonkeyPatch
-) -> tuple[Path, list[str]]:
-    """The cassette of an accepted run with an unusable reply and a fix, and the options that made it."""
+class Recorded(NamedTuple):
+    """An accepted run with an unusable reply and a fix.
+
+    Attributes:
+        cassette: its recording, in a folder that holds the run as ``first``.
+        options: what made it.
+        server: what was asked.
+    """
+
+    cassette: Path
+    options: list[str]
+    server: ScriptedServer
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory, small_scene: Path) -> Iterator[Recorded]:
+    """One for all tests."""
     pytest.importorskip("langchain_openai")
-    monkeypatch.setenv("OPENAI_API_KEY", KEY)
-    scripted_server.spoilt = {"describe": ["none of your business"], "tests": [BROKEN]}
-    asking = ["--set", "models.default=openai:some/model", "--set", f"models.base_url={scripted_server.url}"]
-    options = ["run", str(small_scene), "--set", "policy=rules", *asking]
-    done = grs(*options, "--out", "first", "--record", "cassette.json", "--json", folder=tmp_path)
-    assert json.loads(done.stdout)["status"] == "accepted", done.stderr
-    monkeypatch.delenv("OPENAI_API_KEY")
-    return tmp_path / "cassette.json", options
+    folder = tmp_path_factory.mktemp("recorded")
+    with serve_script() as server, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("OPENAI_API_KEY", KEY)
+        server.spoilt = {"describe": ["none of your business"], "tests": [BROKEN]}
+        asking = ["--set", "models.default=openai:some/model", "--set", f"models.base_url={server.url}"]
+        options = ["run", str(small_scene), "--set", "policy=rules", *asking]
+        done = grs(*options, "--out", "first", "--record", "cassette.json", "--json", folder=folder)
+        assert json.loads(done.stdout)["status"] == "accepted", done.stderr
+        patch.delenv("OPENAI_API_KEY")
+        yield Recorded(folder / "cassette.json", options, server)
 
 
-def test_a_recorded_run_repeats_without_network_and_keys(
-    recorded: tuple[Path, list[str]], small_scene: Path, scripted_server: Any, tmp_path: Path
-) -> None:
-    asked = len(scripted_server.bodies)
-    done = grs("run", str(small_scene), "--cassette", "cassette.json", "--out", "again", "--json", folder=tmp_path)
+def test_a_recorded_run_repeats_without_network_and_keys(recorded: Recorded, small_scene: Path) -> None:
+    asked, folder = len(recorded.server.bodies), recorded.cassette.parent
+    done = grs("run", str(small_scene), "--cassette", "cassette.json", "--out", "again", "--json", folder=folder)
     record = json.loads(done.stdout)
     assert record["status"] == "accepted" and record["reason"].endswith("; equal to the recording"), done.stderr
     assert (record["config"]["policy"], record["counts"]["test_fixes"]) == ("rules", 1)
-    assert len(scripted_server.bodies) == asked
-    assert exchanges(tmp_path / "again") == exchanges(tmp_path / "first")
+    assert len(recorded.server.bodies) == asked
+    assert exchanges(folder / "again") == exchanges(folder / "first")
     for file in MADE:
-        assert (tmp_path / "again" / file).read_bytes() == (tmp_path / "first" / file).read_bytes()
+        assert (folder / "again" / file).read_bytes() == (folder / "first" / file).read_bytes()
 
 
-def test_a_cassette_is_readable_and_holds_no_keys_and_paths(recorded: tuple[Path, list[str]], tmp_path: Path) -> None:
-    text = recorded[0].read_text("utf-8")
+def test_a_cassette_is_readable_and_holds_no_keys_and_paths(recorded: Recorded) -> None:
+    text = recorded.cassette.read_text("utf-8")
     assert '\n    "class T(unittest.TestCase):",\n' in text
     assert max(map(len, text.splitlines())) < 1_000
-    assert not [word for word in (KEY, str(tmp_path), str(Path.home()), "127.0.0.1") if word in text]
-    cassette = read_cassette(str(recorded[0]))
+    assert not [word for word in (KEY, str(recorded.cassette.parent), str(Path.home()), "127.0.0.1") if word in text]
+    cassette = read_cassette(str(recorded.cassette))
     assert cassette.settings == {"policy": "rules", "models.default.model": "openai:some/model"}
 
 
 def test_a_prompt_that_was_not_recorded_ends_the_run_or_is_asked(
-    recorded: tuple[Path, list[str]], small_scene: Path, scripted_server: Any, tmp_path: Path
+    recorded: Recorded, small_scene: Path, tmp_path: Path
 ) -> None:
+    shutil.copy(recorded.cassette, tmp_path)
     (tmp_path / "mine" / "prompts").mkdir(parents=True)
     prompt = tmp_path / "mine" / "prompts" / "tests.md"
     shutil.copy(content.content_path("prompts", "tests"), prompt)
     prompt.write_text(prompt.read_text("utf-8").replace("## Rules\n", "## Rules\n\n- Be brief.\n"))
     mine = ["--content", str(prompt.parent.parent)]
     done = grs(*mine, "run", str(small_scene), "--cassette", "cassette.json", "--out", "other", folder=tmp_path)
-    number = [item.role for item in read_cassette(str(recorded[0])).exchanges].index("tests") + 1
+    number = [item.role for item in read_cassette(str(recorded.cassette)).exchanges].index("tests") + 1
     assert done.returncode == 2
     assert f"role tests; the nearest, exchange {number}, differs in Rules; " in done.stderr
     assert "grs run SCENE --record FILE" in done.stderr
-    asked = len(scripted_server.roles)
+    asked = len(recorded.server.roles)
     again = ["--cassette", "cassette.json", "--record", "second.json", "--out", "second", "--json"]
-    done = grs(*mine, *recorded[1], *again, folder=tmp_path)
+    done = grs(*mine, *recorded.options, *again, folder=tmp_path)
     assert json.loads(done.stdout)["status"] == "accepted", done.stderr
-    assert scripted_server.roles[asked:] == ["tests"]
+    assert recorded.server.roles[asked:] == ["tests"]
     before, after = (read_cassette(str(tmp_path / name)).exchanges for name in ("cassette.json", "second.json"))
     assert {item.digest for item in before} - {item.digest for item in after}
     done = grs(*mine, "run", str(small_scene), "--cassette", "second.json", "--out", "third", "--json", folder=tmp_path)
@@ -147,8 +162,7 @@ def test_a_cassette_of_somebody_else_names_no_file_code_or_endpoint(tmp_path: Pa
 
 
 @pytest.mark.parametrize("name", content.shipped_cassettes())
-def test_a_shipped_recording_repeats(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("grs_agents.content._overlays", [])  # it outlives a command only in this process
+def test_a_shipped_recording_repeats(tmp_path: Path, name: str) -> None:
     done = grs("run", "--cassette", name, "--out", "run", "--json", folder=tmp_path)
     record = json.loads(done.stdout)
     assert record["status"] == "accepted", done.stderr

@@ -2,13 +2,13 @@
 
 import os
 import stat
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests.cli.command import Done, grs
+from grs_agents.cli import main
+from tests.cli.command import grs
 from tests.cli.test_bad_input import copy_scene, set_camera
 from tests.cli.test_foreign_folder import EVIL, assert_refused, made, run
 
@@ -73,17 +73,16 @@ def test_a_link_to_a_file_keeps_being_a_link(tmp_path: Path) -> None:
     assert (tmp_path / "latest.png").is_symlink() and (tmp_path / "sheet.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_dash_is_standard_output(run: Path) -> None:
-    done = outside("report", "run", "--out", "-", folder=run.parent)
-    assert done.returncode == 0 and done.stdout.startswith("<!doctype html>") and done.stdout.endswith("</html>\n")
-    assert not (run.parent / "-").exists()
-
-
-def outside(*arguments: str, folder: Path) -> Done:
-    """Run ``grs`` in a process of its own, whose standard output takes bytes."""
-    command = [sys.executable, "-m", "grs_agents", *arguments]
-    ended = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=200, check=False)
-    return Done(ended.returncode, ended.stdout, ended.stderr)
+def test_a_dash_is_standard_output(
+    run: Path, capsysbinary: pytest.CaptureFixture[bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(run.parent)
+    monkeypatch.setattr(sys, "argv", ["grs", "report", "run", "--out", "-"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    page = capsysbinary.readouterr().out
+    assert not end.value.code and page.startswith(b"<!doctype html>") and page.endswith(b"</html>\n")
+    assert not Path("-").exists()
 
 
 def test_wrong_options_are_repeated_without_their_control_characters(tmp_path: Path) -> None:

@@ -158,20 +158,25 @@ def test_whenever_a_run_is_killed_it_ends_alike_and_repeats_no_reply(
     broken = "```python\nimport unittest\n\nclass T(unittest.TestCase):\n    def test_a(self):\n        nowhere()\n```"
 
     def run(name: str, moment: int) -> tuple[list[int], dict[str, bytes], Counter[str]]:
-        """Exit statuses of the run and its resumption, what it made, and what the server was asked."""
+        """Exit statuses of the run, if it is killed, and of what ends it; what it made; what the server was asked."""
         (graphs / f"{name}.py").write_text(KILLED.replace("MOMENT", str(moment)))
         scripted_server.bodies.clear()
         scripted_server.spoilt = {"task": ["none of your business"], "tests": [broken]}
         settings = [*asking(scripted_server), "--set", f"graph={name}"]
-        order = command("--content", str(graphs.parent), "run", str(small_scene), "--out", str(tmp_path / name))
-        done = [subprocess.run([*order, *more], capture_output=True, check=False) for more in (settings, ["--resume"])]
+        order = ["--content", str(graphs.parent), "run", str(small_scene), "--out", str(tmp_path / name)]
+        statuses: list[int] = []
+        if moment >= 0:
+            statuses.append(subprocess.run(command(*order, *settings), capture_output=True, check=False).returncode)
+            assert json.loads((tmp_path / name / "run.json").read_text())["status"] == "running"
+        statuses.append(grs(*order, *(["--resume"] if statuses else settings), folder=tmp_path).returncode)
+        assert json.loads((tmp_path / name / "run.json").read_text())["attempts"] == len(statuses)
         patterns = ("task.json", "*simulation.py", "scene.json", "audit.json", "instances/*.json", "history/*.py")
         files = [file for pattern in patterns for file in (tmp_path / name).glob(pattern)]
         made = {str(file.relative_to(tmp_path / name)): file.read_bytes() for file in files}
-        return [one.returncode for one in done], made, Counter(scripted_server.bodies)
+        return statuses, made, Counter(scripted_server.bodies)
 
     statuses, made, requests = run("whole", -1)
-    assert statuses == [0, 0] and len(made) > 8
+    assert statuses == [0] and len(made) > 8
     events = len(read_events(tmp_path / "whole" / "events.jsonl"))
     kills = int(pytestconfig.getoption("--kills") or 1)
     for number in range(kills):
@@ -179,6 +184,8 @@ def test_whenever_a_run_is_killed_it_ends_alike_and_repeats_no_reply(
         statuses, again, asked = run(f"killed_{moment}", moment)
         assert (statuses, again) == ([-9, 0], made), f"killed after event {moment} of {events}"
         told = read_events(tmp_path / f"killed_{moment}" / "events.jsonl")
+        nodes = [event.node for event in told if event.kind == "node_ended"]
+        assert nodes.count("read") == nodes.count("settle") == nodes.count("generate_sim") == 1
         under_way = sum(event.kind == "prompt" for event in told) - sum(event.kind == "reply" for event in told)
         assert not requests - asked and (asked - requests).total() <= under_way <= 8
 
@@ -189,13 +196,13 @@ def test_a_signal_before_the_first_node_is_not_lost(tmp_path: Path, small_scene:
     graphs.mkdir(parents=True)
     (graphs / "lossy.py").write_text(LOSSY.replace("SIGNAL", name))
     out = tmp_path / "run"
-    order = command("--content", str(graphs.parent), "run", str(small_scene), "--out", str(out))
-    done = subprocess.run([*order, "--set", "graph=lossy"], capture_output=True, text=True, check=False)
+    order = ["--content", str(graphs.parent), "run", str(small_scene), "--out", str(out)]
+    done = subprocess.run(command(*order, "--set", "graph=lossy"), capture_output=True, text=True, check=False)
     assert done.returncode == 130, done.stderr
     assert f"grs run {small_scene} --out {out} --resume" in done.stderr
     assert json.loads((out / "run.json").read_text())["status"] == "interrupted"
     if name == "SIGTERM":
-        again = subprocess.run([*order, "--resume", "--json"], capture_output=True, text=True, check=False)
+        again = grs(*order, "--resume", "--json", folder=tmp_path)
         assert json.loads(again.stdout)["status"] == "accepted", again.stderr
 
 

@@ -269,19 +269,15 @@ def test_config_says_where_each_value_came_from(tmp_path: Path) -> None:
     assert found["seed"] == {"value": 0, "source": "default"}
 
 
-def test_doctor_finds_a_working_sandbox(tmp_path: Path) -> None:
-    done = grs("doctor", "--json", folder=tmp_path)
-    found = {one["subject"]: one for one in json.loads(done.stdout)}
-    assert done.returncode == 0
-    assert found["sandbox"]["state"] == "works"
-    assert all(one["remedy"] for one in found.values() if one["state"] == "absent")
-
-
-def test_doctor_tells_a_missing_key_from_a_missing_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_doctor_finds_a_working_sandbox_and_tells_a_missing_key_from_a_missing_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("langchain_openai")
     monkeypatch.setitem(sys.modules, "langchain_anthropic", None)
     monkeypatch.setenv("ANTHROPIC_API_KEY", "x")
-    found = {one["subject"]: one for one in json.loads(grs("doctor", "--json", folder=tmp_path).stdout)}
+    done = grs("doctor", "--json", folder=tmp_path)
+    found = {one["subject"]: one for one in json.loads(done.stdout)}
+    assert done.returncode == 0 and found["sandbox"]["state"] == "works"
     openai, anthropic = found["models openai"], found["models anthropic"]
     assert openai["state"] == "no key" and openai["remedy"] == "export OPENAI_API_KEY=..."
     assert anthropic["state"] == "not installed" and 'pip install "grs-agents[anthropic]"' in anthropic["remedy"]
@@ -289,7 +285,7 @@ def test_doctor_tells_a_missing_key_from_a_missing_package(tmp_path: Path, monke
     project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text("utf-8"))["project"]
     extras = {subject.removeprefix("extra ") for subject in found if subject.startswith("extra ")}
     assert extras == set(project["optional-dependencies"])
-    assert all(one["remedy"] for one in found.values() if one["state"] in ("not installed", "no key"))
+    assert all(one["remedy"] for one in found.values() if one["state"] in ("absent", "not installed", "no key"))
 
 
 @pytest.mark.parametrize(

@@ -17,10 +17,10 @@ from tests.cli.command import Done, grs
 
 
 @pytest.fixture(scope="module")
-def accepted(tmp_path_factory: pytest.TempPathFactory, sample_scene: Path) -> Path:
-    """A run of the sample scene with one seed."""
+def accepted(tmp_path_factory: pytest.TempPathFactory, small_scene: Path) -> Path:
+    """A run of a small scene with one seed."""
     folder = tmp_path_factory.mktemp("accepted")
-    done = grs("run", str(sample_scene), "--out", "run", "--set", "audit.seeds=1", "--json", folder=folder)
+    done = grs("run", str(small_scene), "--out", "run", "--set", "audit.seeds=1", "--json", folder=folder)
     assert done.returncode == 0, done.stderr
     return folder / "run"
 
@@ -53,17 +53,12 @@ def assert_named(run: Path, name: str) -> None:
     assert found["differences"] and all(line.startswith(f"{name}:") for line in found["differences"]), found
 
 
-def test_a_run_as_it_ended_holds(run: Path) -> None:
+def test_a_run_holds_also_with_what_other_verbs_make_of_it(run: Path) -> None:
+    for verb in ("trace", "report"):
+        assert grs(verb, "run", folder=run.parent).returncode == 0
     done, found = verify(run)
     assert done.returncode == 0, done.stdout
     assert found == {"status": "holds", "verdict": "accepted", "recomputed": True, "differences": [], "note": ""}
-
-
-def test_what_other_verbs_make_of_a_run_is_no_change(run: Path) -> None:
-    for verb in ("trace", "report"):
-        assert grs(verb, "run", folder=run.parent).returncode == 0
-    done = grs("verify", "run", folder=run.parent)
-    assert done.returncode == 0 and "holds (accepted)" in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -211,17 +206,26 @@ def test_each_change_under_new_hashes_is_found_by_the_audit(
         assert any(difference.startswith(line) for difference in found["differences"]), (line, found)
 
 
-def test_a_shared_run_holds(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MY_TOKEN", "assets/scenes/groceries")  # a word of the log, which is taken for a key and removed
+@pytest.fixture
+def key(small_scene: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A word of the log that is taken for a key, which sharing removes."""
+    word = "/".join(small_scene.parts[-2:])
+    monkeypatch.setenv("MY_TOKEN", word)
+    return word
+
+
+def test_a_shared_run_holds(run: Path, tmp_path: Path, key: str) -> None:
+    assert key in (run / "events.jsonl").read_text()
     done = grs("share", "run", "--out", "shared.zip", folder=tmp_path)
     assert done.returncode == 0 and "events.jsonl" in done.stdout, done
     with zipfile.ZipFile(tmp_path / "shared.zip") as archive:
         archive.extractall(tmp_path / "other")
-    assert grs("verify", "run", folder=tmp_path / "other").returncode == 0
+    done = grs("verify", "run", folder=tmp_path / "other")
+    assert done.returncode == 0 and "holds (accepted)" in done.stdout
 
 
-def test_sharing_gives_a_changed_file_no_new_hash(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MY_TOKEN", "assets/scenes/groceries")
+@pytest.mark.usefixtures("key")
+def test_sharing_gives_a_changed_file_no_new_hash(run: Path, tmp_path: Path) -> None:
     with (run / "events.jsonl").open("a") as log:
         log.write("\n")
     assert grs("share", "run", "--out", "shared.zip", folder=tmp_path).returncode == 0

@@ -8,6 +8,8 @@ import socket
 import subprocess
 import sys
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
+from io import BufferedReader
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -15,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from grs_agents.cli import main
 from grs_agents.config import Config
 from grs_agents.run import RunRecord
 from grs_agents.trace import EventLog
@@ -58,24 +61,29 @@ def test_show_marks_a_step_whose_tests_failed(run: Path) -> None:
     assert "✗ run_tests" in tree and "✓ run_tests ×2" in tree and tree.count("✗") == 1
 
 
-def test_a_long_verb_shows_on_a_terminal_alone_what_it_is_at(run: Path) -> None:
-    command = [sys.executable, "-m", "grs_agents", "report", "run"]
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "TERM": "xterm"}
+def test_a_long_verb_shows_on_a_terminal_alone_what_it_is_at(
+    run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(run.parent)
+    monkeypatch.setattr(sys, "argv", ["grs", "report", "run"])
+    monkeypatch.setenv("TERM", "xterm")
     reader, writer = os.openpty()
-    with (
-        subprocess.Popen(command, cwd=run.parent, env=environment, stdout=subprocess.PIPE, stderr=writer) as process,
-        os.fdopen(reader, "rb") as terminal,
-    ):
-        os.close(writer)
-        shown = b""
-        with contextlib.suppress(OSError):  # so Linux says that the other end is closed
-            while part := terminal.read1():
-                shown += part
-        assert process.stdout is not None
-        printed = process.stdout.read()
-    assert process.returncode == 0
-    assert b"drawing" in shown and b"drawing" not in printed
+    with os.fdopen(reader, "rb") as terminal, ThreadPoolExecutor(1) as pool:
+        shown = pool.submit(read_terminal, terminal)
+        with os.fdopen(writer, "w") as stderr, contextlib.redirect_stderr(stderr), pytest.raises(SystemExit) as end:
+            main()
+        assert not end.value.code
+        assert b"drawing" in shown.result() and "drawing" not in capsys.readouterr().out
     assert grs("report", "run", folder=run.parent).stderr == ""
+
+
+def read_terminal(terminal: BufferedReader) -> bytes:
+    """All that is written to a terminal until its other end is closed."""
+    shown = b""
+    with contextlib.suppress(OSError):  # so Linux says that it is
+        while part := terminal.read1():
+            shown += part
+    return shown
 
 
 def test_show_is_a_tree_a_step_or_json(run: Path) -> None:

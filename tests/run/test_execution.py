@@ -14,6 +14,7 @@ from grs_agents.config import Config
 from grs_agents.errors import ConfigError, GrsError, InputError
 from grs_agents.run import Order, Outcome, UnexpectedError, execute_run, read_record
 from grs_agents.trace import EventLog, RunEnded, RunStarted, read_events
+from tests.kept_sandbox import lend_sandbox
 
 GRAPH = """\
 \"\"\"Two nodes: the first makes a note, the second does what the test is about.\"\"\"
@@ -58,16 +59,22 @@ def silent(folder: Path, log: EventLog) -> AbstractContextManager[None]:
 def run(tmp_path: Path, sample_scene: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Runs a graph whose second node has the given body; without one, the graph that is there."""
     monkeypatch.setattr(content, "_overlays", [])
+    monkeypatch.setattr("grs_agents.run.execution.open_sandbox", lend_sandbox)
     (tmp_path / "graphs").mkdir()
     content.add_overlay_folder(tmp_path)
 
     def execute_it(
-        body: str = "", then: str = "END", views: Any = silent, resume: bool = False, **settings: Any
+        body: str = "",
+        then: str = "END",
+        views: Any = silent,
+        resume: bool = False,
+        reply: str | None = None,
+        **settings: Any,
     ) -> Outcome:
         if body:
             (tmp_path / "graphs" / "mine.py").write_text(GRAPH.format(body=body, then=then))
         config = Config(graph="mine", **settings)
-        return execute_run(Order("run", sample_scene, config, tmp_path / "run", resume=resume), views)
+        return execute_run(Order("run", sample_scene, config, tmp_path / "run", resume=resume, reply=reply), views)
 
     return execute_it
 
@@ -212,3 +219,42 @@ def test_a_name_that_nothing_has_is_refused_before_a_folder_is_made(
     with pytest.raises(ConfigError):
         run(ACCEPTED, **settings)
     assert not (tmp_path / "run").exists()
+
+
+ASKING = """\
+    from grs_agents.questions import ask_person
+    reply = ask_person("Is the table right?", ("yes", "no"), "eleven objects")
+    return {"status": "accepted" if reply == "yes" else "rejected", "reason": f"a person said {reply}"}
+"""
+
+
+def test_a_run_waits_for_a_person_and_goes_on_with_the_reply(run: Run) -> None:
+    asked = run(ASKING.strip())
+    assert (asked.record.status, asked.record.exit_status) == ("waiting", 4)
+    assert asked.record.question is not None and asked.record.question.choices == ("yes", "no")
+    assert "asks: Is the table right?" in str(read_events(asked.folder / "events.jsonl"))
+    assert run(resume=True).record.status == "waiting"  # nobody has replied
+    ended = run(resume=True, reply="yes")
+    assert (ended.record.status, ended.record.reason) == ("accepted", "a person said yes")
+    assert ended.record.question is None
+    starts = [event.node for event in read_events(ended.folder / "events.jsonl") if event.kind == "node_started"]
+    assert starts == ["first", "second", "second"]
+
+
+def test_a_plain_interrupt_waits_too(run: Run) -> None:
+    body = "from langgraph.types import interrupt\n    return {'status': 'accepted', 'reason': interrupt({'ask': 3})}"
+    assert run(body).record.reason == '{"ask": 3}'
+    assert run(resume=True, reply="any words").record.reason == "any words"
+
+
+def test_a_reply_that_was_not_offered_leaves_the_run_waiting(run: Run, tmp_path: Path) -> None:
+    run(ASKING.strip())
+    with pytest.raises(InputError, match="'perhaps' begins with none of the choices; begin it with yes or no"):
+        run(resume=True, reply="perhaps")
+    assert read_record(tmp_path / "run").status == "waiting"
+
+
+def test_a_run_that_asks_nothing_takes_no_reply(run: Run) -> None:
+    run("raise KeyboardInterrupt")
+    with pytest.raises(InputError, match="interrupted and waits for no reply"):
+        run(resume=True, reply="yes")

@@ -1,0 +1,64 @@
+"""``grs runs``, and ``latest`` in the place of a run folder."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from rich.table import Table
+from rich.text import Text
+
+from grs_agents import terminal
+from grs_agents.errors import GrsError, InputError
+from grs_agents.run import RunRecord, read_record
+from grs_agents.terminal import print_escaped, print_json
+
+RUNS: Final = Path("runs")
+LATEST: Final = "latest"
+
+
+def resolve_run_folder(folder: Path) -> Path:
+    """``folder``, or the run below ``runs/`` that was written last where it says ``latest`` and no folder is called so.
+    Raises InputError: there is none."""
+    if str(folder) != LATEST or folder.exists():
+        return folder
+    found = _newest_first(RUNS)
+    if not found:
+        raise InputError(f"there is no run below {RUNS}", "make one with `grs run`, or name its folder")
+    return found[0]
+
+
+def list_runs(root: Path, status: str | None, scene: str | None, as_json: bool) -> None:
+    """Print the runs below ``root``, those written last first; one that cannot be read is named on stderr."""
+    rows = [(folder, record) for folder, record in _read_records(root) if _fits(record, status, scene)]
+    if as_json:
+        print_json([{"folder": str(folder), **record.model_dump(mode="json")} for folder, record in rows])
+        return
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    for column in ("run", "status", "scene", "graph", "seconds"):
+        table.add_column(column, no_wrap=column != "run", overflow="fold")
+    table.add_column("reason", overflow="fold", ratio=1)
+    for folder, record in rows:
+        seconds = f"{record.seconds.get('total', 0.0):.1f}"
+        cells = (str(folder), record.status, Path(record.source).name, record.graph, seconds, record.reason)
+        table.add_row(*map(Text, cells))
+    terminal.make_console().print(table)
+
+
+def _newest_first(root: Path) -> list[Path]:
+    """The run folders below ``root``."""
+    files = [file for file in root.glob("*/run.json") if file.is_file()]
+    return [file.parent for file in sorted(files, key=lambda file: file.stat().st_mtime_ns, reverse=True)]
+
+
+def _read_records(root: Path) -> Iterator[tuple[Path, RunRecord]]:
+    if not root.is_dir():
+        raise InputError(f"{root} is no folder", "name the folder that holds run folders, runs/ by default")
+    for folder in _newest_first(root):
+        try:
+            yield folder, read_record(folder)
+        except GrsError as error:
+            print_escaped(f"grs: {error}", error=True)
+
+
+def _fits(record: RunRecord, status: str | None, scene: str | None) -> bool:
+    return (status is None or record.status == status) and (scene is None or scene in record.source)

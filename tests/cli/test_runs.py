@@ -1,0 +1,73 @@
+"""``grs runs`` and ``latest``."""
+
+import json
+import os
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from grs_agents.run import RunRecord
+from tests.cli.command import grs
+
+STATUSES: dict[str, Literal["accepted", "rejected", "failed"]] = {
+    "first": "accepted",
+    "second": "rejected",
+    "damaged": "failed",
+}
+
+
+@pytest.fixture
+def work(tmp_path: Path) -> Path:
+    """A folder with three runs, one of them damaged, and a data set beside them."""
+    for age, (name, status) in enumerate(STATUSES.items()):
+        folder = tmp_path / "runs" / name
+        folder.mkdir(parents=True)
+        RunRecord(
+            id=name,
+            status=status,
+            command="run",
+            source=f"photos/{name}_table",
+            graph="grs",
+            config={},
+            versions={},
+            seeds=(0,),
+            reason=f"why {name}",
+        ).write(folder)
+        os.utime(folder / "run.json", (1000 + age, 1000 + age))
+    (tmp_path / "runs" / "damaged" / "run.json").write_text("{")
+    (tmp_path / "runs" / "first-demos").mkdir()
+    return tmp_path
+
+
+def listed(work: Path, *options: str) -> list[str]:
+    """The names of the runs that are listed."""
+    done = grs("runs", *options, "--json", folder=work)
+    assert done.returncode == 0
+    return [row["id"] for row in json.loads(done.stdout)]
+
+
+def test_runs_are_listed_newest_first(work: Path) -> None:
+    assert listed(work) == ["second", "first"]
+    assert listed(work, "--status", "accepted") == ["first"]
+    assert listed(work, "--of", "second_t") == ["second"]
+    shown = grs("runs", folder=work)
+    assert shown.stdout.index("why second") < shown.stdout.index("why first")
+    assert "damaged" in shown.stderr
+
+
+def test_latest_is_the_run_that_was_written_last(work: Path) -> None:
+    for name, age in {"first": 9001, "second": 9000}.items():
+        os.utime(work / "runs" / name / "run.json", (age, age))
+    (work / "runs" / "damaged" / "run.json").unlink()
+    assert "the run runs/first is accepted and waits for no reply" in grs("approve", "latest", folder=work).stderr
+
+
+def test_where_there_are_none_the_remedy_is_told(tmp_path: Path) -> None:
+    assert "there is no run below runs; make one with `grs run`" in grs("show", "latest", folder=tmp_path).stderr
+    assert "runs is no folder; name the folder that holds run folders" in grs("runs", folder=tmp_path).stderr
+
+
+def test_help_and_version_have_short_forms(tmp_path: Path) -> None:
+    assert "List runs, the newest first." in grs("runs", "-h", folder=tmp_path).stdout
+    assert grs("-V", folder=tmp_path).stdout == grs("--version", folder=tmp_path).stdout
