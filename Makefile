@@ -6,10 +6,12 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 DOCS_STAMP := $(VENV)/.installed-docs
 SCENE ?= groceries
-PYTEST_OPTIONS ?= -n 2 --dist loadfile
+# The files in their order: those that cost most are not among the last.
+PYTEST_OPTIONS ?= -n 2 --dist loadfile --no-loadscope-reorder
 # On a terminal pip shows what it fetches.
 QUIET := $(shell test -t 2 || echo --quiet)
-PIP_INSTALL := $(BIN)/python -m pip install $(QUIET) --disable-pip-version-check
+PIP_OPTIONS ?=
+PIP_INSTALL := $(BIN)/python -m pip install $(QUIET) --disable-pip-version-check $(PIP_OPTIONS)
 
 .DELETE_ON_ERROR:
 .PHONY: help setup demo test coverage check format smoke docs lock clean

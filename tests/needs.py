@@ -126,6 +126,9 @@ NEEDS = {
             ("langchain_ollama", "ollama"),
         )
     },
+    **{package: _package(package, 'pip install "grs-agents[demos]"') for package in ("pyarrow", "av", "h5py")},
+    "gymnasium": _package("gymnasium", 'pip install "grs-agents[gym]"'),
+    "minari": _package("minari", 'pip install "grs-agents[minari]"'),
     "objaverse": _package("objaverse", 'pip install "grs-agents[objaverse]"'),
     "langgraph_api": _package("langgraph_api", 'pip install "langgraph-cli[inmem]"'),
     "HOPE meshes": Need(

@@ -2,6 +2,7 @@
 
 import ast
 import random
+from functools import cache
 
 import pytest
 
@@ -11,17 +12,19 @@ from tests.models.conftest import render, rich_scene
 from tests.models.roles import API, as_text, fixed_code, fixed_tests, simulation_for, task_for, unit_tests_for
 
 
-def programs(seed: int) -> dict[str, str]:
+@cache
+def programs(seed: int) -> tuple[dict[str, object], dict[str, str]]:
+    """A task, and the two programs of it."""
     task = task_for(rich_scene(), seed)
     code = simulation_for(task, rich_scene(), seed)
-    return {"simulation": code, "tests": unit_tests_for(task, code)}
+    return task, {"simulation": code, "tests": unit_tests_for(task, code)}
 
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: f"{mistake.program}-{mistake.name}")
 def test_each_mistake_changes_some_program_and_is_mended(mistake: Mistake) -> None:
     made = 0
     for seed in range(6):
-        right = programs(seed)
+        task, right = programs(seed)
         wrong = mistake.apply(right[mistake.program], random.Random(seed))
         assert wrong == mistake.apply(right[mistake.program], random.Random(seed))
         if wrong is None:
@@ -30,7 +33,7 @@ def test_each_mistake_changes_some_program_and_is_mended(mistake: Mistake) -> No
         assert wrong != right[mistake.program]
         if mistake.name != "syntax":
             ast.parse(wrong)
-        task, simulation, tests = task_for(rich_scene(), seed), right["simulation"], right["tests"]
+        simulation, tests = right["simulation"], right["tests"]
         if mistake.program == "simulation":
             assert fixed_code(task, rich_scene(), wrong, "", tests=tests) == simulation
         else:

@@ -112,7 +112,7 @@ def test_a_robot_is_an_arm_or_nothing(robot: str, door: Door, watched: Canaries)
     robot = robot.replace("{secret}", watched.world["key_file"]).replace("{folder}", watched.world["folder"])
     base = {"task": "T", "seed": 0, "max_steps": 1, "timestep": 0.002, "goals": [], "objects": []}
     tool = load_tool("rollout")
-    result = tool.run(tool.Request(instance=base, robot=robot), tools(door))
+    result = tool.run(tool.Request(instance={**base, "robot": robot}), tools(door))
     assert result.rollout is None
     assert watched.secret not in result.error
 

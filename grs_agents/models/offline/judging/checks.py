@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from grs_agents.models.offline.judge_places import Differs, Places, explain_misplacement
-from grs_agents.models.offline.judge_reading import (
+from grs_agents.models.offline.judging.places import Differs, Places, explain_misplacement
+from grs_agents.models.offline.judging.reading import (
     CLEARING,
     LEAVING,
     LINING,
@@ -18,7 +18,7 @@ from grs_agents.models.offline.judge_reading import (
     Phrase,
     Request,
 )
-from grs_agents.models.offline.judge_scene import Scene, Thing
+from grs_agents.models.offline.judging.scene import Scene, Thing
 
 _FAR_ENOUGH = 0.05
 """Metres: less is a nudge."""

@@ -4,8 +4,8 @@ import math
 from collections.abc import Callable, Sequence
 from itertools import product
 
-from grs_agents.models.offline.judge_reading import Phrase, Request
-from grs_agents.models.offline.judge_scene import Scene, Thing
+from grs_agents.models.offline.judging.reading import Phrase, Request
+from grs_agents.models.offline.judging.scene import Scene, Thing
 
 BESIDE = 0.12
 """Metres between two things that people call beside each other."""

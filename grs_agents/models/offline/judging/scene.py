@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any, cast
 
-from grs_agents.models.offline.judge_reading import GENERIC, KNOWN, OTHERS, PREPOSITIONS, Phrase, make_singular
+from grs_agents.models.offline.judging.reading import GENERIC, KNOWN, OTHERS, PREPOSITIONS, Phrase, make_singular
 from grs_agents.models.offline.prompt_text import COLORS, Json, split_words
 
 Reference = tuple[str, int]

@@ -6,10 +6,10 @@ It abstains where it does not understand a word.
 import json
 from itertools import islice, product
 
-from grs_agents.models.offline.judge_checks import Unclear, check_requests
-from grs_agents.models.offline.judge_places import Differs, choose_places
-from grs_agents.models.offline.judge_reading import PUSHING, Reading, read_request_words, resolve_pronouns
-from grs_agents.models.offline.judge_scene import Scene, parse_scene
+from grs_agents.models.offline.judging.checks import Unclear, check_requests
+from grs_agents.models.offline.judging.places import Differs, choose_places
+from grs_agents.models.offline.judging.reading import PUSHING, Reading, read_request_words, resolve_pronouns
+from grs_agents.models.offline.judging.scene import Scene, parse_scene
 from grs_agents.models.offline.prompt_text import PromptText
 
 _MOST_READINGS = 400

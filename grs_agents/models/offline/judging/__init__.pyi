@@ -1,0 +1,1 @@
+from .judge import judge_words as judge_words

@@ -1,0 +1,75 @@
+"""The scripts in examples/: what they name is there, and the one that needs numpy alone learns."""
+
+import ast
+import importlib
+import importlib.util
+import inspect
+import runpy
+from pathlib import Path
+
+import pytest
+
+from grs_agents.base import Pose
+from grs_agents.envs import GrsEnv
+from grs_agents.sim import Goal, InstanceObject, TaskInstance
+
+ROOT = Path(__file__).parent.parent.parent
+SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+
+
+def imported_names(tree: ast.Module) -> list[tuple[str, str]]:
+    """Module and name of each ``from module import name``, of modules that are installed."""
+    found = [node for node in tree.body if isinstance(node, ast.ImportFrom) and node.module]
+    here = [node for node in found if importlib.util.find_spec(str(node.module).partition(".")[0])]
+    return [(str(node.module), alias.name) for node in here for alias in node.names]
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+def test_a_script_fits_a_screen_and_names_what_there_is(script: Path) -> None:
+    text = script.read_text(encoding="utf-8")
+    tree = ast.parse(text)
+    assert sum(bool(line.strip()) for line in text.splitlines()) <= 60
+    for module, name in imported_names(tree):
+        assert hasattr(importlib.import_module(module), name), f"{module}.{name}"
+    known = set(inspect.signature(GrsEnv).parameters) | {"n_envs", "use_async_envs", "cfg"}
+    for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+        if ast.unparse(call.func) in ("gymnasium.make", "make_env"):
+            assert {keyword.arg for keyword in call.keywords} <= known
+
+
+def test_the_page_and_the_scripts_name_one_another() -> None:
+    page = (ROOT / "docs" / "use_your_task.md").read_text(encoding="utf-8")
+    assert SCRIPTS and all(f"examples/{script.name}" in page for script in SCRIPTS)
+
+
+def write_block_task(folder: Path) -> None:
+    """A block that is to stand at the left; the target moves with the block's own variations."""
+    target: Pose = ((0.5, 0.15, 0.02), UPRIGHT)
+    goal = Goal(
+        objects=(1,),
+        matches=((1,),),
+        targets=(target,),
+        replace=False,
+        rotations=False,
+        metric="pose",
+        max_reward=1.0,
+        symmetries=(0.0,),
+        language="put the block at the left",
+    )
+    block = InstanceObject(id=1, asset="block/block.urdf", pose=((0.5, -0.1, 0.02), UPRIGHT))
+    task = TaskInstance(task="PutBlockLeft", seed=0, max_steps=2, timestep=0.004, objects=(block,), goals=(goal,))
+    (folder / "instances").mkdir()
+    (folder / "instances" / "seed_0.json").write_text(task.model_dump_json(), encoding="utf-8")
+
+
+def test_behaviour_cloning_learns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_block_task(tmp_path)
+    script = ROOT / "examples" / "behaviour_cloning.py"
+    monkeypatch.setattr("sys.argv", [str(script), str(tmp_path), "--demonstrations", "8", "--episodes", "4"])
+    runpy.run_path(str(script), run_name="__main__")
+    told = capsys.readouterr().out
+    assert "8 demonstrations" in told
+    assert "solved of 4: 4 by the policy, 0 by random decisions" in told
