@@ -53,6 +53,8 @@ class Camera(Intrinsics):
     depth_scale: Positive  # metres per unit of the depth image
     # 4x4 rigid transform from the camera frame to the robot frame, if it was calibrated
     T_robot_cam: Matrix | None = None
+    # the arm's joint positions when the photo was taken, rad, base first: tells which pixels show the arm
+    joints: tuple[Finite, ...] | None = None
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -283,6 +285,22 @@ class TwinReport(Frozen):
     held: int = 0
 
 
+class UnownedRegion(Frozen):
+    """A connected part of what rises above the table that belongs to no object."""
+
+    share: Share  # of all pixels that rise above the table
+    box: Aabb  # axis-aligned, robot frame
+    reason: str  # why no object owns it, in words
+
+
+class Coverage(Frozen):
+    """Which part of what rises above the table the objects own. The robot and the walls of a bin do not count."""
+
+    share: Share  # of the pixels that rise above the table
+    unowned: tuple[UnownedRegion, ...] = ()  # the largest first
+    picture: InsideName  # the photo with what no object owns marked
+
+
 class SceneDescription(Frozen):
     """The whole scene (paper, Scene Comprehension); ``background`` is the library name of what is around it, if any."""
 
@@ -300,6 +318,7 @@ class SceneDescription(Frozen):
     # in descriptions of before there were any
     camera: Intrinsics | None = None
     table_color: tuple[Share, Share, Share] | None = None
+    coverage: Coverage | None = None  # None in descriptions of before it was measured
 
     def write(self, file: Path) -> None:
         """Write ``scene.json`` whole."""

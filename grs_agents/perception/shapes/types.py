@@ -1,0 +1,51 @@
+"""What a shape is reconstructed from, and what it is.
+
+Object frame: origin on the support under the middle of the measured box, z up, x along the first side of that box.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.perception.types import Array, Image, Intrinsics, Mask
+
+ShapeMethod = Literal["lathe", "mirror", "voxels"]
+"""Revolved about an upright axis; carved by the view and its mirror images; carved by the view alone."""
+
+
+@dataclass(frozen=True)
+class ObjectView:
+    """One object in a photo with depth."""
+
+    rgb: Image  # (H, W, 3) uint8
+    depth: npt.NDArray[np.float32]  # (H, W) metres along the optical axis, 0 where nothing was measured
+    mask: Mask  # (H, W) bool: the object's pixels
+    intrinsics: Intrinsics
+    T_object_cam: Array  # (4, 4) from the camera frame (OpenCV axes) to the object frame, metres
+    size: tuple[float, float, float]  # of the measured upright box along the object frame's axes, metres
+    noise: float  # standard deviation of depth at the object's distance, metres
+
+
+@dataclass(frozen=True)
+class TexturedMesh:
+    """A closed triangle mesh with a picture on it."""
+
+    vertices: Array  # (V, 3) metres, object frame
+    faces: npt.NDArray[np.int64]  # (F, 3) vertex indices, counter-clockwise from outside
+    uvs: Array  # (V, 2) texture coordinates, origin lower left
+    texture: Image  # (h, w, 3) uint8
+
+
+@dataclass(frozen=True)
+class ObjectShape:
+    """What an object looks like, all round."""
+
+    mesh: TexturedMesh
+    method: ShapeMethod
+    hollow: bool  # open at the top, one can put something into it
+    # of a hollow lathe: (N, 3) inner radius, outer radius, height above the support, metres, from the floor to the rim
+    walls: Array | None
+    silhouette_iou: float  # of the mesh seen by the photo's camera with the mask, where nothing nearer hides it
+    depth_error: float  # 90th percentile of |mesh - measured| over the mask's pixels with depth, metres
