@@ -18,7 +18,7 @@ from grs_agents.config import load_config
 from grs_agents.nodes import Services
 from grs_agents.perception import read_scene_description
 from grs_agents.policies import load_policy
-from grs_agents.run import open_sandbox
+from grs_agents.runs import open_sandbox
 from grs_agents.sandbox import TestReport
 from grs_agents.terminal import VisibleParser
 from grs_agents.trace import EventLog

@@ -7,7 +7,7 @@ from evals.benchmark.match_runs import METHODS, match_orders, run_match_orders
 from evals.benchmark.perception_runs import MeasurementOptions, orders_of, synthesised_orders
 from evals.synthesis.scene import recipes
 from grs_agents.errors import UnknownNameError
-from grs_agents.run import positive_int
+from grs_agents.runs import positive_int
 from grs_agents.terminal import VisibleParser
 
 

@@ -99,7 +99,7 @@ def main(arguments: Sequence[str]) -> int:
     Returns:
         0 if every target is kept, 1 if not.
     """
-    from grs_agents.run import positive_int
+    from grs_agents.runs import positive_int
 
     parser = VisibleParser(prog="grs eval env_speed", description=__doc__)
     parser.add_argument("run", nargs="?", type=Path, help="an accepted run; eight cans and a box if left out")

@@ -8,7 +8,7 @@ from evals.benchmark.perception_runs import MeasurementOptions, orders_of, run_o
 from evals.synthesis.scene import recipes
 from grs_agents.config import load_config
 from grs_agents.perception import RULES
-from grs_agents.run import positive_int
+from grs_agents.runs import positive_int
 from grs_agents.terminal import VisibleParser
 
 

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from evals.benchmark.retrieval import measure_retrieval, retrieval_targets
 from grs_agents.metrics import metrics_to_dicts
-from grs_agents.run import positive_int
+from grs_agents.runs import positive_int
 from grs_agents.terminal import VisibleParser
 
 

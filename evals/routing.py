@@ -16,7 +16,7 @@ from grs_agents.base import Frozen
 from grs_agents.config import load_config
 from grs_agents.nodes import Services
 from grs_agents.policies import load_policy
-from grs_agents.run import open_sandbox
+from grs_agents.runs import open_sandbox
 from grs_agents.terminal import VisibleParser
 from grs_agents.trace import EventLog
 

@@ -19,7 +19,7 @@ from rich.table import Table
 from grs_agents import content
 from grs_agents.base import Frozen
 from grs_agents.config import Config, Limits
-from grs_agents.run import open_sandbox, positive_int
+from grs_agents.runs import open_sandbox, positive_int
 from grs_agents.sandbox import Sandbox
 from grs_agents.terminal import VisibleParser
 

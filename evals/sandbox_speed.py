@@ -16,7 +16,7 @@ from grs_agents import content
 from grs_agents.config import Config, Limits
 from grs_agents.library import Library
 from grs_agents.metrics import Figure, cpu_seconds, metrics_table, metrics_to_dicts
-from grs_agents.run import PRELOAD, TOOLS, open_sandbox, positive_int
+from grs_agents.runs import PRELOAD, TOOLS, open_sandbox, positive_int
 from grs_agents.sandbox import Sandbox
 from grs_agents.terminal import VisibleParser
 from grs_agents.toolkit import ToolContext, load_tool

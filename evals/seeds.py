@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from grs_agents import content
-from grs_agents.run import Job, make_experiment_parser, positive_int, run_experiment, settings_as_arguments
+from grs_agents.runs import Job, make_experiment_parser, positive_int, run_experiment, settings_as_arguments
 
 
 def main(arguments: Sequence[str]) -> int:

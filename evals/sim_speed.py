@@ -176,7 +176,7 @@ def main(arguments: Sequence[str]) -> int:
     Returns:
         0 if every target is kept, 1 if not.
     """
-    from grs_agents.run import positive_int
+    from grs_agents.runs import positive_int
 
     parser = VisibleParser(prog="grs eval sim_speed", description=__doc__)
     parser.add_argument("--repeats", type=positive_int, default=5, help="how often each timing is repeated")

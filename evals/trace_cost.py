@@ -26,7 +26,7 @@ from grs_agents.library import Library
 from grs_agents.metrics import cpu_seconds
 from grs_agents.nodes import Services
 from grs_agents.policies import load_policy
-from grs_agents.run import open_sandbox
+from grs_agents.runs import open_sandbox
 from grs_agents.terminal import VisibleParser
 from grs_agents.trace import Event, EventLog, RunEnded, RunStarted, read_events
 

@@ -16,7 +16,7 @@ from langgraph.graph import END, START, StateGraph
 
 from grs_agents.config import load_config
 from grs_agents.errors import InputError
-from grs_agents.run import GIVEN, Order, Views, execute_run, load_graph
+from grs_agents.runs import GIVEN, Order, Views, execute_run, load_graph
 from grs_agents.state import RunState
 from grs_agents.trace import EventLog
 from grs_agents.views import attach_live_views

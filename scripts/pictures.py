@@ -164,7 +164,7 @@ def main() -> int:
     """Make two runs and their pictures, and note what they show."""
     from grs_agents import content
     from grs_agents.config import load_config
-    from grs_agents.run import Order, execute_run
+    from grs_agents.runs import Order, execute_run
     from grs_agents.views import attach_live_views
 
     scene = content.sample_scenes()["groceries"]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from grs_agents import content
 from grs_agents.config import Config
-from grs_agents.run import PRELOAD, TOOLS, open_sandbox
+from grs_agents.runs import PRELOAD, TOOLS, open_sandbox
 from grs_agents.sandbox import Sandbox
 
 

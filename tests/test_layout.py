@@ -16,7 +16,7 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "grs_agents"
 
 FLOORS: tuple[frozenset[str], ...] = (
-    frozenset({"errors", "base", "lazy_exports", "__version__"}),
+    frozenset({"errors", "base", "lazy_exports", "version"}),
     frozenset(
         {
             "files",
@@ -37,8 +37,8 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"audit", "envs", "export", "tools/", "varied_instances"}),
     frozenset({"policies", "state", "demos"}),
     frozenset({"nodes", "grading"}),
-    frozenset({"run", "graphs/", "views"}),
-    frozenset({"cli", "serving"}),
+    frozenset({"runs", "graphs/", "views"}),
+    frozenset({"api", "cli", "serving"}),
     frozenset({"evals/", "__main__"}),
     frozenset({"scripts/"}),
 )

@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from grs_agents import content
-from grs_agents.run import CHECKOUT_ONLY
+from grs_agents.runs import CHECKOUT_ONLY
 
 ROOT = Path(__file__).parent.parent
 CONTENT = ("graphs", "tools", "prompts", "assets", "evals")

@@ -18,7 +18,7 @@ from langgraph.types import Command
 
 from grs_agents import content, serving
 from grs_agents.errors import ConfigError, InputError
-from grs_agents.run import read_record
+from grs_agents.runs import read_record
 from grs_agents.state import RunState
 from grs_agents.trace import read_events
 from tests.needs import needs

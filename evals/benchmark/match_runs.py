@@ -12,7 +12,7 @@ from evals.benchmark.types import Order
 from evals.benchmark.worker_processes import error_of, fingerprint, run_jobs, run_worker
 from grs_agents import content, terminal
 from grs_agents.errors import InputError
-from grs_agents.run import terminal_table
+from grs_agents.runs import terminal_table
 from grs_agents.terminal import print_escaped, print_json
 
 METHODS: dict[str, Method] = {

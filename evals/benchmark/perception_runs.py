@@ -19,7 +19,7 @@ from grs_agents import content, terminal
 from grs_agents.errors import InputError
 from grs_agents.metrics import metrics_table
 from grs_agents.perception.reading import is_bop_source, short_scene_name
-from grs_agents.run import terminal_table
+from grs_agents.runs import terminal_table
 from grs_agents.terminal import print_json
 
 _SHOWN = ("scene", "objects", "segments", "F1@.5", "IoU", "centre mm", "CPU s")

@@ -83,7 +83,7 @@ _CONTENT = "Your own graphs, tools, prompts and assets; their code is executed."
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from grs_agents import __version__
+        from grs_agents.version import __version__
 
         print_escaped(__version__)
         raise typer.Exit
@@ -438,6 +438,6 @@ def run_named_experiment(
     context: typer.Context, name: Annotated[str, typer.Argument(help="An experiment's name; see grs list.")]
 ) -> None:
     """Run an experiment; what follows its name is passed on to it, --help included: grs eval NAME --help."""
-    from grs_agents.run import load_experiment
+    from grs_agents.runs import load_experiment
 
     sys.exit(load_experiment(name).main(context.args))

@@ -18,7 +18,7 @@ from grs_agents.library import Library
 from grs_agents.models import ENTRY_POINTS as MODEL_ENTRY_POINTS
 from grs_agents.models import PROVIDERS, is_provider_installed
 from grs_agents.plugins import load_named_class
-from grs_agents.run import installed_versions, open_sandbox
+from grs_agents.runs import installed_versions, open_sandbox
 from grs_agents.sandbox import BACKEND_REMEDIES, BackendChoice, SandboxError, backend_candidates
 from grs_agents.terminal import print_json
 from grs_agents.toolkit import ToolContext, load_tool

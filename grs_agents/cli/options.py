@@ -94,7 +94,7 @@ def scene_of_cassette(cassette: str | None) -> Path:
 def settings_of_recording(record: Path | None, cassette: str | None) -> list[str]:
     """The settings that ``--record`` and ``--cassette`` make: a run is repeated with those it was recorded with."""
     from grs_agents.agents import read_cassette
-    from grs_agents.run import select_repeatable_settings
+    from grs_agents.runs import select_repeatable_settings
 
     values: dict[str, object] = {}
     if cassette is not None:

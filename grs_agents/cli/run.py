@@ -16,7 +16,7 @@ from grs_agents.config import Config, validate_config
 from grs_agents.errors import GrsError, InputError
 from grs_agents.perception import SceneDescription, read_scene_description, resolve_scene_path
 from grs_agents.questions import Question, check_reply
-from grs_agents.run import WAITING, Order, Outcome, RunRecord, UnexpectedError, Views, execute_run, read_record
+from grs_agents.runs import WAITING, Order, Outcome, RunRecord, UnexpectedError, Views, execute_run, read_record
 from grs_agents.terminal import print_escaped, print_json
 from grs_agents.views import attach_live_views, summary_table
 

@@ -9,7 +9,7 @@ from grs_agents.cli.show import rebuild_recording
 from grs_agents.files import STANDARD_OUTPUT, check_output_path, write_file_or_stdout
 from grs_agents.library import Library
 from grs_agents.models import PROVIDERS
-from grs_agents.run import read_record
+from grs_agents.runs import read_record
 from grs_agents.terminal import print_escaped
 from grs_agents.trace import read_events
 
@@ -78,7 +78,7 @@ def report_run(folder: Path, out: Path | None) -> None:
 
 def share_run_as_zip(folder: Path, out: Path | None) -> None:
     """Pack a run into a zip file without keys and home folders, and say what was removed and left out."""
-    from grs_agents.run import make_scrubber, pack_run_as_zip
+    from grs_agents.runs import make_scrubber, pack_run_as_zip
     from grs_agents.views import show_activity_status
 
     record = read_record(folder)

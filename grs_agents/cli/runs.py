@@ -9,7 +9,7 @@ from rich.text import Text
 
 from grs_agents import terminal
 from grs_agents.errors import GrsError, InputError
-from grs_agents.run import RunRecord, read_record
+from grs_agents.runs import RunRecord, read_record
 from grs_agents.terminal import print_escaped, print_json
 
 RUNS: Final = Path("runs")

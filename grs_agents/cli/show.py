@@ -6,7 +6,7 @@ from pathlib import Path
 from grs_agents import terminal
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.run import read_record
+from grs_agents.runs import read_record
 from grs_agents.terminal import print_escaped, print_json
 from grs_agents.trace import RunEnded, read_events
 

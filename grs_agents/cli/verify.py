@@ -6,7 +6,7 @@ from rich.text import Text
 
 from grs_agents import terminal
 from grs_agents.config import Config
-from grs_agents.run import Verification, verify_run
+from grs_agents.runs import Verification, verify_run
 from grs_agents.terminal import print_json
 from grs_agents.views import show_activity_status
 

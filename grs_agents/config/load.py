@@ -34,6 +34,7 @@ def load_config(
     settings: Sequence[str] = (),
     environment: Mapping[str, str] | None = None,
     unsafe: bool = False,
+    overrides: Tree | None = None,
 ) -> Effective:
     """Read the configuration; explicit beats implicit: ``--set`` > file > ``GRS_*`` environment > defaults.
 
@@ -42,6 +43,7 @@ def load_config(
         settings: ``key.sub=value`` strings; values are TOML, a bare word is a string.
         environment: where ``GRS_KEY__SUB`` variables are looked up; the process's own by default.
         unsafe: run generated code without a sandbox; no other layer can ask for that.
+        overrides: settings as Python values, nested by key; they win over all others.
 
     Raises:
         ConfigError: a file that cannot be read, a malformed setting, an unknown key or a value out of bounds.
@@ -50,7 +52,8 @@ def load_config(
     sources = dict.fromkeys(flatten_tree(tree), "default")
     from_file = [(f"file {file}", _read_toml_file(file))] if file else []
     from_settings = [("--set", _parse_setting(text)) for text in settings]
-    for layer in (_read_environment_layers(environment), from_file, from_settings):
+    from_python = [("argument", overrides)] if overrides else []
+    for layer in (_read_environment_layers(environment), from_file, from_settings, from_python):
         stated: Tree = {}  # a layer as a whole: base_url may stand before or after the model it belongs to
         named: dict[str, str] = {}
         for source, part in layer:

@@ -8,8 +8,8 @@ from typing import Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents import __version__
 from grs_agents.base import Frozen
+from grs_agents.version import __version__
 
 Format = Literal["lerobot", "robomimic", "minari"]
 FORMATS: Final[tuple[Format, ...]] = ("lerobot", "robomimic", "minari")

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from grs_agents import __version__
 from grs_agents.export.mjcf_scene import GoalSite, MjcfScene
 from grs_agents.library import Library
 from grs_agents.mujoco_import import mujoco
@@ -12,6 +11,7 @@ from grs_agents.sim import Goal, InstanceObject
 from grs_agents.sim.instance import hash_instance
 from grs_agents.sim.world import HOLDING_FORCE, PEELING_MOMENT
 from grs_agents.terminal import escape_control_chars
+from grs_agents.version import __version__
 
 _OPEN: Final = """\
 ## Open it

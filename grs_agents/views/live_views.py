@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from grs_agents.library import Library
@@ -12,8 +12,10 @@ from grs_agents.views.terminal import Progress
 
 
 @contextmanager
-def attach_live_views(folder: Path, log: EventLog, view: bool = False, otel: bool = False) -> Generator[None]:
-    """Let progress and recording follow the log, with a viewer's window and OpenTelemetry spans if asked for.
+def attach_live_views(
+    folder: Path, log: EventLog, view: bool = False, otel: bool = False, progress: bool = True
+) -> Generator[None]:
+    """Let recording and progress follow the log, with a viewer's window and OpenTelemetry spans if asked for.
     All are closed whatever happens."""
     from grs_agents.views.rerun import RerunView
     from grs_agents.views.telemetry import SpanView, make_otlp_provider
@@ -21,8 +23,9 @@ def attach_live_views(folder: Path, log: EventLog, view: bool = False, otel: boo
     live = open_live_viewer()[1] if view else None
     spans = SpanView(make_otlp_provider()) if otel else None
     recording = RerunView(folder, Library(), live)
-    with Progress() as progress:
-        log.subscribe(_suppress_error_events(progress))
+    with ExitStack() as shown:
+        if progress:
+            log.subscribe(_suppress_error_events(shown.enter_context(Progress())))
         log.subscribe(recording)
         if spans:
             log.subscribe(spans)

@@ -9,7 +9,7 @@ from unittest.mock import patch
 
 from grs_agents import content
 from grs_agents.cli import main
-from grs_agents.run import open_sandbox
+from grs_agents.runs import open_sandbox
 from tests.kept_sandbox import lend_sandbox
 
 
@@ -33,8 +33,8 @@ def grs(*arguments: str, folder: Path, own_sandbox: bool = False) -> Done:
         contextlib.redirect_stderr(err),
         patch.object(sys, "argv", ["grs", *arguments]),
         patch.object(content, "_overlays", list(content._overlays)),
-        patch("grs_agents.run.execution.open_sandbox", lend),
-        patch("grs_agents.run.program_check.open_sandbox", lend),
+        patch("grs_agents.runs.execution.open_sandbox", lend),
+        patch("grs_agents.runs.program_check.open_sandbox", lend),
     ):
         try:
             main()

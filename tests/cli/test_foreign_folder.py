@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from grs_agents.config import Config
-from grs_agents.run import RunRecord
+from grs_agents.runs import RunRecord
 from grs_agents.trace import EventLog
 from tests.cli.command import Done, grs
 from tests.cli.mutations import KINDS, mutate

@@ -7,7 +7,7 @@ from typing import Literal
 
 import pytest
 
-from grs_agents.run import RunRecord
+from grs_agents.runs import RunRecord
 from tests.cli.command import grs
 
 STATUSES: dict[str, Literal["accepted", "rejected", "failed"]] = {

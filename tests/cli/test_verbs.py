@@ -11,7 +11,7 @@ import pytest
 from grs_agents import content
 from grs_agents.config import Config
 from grs_agents.perception.proxies import write_proxy
-from grs_agents.run import RunRecord
+from grs_agents.runs import RunRecord
 from grs_agents.sim import find_task_class, instantiate
 from tests.cli.command import grs
 

@@ -12,7 +12,7 @@ import pytest
 
 from grs_agents import content
 from grs_agents.library import Library, Shape
-from grs_agents.run import write_hashes
+from grs_agents.runs import write_hashes
 from tests.cli.command import Done, grs
 
 

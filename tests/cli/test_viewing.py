@@ -19,7 +19,7 @@ import pytest
 
 from grs_agents.cli import main
 from grs_agents.config import Config
-from grs_agents.run import RunRecord
+from grs_agents.runs import RunRecord
 from grs_agents.trace import EventLog
 from grs_agents.views.film import rollout_film
 from tests.cli.command import grs

@@ -7,7 +7,7 @@ import pytest
 
 from grs_agents import content
 from grs_agents.errors import InputError
-from grs_agents.run import CHECKOUT_ONLY, load_experiment
+from grs_agents.runs import CHECKOUT_ONLY, load_experiment
 
 
 @pytest.mark.parametrize("name", content.content_names("evals"))

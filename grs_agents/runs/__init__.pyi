@@ -17,7 +17,9 @@ from .experiments import summarise_runs as summarise_runs
 from .experiments import terminal_table as terminal_table
 from .hashes import write_hashes as write_hashes
 from .program_check import CheckOrder as CheckOrder
+from .program_check import CheckResult as CheckResult
 from .program_check import check_user_program as check_user_program
+from .program_check import prepare_check as prepare_check
 from .record import RunRecord as RunRecord
 from .record import collect_run_counts as collect_run_counts
 from .record import installed_versions as installed_versions

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from grs_agents import content
 from grs_agents.errors import InputError
-from grs_agents.run.record import RunRecord, read_record
+from grs_agents.runs.record import RunRecord, read_record
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import pytest
 
 from grs_agents.config import Config
 from grs_agents.errors import InputError
-from grs_agents.run import RunRecord, make_run_folder, open_resumed_folder, read_record
+from grs_agents.runs import RunRecord, make_run_folder, open_resumed_folder, read_record
 
 
 def record(source: str, status: str = "running") -> RunRecord:

@@ -20,12 +20,12 @@ from grs_agents.files import unwritable_error
 from grs_agents.nodes import Services, conclude_run
 from grs_agents.policies import load_policy
 from grs_agents.questions import Question, read_question
-from grs_agents.run.checkpoint import FILE, check_checkpoint_file, check_restored_state
-from grs_agents.run.hashes import write_hashes
-from grs_agents.run.record import EXIT_STATUS, RunRecord, collect_run_counts, seconds_by_stage
-from grs_agents.run.recording import compare_with_recording, write_cassette
-from grs_agents.run.run_opening import Order, load_graph, open_run
-from grs_agents.run.sandbox_setup import open_sandbox
+from grs_agents.runs.checkpoint import FILE, check_checkpoint_file, check_restored_state
+from grs_agents.runs.hashes import write_hashes
+from grs_agents.runs.record import EXIT_STATUS, RunRecord, collect_run_counts, seconds_by_stage
+from grs_agents.runs.recording import compare_with_recording, write_cassette
+from grs_agents.runs.run_opening import Order, load_graph, open_run
+from grs_agents.runs.sandbox_setup import open_sandbox
 from grs_agents.sandbox import Sandbox
 from grs_agents.state import RunState
 from grs_agents.trace import Event, EventLog, Note, RunEnded, RunStarted, read_events

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 
-from grs_agents import __version__
+from grs_agents.version import __version__
 from grs_agents.base import Frozen
 from grs_agents.errors import InputError
 from grs_agents.files import write_json

@@ -24,7 +24,7 @@ from grs_agents.models import make_chat_model
 from grs_agents.perception import check_scene_source, short_scene_name
 from grs_agents.policies import load_policy
 from grs_agents.questions import check_reply
-from grs_agents.run.record import EXIT_STATUS, FILE, RunRecord, installed_versions, read_record
+from grs_agents.runs.record import EXIT_STATUS, FILE, RunRecord, installed_versions, read_record
 from grs_agents.toolkit import load_tool
 
 LOCK = ".lock"

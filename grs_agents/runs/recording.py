@@ -6,13 +6,13 @@ import re
 from pathlib import Path
 from typing import Any
 
-from grs_agents import __version__
+from grs_agents.version import __version__
 from grs_agents.agents import Cassette, collect_exchanges, read_cassette
 from grs_agents.config import Config, flatten_tree
 from grs_agents.files import resolve_output_file, write_bytes
 from grs_agents.perception import short_scene_name
-from grs_agents.run.record import RunRecord
-from grs_agents.run.sharing import make_scrubber
+from grs_agents.runs.record import RunRecord
+from grs_agents.runs.sharing import make_scrubber
 from grs_agents.trace import read_events
 
 _OF_THE_MACHINE = frozenset({"sandbox", "workers", "record", "cassette"})

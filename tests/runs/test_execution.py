@@ -12,7 +12,7 @@ import pytest
 from grs_agents import content
 from grs_agents.config import Config
 from grs_agents.errors import ConfigError, GrsError, InputError
-from grs_agents.run import Order, Outcome, UnexpectedError, execute_run, read_record
+from grs_agents.runs import Order, Outcome, UnexpectedError, execute_run, read_record
 from grs_agents.trace import EventLog, RunEnded, RunStarted, read_events
 from tests.kept_sandbox import lend_sandbox
 
@@ -59,7 +59,7 @@ def silent(folder: Path, log: EventLog) -> AbstractContextManager[None]:
 def run(tmp_path: Path, sample_scene: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Runs a graph whose second node has the given body; without one, the graph that is there."""
     monkeypatch.setattr(content, "_overlays", [])
-    monkeypatch.setattr("grs_agents.run.execution.open_sandbox", lend_sandbox)
+    monkeypatch.setattr("grs_agents.runs.execution.open_sandbox", lend_sandbox)
     (tmp_path / "graphs").mkdir()
     content.add_overlay_folder(tmp_path)
 

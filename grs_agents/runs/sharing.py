@@ -14,7 +14,7 @@ from pathlib import Path
 from grs_agents.errors import GrsError, InputError
 from grs_agents.files import unwritable_error, write_bytes, write_file_or_stdout
 from grs_agents.foreign import read_bytes, read_npz_words
-from grs_agents.run.hashes import rewrite_hashes
+from grs_agents.runs.hashes import rewrite_hashes
 from grs_agents.terminal import escape_control_chars
 
 REMOVED = "[removed]"

@@ -6,7 +6,7 @@ import pytest
 
 from grs_agents.config import Config
 from grs_agents.errors import InputError
-from grs_agents.run import RunRecord, collect_run_counts, installed_versions, read_record, seconds_by_stage
+from grs_agents.runs import RunRecord, collect_run_counts, installed_versions, read_record, seconds_by_stage
 from grs_agents.trace import NodeEnded, Reply
 
 EVENTS = [
@@ -63,6 +63,6 @@ def test_a_full_disk_does_not_leave_it_running(tmp_path: Path, monkeypatch: pyte
     def full(*_: object) -> None:
         raise InputError("disk is full")
 
-    monkeypatch.setattr("grs_agents.run.record.write_json", full)
+    monkeypatch.setattr("grs_agents.runs.record.write_json", full)
     record().model_copy(update={"status": "failed"}).write(tmp_path)
     assert read_record(tmp_path).status == "failed"

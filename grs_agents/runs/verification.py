@@ -18,9 +18,9 @@ from grs_agents.config import Config, validate_config
 from grs_agents.foreign import check_run_folder, read_bytes, read_json
 from grs_agents.library import Library
 from grs_agents.models import is_offline
-from grs_agents.run.hashes import list_changed_files
-from grs_agents.run.program_check import CheckOrder, check_user_program
-from grs_agents.run.record import RunRecord, installed_versions, read_record
+from grs_agents.runs.hashes import list_changed_files
+from grs_agents.runs.program_check import CheckOrder, check_user_program
+from grs_agents.runs.record import RunRecord, installed_versions, read_record
 from grs_agents.sim.arms import find_arm_file
 from grs_agents.trace import read_events
 
@@ -94,10 +94,11 @@ def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: 
         assets=folder.resolve() / "assets",
     )
     try:
-        tests, audit = check_user_program(order, partial(_AgentsOfRecord, earlier=replies))
+        found = check_user_program(order, partial(_AgentsOfRecord, earlier=replies))
     except MissingReply as error:
         yield f"events.jsonl: {error.message}"
         return
+    audit, accepted = found.audit, found.accepted and found.tests is not None
     recorded = read_json(folder / _AUDIT, "restore the file")
     yield from _list_differences(recorded, audit.model_dump(mode="json"), f"{_AUDIT}:")
     yield from _compare_instances(folder, temporary)
@@ -106,7 +107,6 @@ def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: 
         lost = sorted(file.name for file in made if not (folder / _INSTANCES / file.name).is_file())
         yield from (f"{_INSTANCES}/{name}: an accepted run has it" for name in lost)
     yield from _list_shadowed_assets(folder / "assets")
-    accepted = audit.accepted and tests is not None and tests.all_passed
     if (record.status == "accepted") != accepted:
         yield f"run.json: status: recorded {record.status}, recomputed {'accepted' if accepted else 'rejected'}"
     if record.rewards != audit.rewards:

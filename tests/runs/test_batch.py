@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from grs_agents.run import Job, figures_of_run, markdown_table, run_jobs, summarise_runs, terminal_table
+from grs_agents.runs import Job, figures_of_run, markdown_table, run_jobs, summarise_runs, terminal_table
 
 
 def test_good_and_bad_jobs_side_by_side(tmp_path: Path, small_scene: Path) -> None:

@@ -1,0 +1,244 @@
+"""GRS from Python: run a graph on a scene, follow its events, check a program, read a run.
+
+Settings are those of ``docs/configuration.md``, nested as there: ``run("groceries", seed=7, models={"default":
+"openai:NAME"})``. Nothing is printed unless ``progress`` or ``view`` asks for it.
+"""
+
+import asyncio
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from queue import SimpleQueue
+from threading import Thread
+from typing import Any
+
+from grs_agents.agents import TaskDefinition
+from grs_agents.config import load_config, validate_config
+from grs_agents.foreign import read_json, read_text
+from grs_agents.perception import SceneDescription, read_scene_description, resolve_scene_path
+from grs_agents.runs import (
+    CheckResult,
+    Order,
+    RunRecord,
+    Views,
+    check_user_program,
+    execute_run,
+    prepare_check,
+    read_record,
+)
+from grs_agents.sim import TaskInstance
+from grs_agents.task_folder import open_task_folder
+from grs_agents.trace import Event, EventLog, Subscriber, read_events
+from grs_agents.views import attach_live_views
+
+_REMEDY = "name a folder that `grs run` wrote"
+
+
+class Run:
+    """A run's folder: verdict, scene, task, programs and instances. What a run did not reach raises InputError."""
+
+    def __init__(self, folder: Path | str) -> None:
+        """Open a run's folder. Raises InputError: it holds no run, or one that is damaged."""
+        self.folder = Path(folder)
+        self.record: RunRecord = read_record(self.folder)
+
+    def __repr__(self) -> str:
+        return f"Run({str(self.folder)!r}): {self.record.status}, {self.record.reason}"
+
+    @property
+    def status(self) -> str:
+        """``accepted``, ``rejected``, ``failed``, ``interrupted``, ``waiting`` or ``running``."""
+        return self.record.status
+
+    @property
+    def accepted(self) -> bool:
+        """Whether tests and audit accepted the task."""
+        return self.record.status == "accepted"
+
+    @property
+    def events(self) -> list[Event]:
+        """What happened, in order; the types are in `grs_agents.trace`."""
+        return read_events(self.folder / "events.jsonl")
+
+    @property
+    def scene(self) -> SceneDescription:
+        """The objects of the photo, metres in the robot frame."""
+        return read_scene_description(self.folder / "scene.json")
+
+    @property
+    def task(self) -> TaskDefinition:
+        """The task in words."""
+        return TaskDefinition.model_validate(read_json(self.folder / "task.json", _REMEDY))
+
+    @property
+    def simulation(self) -> str:
+        """The simulation program."""
+        return read_text(self.folder / "simulation.py", _REMEDY)
+
+    @property
+    def tests(self) -> str:
+        """The tests of the program."""
+        return read_text(self.folder / "test_simulation.py", _REMEDY)
+
+    @property
+    def instances(self) -> dict[int, TaskInstance]:
+        """The task as data, by seed: objects, poses and goals, without generated code."""
+        task = open_task_folder(self.folder, accepted=False)
+        return {seed: task.read_instance(seed) for seed in task.seeds}
+
+    def resume(self, reply: str | None = None, *, progress: bool = False) -> "Run":
+        """Go on with a run that was interrupted, or that waits for a person's reply."""
+        order = Order(
+            self.record.command,
+            Path(self.record.source),
+            validate_config(self.record.config),
+            self.folder,
+            resume=True,
+            reply=reply,
+        )
+        return _execute(order, partial(attach_live_views, progress=progress))
+
+
+def run(
+    scene: Path | str,
+    *,
+    out: Path | str | None = None,
+    config: Path | str | None = None,
+    progress: bool = False,
+    view: bool = False,
+    **settings: Any,
+) -> Run:
+    """Make a validated task of a photo with depth, as ``grs run`` does.
+
+    Args:
+        scene: a folder, file or ``bop:`` image as in docs/scenes.md, or the name of a shipped scene.
+        out: the run folder, new or empty; ``runs/<time>-<scene>-<seed>`` without one.
+        config: a TOML file.
+        progress: show each step on standard error.
+        view: open the rerun viewer.
+        **settings: of the configuration; they win over the file and the environment.
+
+    Returns:
+        The run, accepted or not; ``waiting`` if it asks a person (`Run.resume` goes on).
+
+    Raises:
+        ConfigError, InputError: scene, folder or settings are refused.
+        GrsError: the run failed; its folder holds what was reached.
+        KeyboardInterrupt: it was interrupted; `Run.resume` goes on.
+    """
+    return _execute(_order(scene, out, config, settings), partial(attach_live_views, view=view, progress=progress))
+
+
+async def arun(
+    scene: Path | str, *, out: Path | str | None = None, config: Path | str | None = None, **settings: Any
+) -> Run:
+    """`run` in a thread of its own; when it is cancelled, the run is interrupted before its next event."""
+    going = stream(scene, out=out, config=config, **settings)
+    try:
+        return await asyncio.to_thread(going.wait)
+    except asyncio.CancelledError:
+        await asyncio.to_thread(going.stop)
+        raise
+
+
+def stream(
+    scene: Path | str, *, out: Path | str | None = None, config: Path | str | None = None, **settings: Any
+) -> "RunStream":
+    """Start a run and follow its events: ``for event in stream("groceries"): ...``. Arguments as for `run`."""
+    return RunStream(_order(scene, out, config, settings))
+
+
+def check(
+    program: Path | str,
+    *,
+    tests: Path | str | None = None,
+    task: Path | str | None = None,
+    scene: Path | str | None = None,
+    config: Path | str | None = None,
+    **settings: Any,
+) -> CheckResult:
+    """Check a simulation program, in the sandbox, as a run checks its own: its tests, then the audit.
+
+    Args:
+        program: a Python file, or the folder of a run.
+        tests: pytest file of the program.
+        task: a ``task.json``; without one the words are not judged.
+        scene: a photo, ``scene.json`` or run folder that the program must keep to.
+        config: a TOML file.
+        **settings: of the configuration.
+
+    Raises:
+        ConfigError, InputError: a file or setting is refused.
+    """
+    own, words, photo = (None if file is None else Path(file) for file in (tests, task, scene))
+    chosen = load_config(None if config is None else Path(config), overrides=settings)
+    with prepare_check(Path(program), own, words, photo, chosen, partial(attach_live_views, progress=False)) as order:
+        return check_user_program(order)
+
+
+class RunStream(Iterator[Event]):
+    """The events of a run as they come; the run goes on in a thread of its own. Break off with `stop`."""
+
+    def __init__(self, order: Order) -> None:
+        self._events: SimpleQueue[Event | None] = SimpleQueue()
+        self._stopped = False
+        self._run: Run | None = None
+        self._error: BaseException | None = None
+        self._thread = Thread(target=self._follow, args=(order,), daemon=True)
+        self._thread.start()
+
+    def __next__(self) -> Event:
+        event = self._events.get()
+        if event is not None:
+            return event
+        self._events.put(None)
+        self.wait()
+        raise StopIteration
+
+    def wait(self) -> Run:
+        """The run once it has ended. Raises what ended it, as `run` does."""
+        self._thread.join()
+        if self._error is not None:
+            raise self._error
+        assert self._run is not None
+        return self._run
+
+    def stop(self) -> None:
+        """Interrupt the run before its next event, and wait until it has ended; one that has ended stays as it is."""
+        self._stopped = True
+        self._thread.join()
+
+    def _follow(self, order: Order) -> None:
+        try:
+            self._run = _execute(order, partial(_attach_subscriber, subscriber=self._take))
+        except (Exception, KeyboardInterrupt) as error:  # for the thread that waits
+            self._error = error
+        finally:
+            self._events.put(None)
+
+    def _take(self, event: Event) -> None:
+        self._events.put(event)
+        if self._stopped and event.kind != "run_ended":
+            raise KeyboardInterrupt
+
+
+@contextmanager
+def _attach_subscriber(folder: Path, log: EventLog, subscriber: Subscriber) -> Generator[None]:
+    with attach_live_views(folder, log, progress=False):
+        log.subscribe(subscriber)
+        yield
+
+
+def _order(scene: Path | str, out: Path | str | None, config: Path | str | None, settings: dict[str, Any]) -> Order:
+    chosen = load_config(None if config is None else Path(config), overrides=settings).config
+    return Order("run", resolve_scene_path(Path(scene)), chosen, None if out is None else Path(out))
+
+
+def _execute(order: Order, views: Views) -> Run:
+    ended = execute_run(order, views)
+    if ended.problem is not None:
+        raise ended.problem
+    if ended.record.status == "interrupted":
+        raise KeyboardInterrupt(f"the run in {ended.folder} was interrupted")
+    return Run(ended.folder)

@@ -1,0 +1,156 @@
+"""Check a simulation program outside a run: the same sandbox, tests, instances, oracle and audit."""
+
+import tempfile
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from grs_agents.agents import Agents, TaskDefinition
+from grs_agents.audit import AuditReport
+from grs_agents.config import Config, Effective, validate_config
+from grs_agents.errors import InputError
+from grs_agents.foreign import check_run_folder, read_json, read_text
+from grs_agents.nodes import AuditedPrograms, Services, audit_programs, setup_of_programs
+from grs_agents.perception import read_scene_description, resolve_scene_path
+from grs_agents.policies import load_policy
+from grs_agents.runs.execution import Views, execute_run
+from grs_agents.runs.record import read_record
+from grs_agents.runs.run_opening import Order
+from grs_agents.runs.sandbox_setup import open_sandbox
+from grs_agents.sandbox import TestReport
+from grs_agents.sim.arms import find_arm_file
+from grs_agents.trace import EventLog
+
+REMEDY = "name an existing Python file"
+_SCENE_FILE = "scene.json"
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """What was found of a program."""
+
+    tests: TestReport | None  # None where there are no tests
+    audit: AuditReport
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the tests, if any, pass and the audit accepts the program."""
+        return self.audit.accepted and (self.tests is None or self.tests.all_passed)
+
+
+@dataclass(frozen=True)
+class CheckOrder:
+    """What to check, and against what."""
+
+    simulation: Path
+    tests: Path | None
+    config: Config  # bounds, seeds and limits
+    folder: Path  # where instances and recordings are written
+    task: Path | None = None  # the task definition, as a run writes it; without one the words are not judged
+    scene: Path | None = None  # a `scene.json`; without one the program need not keep to a photo
+    assets: Path | None = None  # what stands for the photo's objects and its background, laid over the library
+    name: str = "task_code"  # another module name that the tests may import the program by
+
+
+def check_user_program(
+    order: CheckOrder, make_agents: Callable[[Config, EventLog, Path], Agents] = Agents
+) -> CheckResult:
+    """Run the tests, if any, and audit the program's task instances. Raises InputError: a file cannot be read."""
+    simulation = read_text(order.simulation, REMEDY)
+    tests = read_text(order.tests, REMEDY) if order.tests else None
+    task, original = _read_task_file(order.task) if order.task else (None, None)
+    scene = read_scene_description(order.scene) if order.scene else None
+    with EventLog(order.folder / "events.jsonl") as log, open_sandbox(order.config) as sandbox:
+        services = Services(
+            config=order.config,
+            log=log,
+            agents=make_agents(order.config, log, order.folder),
+            policy=load_policy(order.config.policy),
+            sandbox=sandbox,
+            folder=order.folder,
+            assets=order.assets,
+        )
+        report: TestReport | None = None
+        if tests is not None:
+            programs = {"simulation": simulation, "tests": tests, "simulation_name": order.name}
+            setup = setup_of_programs(scene, services)
+            report = services.run_tool("run_tests", seed=order.config.seed, **programs, **setup).report
+        audited = AuditedPrograms(simulation, tests, report, task, original, scene, order.name)
+        return CheckResult(report, audit_programs(audited, services))
+
+
+def _read_task_file(file: Path) -> tuple[TaskDefinition, TaskDefinition | None]:
+    """The task in a ``task.json``, and the one before it was revised, if it was. Raises InputError: it holds none."""
+    remedy = "name the task.json of a run, or write one with task-name, task-description and assets-used"
+    value = read_json(file, remedy)
+    revised: dict[str, Any] = value.get("revised") or {}
+    try:
+        original = TaskDefinition.model_validate(revised["from"]) if revised else None
+        return TaskDefinition.model_validate(value), original
+    except (ValidationError, KeyError, TypeError) as error:
+        found = error.errors()[0] if isinstance(error, ValidationError) else {"loc": ("revised",), "msg": "no task"}
+        raise InputError(f"{file}: {found['loc'][0]}: {found['msg']}", remedy) from error
+
+
+@contextmanager
+def prepare_check(
+    program: Path, tests: Path | None, task: Path | None, scene: Path | None, chosen: Effective, views: Views
+) -> Generator[CheckOrder]:
+    """What to check, while its folder for what is written exists.
+
+    Args:
+        program: its file, or the folder of a run that ended with it; then tests, task and scene are the run's where none
+            are named.
+        scene: a ``scene.json``, the folder of a run, or a photo, which is comprehended first.
+        views: what people look at while a photo is comprehended.
+
+    Raises:
+        InputError: a file cannot be read, or the photo was not comprehended.
+    """
+    if program.is_dir():
+        run, program = program, program / "simulation.py"
+        tests = tests or _file_if_any(run / "test_simulation.py")
+        task, scene = task or _file_if_any(run / "task.json"), scene or run
+    with tempfile.TemporaryDirectory(prefix="grs-check-") as folder:
+        order = CheckOrder(program, tests, chosen.config, Path(folder) / "check", task, name=program.stem)
+        if scene is not None:
+            seen = _find_or_comprehend_scene(scene, chosen, Path(folder) / "scene", views)
+            around = {"scene": _file_if_any(seen), "assets": seen.parent.resolve() / "assets"}
+            order = replace(order, config=_config_matching_run(seen.parent, chosen), **around)
+        yield order
+
+
+def _file_if_any(file: Path) -> Path | None:
+    return file if file.is_file() else None
+
+
+def _find_or_comprehend_scene(scene: Path, chosen: Effective, out: Path, views: Views) -> Path:
+    """The file of a scene, beside which its assets lie: a run's, the one named, or that of a photo comprehended now."""
+    if scene.suffix == ".json":
+        read_scene_description(scene)
+        if (scene.parent / "assets").is_dir():
+            check_run_folder(scene.parent / "assets")
+        return scene
+    if (scene / "run.json").exists():
+        read_record(scene)
+        return scene / _SCENE_FILE
+    config = validate_config({**chosen.config.model_dump(), "graph": "scene", "record": None, "cassette": None})
+    ended = execute_run(Order("scene", resolve_scene_path(scene), config, out), views)
+    if ended.problem is not None:
+        raise ended.problem
+    if ended.record.status != "accepted":
+        raise InputError(f"{scene} was not comprehended: {ended.record.reason}", "name another scene with --scene")
+    return out / _SCENE_FILE
+
+
+def _config_matching_run(folder: Path, chosen: Effective) -> Config:
+    """The configuration with the robot and the seed of the run in ``folder``, where the user names none."""
+    recorded = read_record(folder).config if (folder / "run.json").is_file() else {}
+    same = {key: recorded[key] for key in ("robot", "seed") if key in recorded and chosen.sources[key] == "default"}
+    if "robot" in same:
+        same["robot"] = find_arm_file(folder, str(same["robot"]))
+    return validate_config({**chosen.config.model_dump(), **same})

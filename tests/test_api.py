@@ -1,0 +1,98 @@
+"""GRS from Python: what `grs run` and `grs check` do, as functions."""
+
+import asyncio
+import contextlib
+import inspect
+import io
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import grs_agents
+from grs_agents import Run
+from grs_agents.errors import ConfigError, GrsError, InputError
+
+README = Path(__file__).parent.parent / "README.md"
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What the example in the README has made of the sample scene."""
+    [example] = re.findall(r"## From Python\n\n```python\n(.*?)```", README.read_text("utf-8"), re.DOTALL)
+    names: dict[str, Any] = {}
+    with contextlib.chdir(tmp_path_factory.mktemp("api")), contextlib.redirect_stdout(io.StringIO()) as printed:
+        exec(example, names)  # the README's own lines
+        names["run"].folder = names["run"].folder.resolve()
+    return names | {"printed": printed.getvalue()}
+
+
+def test_the_example_in_the_readme_runs(ran: dict[str, Any]) -> None:
+    run: Run = ran["run"]
+    assert run.accepted and ran["found"].accepted
+    first, *_ = ran["printed"].splitlines()
+    assert first == f"accepted {run.task.description}"
+    assert all(item.name in ran["printed"] for item in run.scene.objects)
+
+
+def test_a_run_holds_what_it_made(ran: dict[str, Any]) -> None:
+    run: Run = ran["run"]
+    assert {item.asset for item in run.scene.objects} & set(run.task.assets)
+    assert "class" in run.simulation and "def test_" in run.tests
+    assert run.instances.keys() == set(run.record.seeds)
+    assert run.events[-1].kind == "run_ended"
+    assert str(run.folder) in repr(run)
+
+
+def test_an_ended_run_is_opened_again(ran: dict[str, Any]) -> None:
+    again = Run(str(ran["run"].folder))
+    assert again.record == ran["run"].record
+    assert again.resume().record == again.record
+
+
+def test_what_is_wrong_is_refused_before_anything_runs(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="max_fixes"):
+        grs_agents.run("groceries", out=tmp_path / "run", max_fixes=-1)
+    with pytest.raises(InputError, match="no_such"):
+        grs_agents.stream("no_such", out=tmp_path / "run").wait()
+    with pytest.raises(InputError, match="holds no run"):
+        Run(tmp_path)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_stream_that_is_stopped_can_be_resumed(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    stream = grs_agents.stream("groceries", out=tmp_path / "run")
+    assert next(stream).kind == "run_started"
+    stream.stop()
+    with pytest.raises(KeyboardInterrupt):
+        stream.wait()
+    stopped = Run(tmp_path / "run")
+    assert stopped.status == "interrupted"
+    assert stopped.resume().accepted
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_cancelled_run_is_interrupted(tmp_path: Path) -> None:
+    async def cancel() -> None:
+        going = asyncio.create_task(grs_agents.arun("groceries", out=tmp_path / "run"))
+        while not (tmp_path / "run" / "events.jsonl").exists():
+            await asyncio.sleep(0)
+        going.cancel()
+        await going
+
+    with pytest.raises(asyncio.CancelledError):
+        asyncio.run(cancel())
+    assert Run(tmp_path / "run").status == "interrupted"
+
+
+def test_an_error_of_a_run_is_raised(tmp_path: Path) -> None:
+    with pytest.raises(GrsError):
+        grs_agents.run("groceries", out=tmp_path / "run", models={"default": "offline:no_such_model"})
+
+
+def test_everything_exported_is_documented_and_typed() -> None:
+    for name in ("run", "arun", "stream", "check"):
+        function = getattr(grs_agents, name)
+        assert inspect.getdoc(function)
+        assert "return" in function.__annotations__
