@@ -24,6 +24,7 @@ from grs_agents.runs import (
     Views,
     check_user_program,
     execute_run,
+    load_graph,
     prepare_check,
     read_record,
 )
@@ -102,6 +103,7 @@ class Run:
 
 def run(
     scene: Path | str,
+    /,
     *,
     out: Path | str | None = None,
     config: Path | str | None = None,
@@ -117,7 +119,8 @@ def run(
         config: a TOML file.
         progress: show each step on standard error.
         view: open the rerun viewer.
-        **settings: of the configuration; they win over the file and the environment.
+        **settings: of the configuration; they win over the file and the environment. ``graph="scene"`` comprehends the
+            photo alone, as ``grs scene`` does.
 
     Returns:
         The run, accepted or not; ``waiting`` if it asks a person (`Run.resume` goes on).
@@ -131,7 +134,7 @@ def run(
 
 
 async def arun(
-    scene: Path | str, *, out: Path | str | None = None, config: Path | str | None = None, **settings: Any
+    scene: Path | str, /, *, out: Path | str | None = None, config: Path | str | None = None, **settings: Any
 ) -> Run:
     """`run` in a thread of its own; when it is cancelled, the run is interrupted before its next event."""
     going = stream(scene, out=out, config=config, **settings)
@@ -143,7 +146,7 @@ async def arun(
 
 
 def stream(
-    scene: Path | str, *, out: Path | str | None = None, config: Path | str | None = None, **settings: Any
+    scene: Path | str, /, *, out: Path | str | None = None, config: Path | str | None = None, **settings: Any
 ) -> "RunStream":
     """Start a run and follow its events: ``for event in stream("groceries"): ...``. Arguments as for `run`."""
     return RunStream(_order(scene, out, config, settings))
@@ -151,10 +154,11 @@ def stream(
 
 def check(
     program: Path | str,
+    /,
     *,
     tests: Path | str | None = None,
     task: Path | str | None = None,
-    scene: Path | str | None = None,
+    photo: Path | str | None = None,
     config: Path | str | None = None,
     **settings: Any,
 ) -> CheckResult:
@@ -164,16 +168,16 @@ def check(
         program: a Python file, or the folder of a run.
         tests: pytest file of the program.
         task: a ``task.json``; without one the words are not judged.
-        scene: a photo, ``scene.json`` or run folder that the program must keep to.
+        photo: what the program must keep to: a photo, its ``scene.json``, or the folder of a run of it.
         config: a TOML file.
         **settings: of the configuration.
 
     Raises:
         ConfigError, InputError: a file or setting is refused.
     """
-    own, words, photo = (None if file is None else Path(file) for file in (tests, task, scene))
+    own, words, seen = (None if file is None else Path(file) for file in (tests, task, photo))
     chosen = load_config(None if config is None else Path(config), overrides=settings)
-    with prepare_check(Path(program), own, words, photo, chosen, partial(attach_live_views, progress=False)) as order:
+    with prepare_check(Path(program), own, words, seen, chosen, partial(attach_live_views, progress=False)) as order:
         return check_user_program(order)
 
 
@@ -232,7 +236,8 @@ def _attach_subscriber(folder: Path, log: EventLog, subscriber: Subscriber) -> G
 
 def _order(scene: Path | str, out: Path | str | None, config: Path | str | None, settings: dict[str, Any]) -> Order:
     chosen = load_config(None if config is None else Path(config), overrides=settings).config
-    return Order("run", resolve_scene_path(Path(scene)), chosen, None if out is None else Path(out))
+    command = "run" if getattr(load_graph(chosen.graph), "VERDICT", True) else "scene"
+    return Order(command, resolve_scene_path(Path(scene)), chosen, None if out is None else Path(out))
 
 
 def _execute(order: Order, views: Views) -> Run:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict
 
 from grs_agents import content
+from grs_agents.base import Frozen
 from grs_agents.config import Limits
 from grs_agents.errors import InputError
 from grs_agents.library import Library
@@ -17,6 +18,15 @@ from grs_agents.sandbox import Sandbox
 
 if TYPE_CHECKING:
     from langchain_core.tools import StructuredTool
+
+
+class ToolRequest(Frozen):
+    """A request that any agent framework can send as JSON.
+
+    The docstring under a field is what a model reads of it: say the unit and the frame.
+    """
+
+    model_config = ConfigDict(use_attribute_docstrings=True)
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,9 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"policies", "state", "demos"}),
     frozenset({"nodes", "grading"}),
     frozenset({"runs", "graphs/", "views"}),
-    frozenset({"api", "cli", "serving"}),
+    frozenset({"api"}),
+    frozenset({"serving"}),
+    frozenset({"cli"}),
     frozenset({"evals/", "__main__"}),
     frozenset({"scripts/"}),
 )

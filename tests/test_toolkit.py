@@ -75,3 +75,14 @@ def test_no_roots_mean_the_shipped_library() -> None:
 def test_an_unknown_attribute_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="nothing"):
         _ = grs_agents.nothing
+
+
+def test_every_argument_of_a_shipped_tool_is_described() -> None:
+    schemas = {name: load_tool(name).Request.model_json_schema() for name in json_tool_names()}
+    silent = [
+        f"{name}.{key}"
+        for name, schema in schemas.items()
+        for key, value in schema["properties"].items()
+        if not value.get("description", "").strip()
+    ]
+    assert schemas and silent == []

@@ -21,7 +21,7 @@ from grs_agents.sim import (
     describe_first_error,
     parse_instance_json,
 )
-from grs_agents.toolkit import ToolContext, open_library, readable_folders
+from grs_agents.toolkit import ToolContext, ToolRequest, open_library, readable_folders
 
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 FailureOutcome = Literal[
@@ -57,24 +57,21 @@ _STOPPED: dict[str, FailureOutcome] = {
 }
 
 
-class Request(Frozen):
-    """The program and the seeds to draw.
-
-    Attributes:
-        simulation: source of the simulation program.
-        seeds: one instance is asked for each.
-        library_roots: asset folders, later ones win; none means the library shipped with GRS.
-        robot: ``ur5e``, ``panda`` or the path of an MJCF file.
-        background: library name of what stands fixed around the robot, so that nothing is placed in it.
-        bystanders: what the photo shows, which stands on the table before the program sets its scene up.
-    """
+class Request(ToolRequest):
+    """The program and the seeds to draw."""
 
     simulation: str
+    """Source of the simulation program."""
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1, max_length=1000)] = (0, 1, 2)
+    """Seeds; one task instance is drawn for each."""
     library_roots: tuple[str, ...] = ()
+    """Asset folders, later ones win; none means the library shipped with GRS."""
     robot: str = "ur5e"
+    """``ur5e``, ``panda`` or the path of an MJCF file."""
     background: str | None = None
+    """Library name of what stands fixed around the robot, so that nothing is placed in it."""
     bystanders: tuple[InstanceObject, ...] = ()
+    """What the photo shows, which stands on the table before the program sets its scene up."""
 
 
 class Failure(Frozen):

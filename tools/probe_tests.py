@@ -9,7 +9,7 @@ from grs_agents.base import Frozen
 from grs_agents.config import Limits
 from grs_agents.sandbox import BatchResult, discover_tests, parse_program
 from grs_agents.sim import InstanceObject
-from grs_agents.toolkit import ToolContext, open_library, readable_folders
+from grs_agents.toolkit import ToolContext, ToolRequest, open_library, readable_folders
 
 
 class ProbeRun(Frozen):
@@ -30,28 +30,25 @@ class ProbeRun(Frozen):
     early: bool = False
 
 
-class Request(Frozen):
-    """The two programs and the runs.
-
-    Attributes:
-        simulation: source of the simulation program.
-        tests: source of its unit tests, which import the program as ``task_code``.
-        runs: the runs, in their order.
-        simulation_name: another module name the tests may import the program by.
-        library_roots: asset folders, later ones win; none means the library shipped with GRS.
-        robot: ``ur5e``, ``panda`` or the path of an MJCF file.
-        background: library name of what stands fixed around the robot.
-        bystanders: what the photo shows, which stands on the table before the program sets its scene up.
-    """
+class Request(ToolRequest):
+    """The two programs and the runs."""
 
     simulation: str
+    """Source of the simulation program."""
     tests: str
+    """Source of its unit tests, which import the program as ``task_code``."""
     runs: tuple[ProbeRun, ...]
+    """The runs, in their order."""
     simulation_name: str = "task_code"
+    """Another module name the tests may import the program by."""
     library_roots: tuple[str, ...] = ()
+    """Asset folders, later ones win; none means the library shipped with GRS."""
     robot: str = "ur5e"
+    """``ur5e``, ``panda`` or the path of an MJCF file."""
     background: str | None = None
+    """Library name of what stands fixed around the robot."""
     bystanders: tuple[InstanceObject, ...] = ()
+    """What the photo shows, which stands on the table before the program sets its scene up."""
 
 
 class Outcome(Frozen):

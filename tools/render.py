@@ -11,7 +11,7 @@ from grs_agents.config import Limits
 from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes
 from grs_agents.sandbox import CallResult
-from grs_agents.toolkit import ToolContext, open_library, readable_folders
+from grs_agents.toolkit import ToolContext, ToolRequest, open_library, readable_folders
 
 if TYPE_CHECKING:
     from grs_agents.sim.rendering import Picture
@@ -23,30 +23,29 @@ _LINE = 2
 """Their width in pixels."""
 
 
-class Request(Frozen):
-    """What to draw.
-
-    Attributes:
-        instance: a ``TaskInstance`` as JSON.
-        output: the PNG file to write.
-        library_roots: asset folders, later ones win; none means the library shipped with GRS.
-        moment: after settling, or when the oracle has finished.
-        poses: of objects by id, where they are to be drawn instead; nothing is simulated then.
-        marked: ids of objects to outline.
-        position, target: of the camera and what it looks at, metres, robot frame.
-        width, height: pixels.
-    """
+class Request(ToolRequest):
+    """What to draw."""
 
     instance: dict[str, Any]
+    """A ``TaskInstance`` as JSON."""
     output: str
+    """The PNG file to write."""
     library_roots: tuple[str, ...] = ()
+    """Asset folders, later ones win; none means the library shipped with GRS."""
     moment: Literal["start", "end"] = "start"
+    """After settling, or when the oracle has finished."""
     poses: dict[int, Pose] | None = None
+    """Positions (metres) and rotations (xyzw) of objects by id, to draw them there; nothing is simulated then."""
     marked: tuple[int, ...] = ()
+    """Ids of objects to outline."""
     position: Vec3 = (1.35, 0.0, 0.75)
+    """Of the camera, metres, robot frame."""
     target: Vec3 = (0.45, 0.0, 0.05)
+    """What the camera looks at, metres, robot frame."""
     width: int = 640
+    """Of the picture, in pixels."""
     height: int = 480
+    """Of the picture, in pixels."""
 
 
 class Result(Frozen):

@@ -11,23 +11,20 @@ from grs_agents.config import Limits
 from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes
 from grs_agents.sandbox import CallResult
-from grs_agents.toolkit import ToolContext, open_library, readable_folders
+from grs_agents.toolkit import ToolContext, ToolRequest, open_library, readable_folders
 
 
-class Request(Frozen):
-    """What to run.
-
-    Attributes:
-        instance: a ``TaskInstance`` as JSON.
-        library_roots: asset folders, later ones win; none means the library shipped with GRS.
-        recording: an .npz file to write the motion to, or None.
-        trials: how often to solve it again with noise of the hand.
-    """
+class Request(ToolRequest):
+    """What to run."""
 
     instance: dict[str, Any]
+    """A ``TaskInstance`` as JSON."""
     library_roots: tuple[str, ...] = ()
+    """Asset folders, later ones win; none means the library shipped with GRS."""
     recording: str | None = None
+    """An .npz file to write the motion to, or None."""
     trials: Annotated[int, Field(ge=0, le=20)] = 0
+    """How often to solve it again with a gripper that misses by at most 5 mm."""
 
 
 class Result(Frozen):

@@ -9,31 +9,28 @@ from grs_agents.base import Frozen
 from grs_agents.config import Limits
 from grs_agents.sandbox import TestReport, TestRun
 from grs_agents.sim import InstanceObject
-from grs_agents.toolkit import ToolContext, open_library, readable_folders
+from grs_agents.toolkit import ToolContext, ToolRequest, open_library, readable_folders
 
 
-class Request(Frozen):
-    """The two programs.
-
-    Attributes:
-        simulation: source of the simulation program.
-        tests: source of its unit tests, which import the program as ``task_code``.
-        simulation_name: another module name the tests may import the program by.
-        library_roots: asset folders, later ones win; none means the library shipped with GRS.
-        robot: ``ur5e``, ``panda`` or the path of an MJCF file.
-        background: library name of what stands fixed around the robot, so that nothing is placed in it.
-        bystanders: what the photo shows, which stands on the table before the program sets its scene up.
-        seed: seeds ``random`` and ``numpy.random`` before each test.
-    """
+class Request(ToolRequest):
+    """The two programs."""
 
     simulation: str
+    """Source of the simulation program."""
     tests: str
+    """Source of its unit tests, which import the program as ``task_code``."""
     simulation_name: str = "task_code"
+    """Another module name the tests may import the program by."""
     library_roots: tuple[str, ...] = ()
+    """Asset folders, later ones win; none means the library shipped with GRS."""
     robot: str = "ur5e"
+    """``ur5e``, ``panda`` or the path of an MJCF file."""
     background: str | None = None
+    """Library name of what stands fixed around the robot, so that nothing is placed in it."""
     bystanders: tuple[InstanceObject, ...] = ()
+    """What the photo shows, which stands on the table before the program sets its scene up."""
     seed: int = Field(default=0, ge=0, lt=2**32)
+    """Seeds ``random`` and ``numpy.random`` before each test."""
 
 
 class Result(Frozen):

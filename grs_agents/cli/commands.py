@@ -406,6 +406,22 @@ def graph(name: Annotated[str, typer.Argument(help="A graph's name; see grs list
     print_escaped(content.load_module("graphs", name).build().compile().get_graph().draw_mermaid())
 
 
+@app.command("mcp")
+def serve_tools(
+    port: Annotated[
+        int | None,
+        typer.Option("--http", help="Over HTTP on 127.0.0.1 instead of stdio.", metavar="PORT", min=0, max=65535),
+    ] = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    unsafe: Unsafe = False,
+) -> None:
+    """Serve scene, check, rollout, render and show over the Model Context Protocol."""
+    from grs_agents.serving import serve_mcp
+
+    serve_mcp(load_effective_config(config, settings, unsafe=unsafe).config, port)
+
+
 @app.command()
 def doctor(json: Json = False) -> None:
     """Say what works on this machine, and how to get what does not."""

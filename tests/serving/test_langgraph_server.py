@@ -24,7 +24,7 @@ from grs_agents.trace import read_events
 from tests.needs import needs
 from tests.views.looking import free_port
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 def test_langgraph_json_serves_every_graph() -> None:
