@@ -194,6 +194,16 @@ def list_run_folders(
 
 
 @app.command()
+def compare(
+    run: RunFolder, other: Annotated[Path, typer.Argument(help="Another run folder.")], json: Json = False
+) -> None:
+    """Say what differs between two runs: outcome, settings, task, counts, seconds, programs."""
+    from grs_agents.cli.compare import compare_runs
+
+    compare_runs(run, other, json)
+
+
+@app.command()
 def approve(
     run: RunFolder,
     reply: Annotated[str | None, typer.Option("--reply", help=_REPLY, metavar="TEXT")] = None,

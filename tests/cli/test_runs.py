@@ -71,3 +71,19 @@ def test_where_there_are_none_the_remedy_is_told(tmp_path: Path) -> None:
 def test_help_and_version_have_short_forms(tmp_path: Path) -> None:
     assert "List runs, the newest first." in grs("runs", "-h", folder=tmp_path).stdout
     assert grs("-V", folder=tmp_path).stdout == grs("--version", folder=tmp_path).stdout
+
+
+def test_two_runs_are_compared(work: Path) -> None:
+    (work / "runs" / "first" / "simulation.py").write_text("a = 1\nb = 2\n")
+    (work / "runs" / "second" / "simulation.py").write_text("a = 1\nb = 3\n")
+    done = grs("compare", "runs/first", "runs/second", "--json", folder=work)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["differences"] == {
+        "status": ["accepted", "rejected"],
+        "source": ["photos/first_table", "photos/second_table"],
+        "reason": ["why first", "why second"],
+        "simulation.py": [None, "2 lines differ"],
+    }
+    same = grs("compare", "runs/first", "runs/first", folder=work)
+    assert same.stdout.strip() == "nothing differs"
+    assert "why second" in grs("compare", "runs/first", "runs/second", folder=work).stdout
