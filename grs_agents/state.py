@@ -25,6 +25,8 @@ class RunState(TypedDict):
     background: str  # library name of the reconstructed background; empty without one
     scene: dict[str, Any]  # `SceneDescription` as JSON
     task: dict[str, Any]  # the task definition, in the paper's spelling
+    # programs of authors that compete, each with its author's role and, if there is none, why: `Draft` as JSON
+    drafts: Annotated[list[dict[str, Any]], operator.add]
     simulation: str
     tests: str
     simulation_version: int  # how many versions of the program there were

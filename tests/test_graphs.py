@@ -46,6 +46,13 @@ def test_the_whole_graph_alone_may_revise_its_task() -> None:
     assert {("route", "fix_task"), ("fix_task", "generate_sim"), ("fix_task", "run_tests")} <= edges
 
 
+def test_two_authors_work_side_by_side() -> None:
+    names, edges = drawn("best_of")
+    assert "generate_sim" not in names
+    for draft in ("draft_sim", "draft_rival"):
+        assert {("generate_task", draft), (draft, "choose_draft")} <= edges
+
+
 def test_the_ablations_leave_out_what_they_are_named_for() -> None:
     assert {"route", "fix_tests"}.isdisjoint(drawn("no_router")[0])
     assert {"run_tests", "generate_tests", "fix_code"}.isdisjoint(drawn("no_fix")[0])

@@ -66,7 +66,12 @@ class Agents:
             return self._models[key]
 
     def ask_role(
-        self, role: str, values: Mapping[str, str], parse: Callable[[str], Parsed], images: Sequence[str] = ()
+        self,
+        role: str,
+        values: Mapping[str, str],
+        parse: Callable[[str], Parsed],
+        images: Sequence[str] = (),
+        prompt_of: str | None = None,
     ) -> Parsed | NoReply:
         """Ask ``role`` and parse its reply; a reply that does not parse is asked for again with the error.
 
@@ -75,9 +80,11 @@ class Agents:
             values: the prompt's variables.
             parse: raises ``ReplyError`` on a reply of the wrong form.
             images: picture files relative to the run folder, sent before the text in this order.
+            prompt_of: the role whose prompt it is given, where that is another's.
         """
-        file = content.content_path("prompts", getattr(self.config.prompts, role))
-        text = render_prompt_template(file, role, values)
+        told = prompt_of or role
+        file = content.content_path("prompts", getattr(self.config.prompts, told))
+        text = render_prompt_template(file, told, values)
         blocks: list[str | dict[Any, Any]] = [
             image_block_from_file(resolve_member_file(self.folder, image)) for image in images
         ]

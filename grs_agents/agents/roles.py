@@ -8,7 +8,7 @@ and task also see how the robot's episode ended; the judge sees its start and it
 import json
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 from grs_agents.agents.agent import Agents
 from grs_agents.agents.reply import ReplyError, extract_python_program, parse_json, parse_json_rows, parse_verdict
@@ -82,11 +82,17 @@ def author_task(
 
 
 def author_simulation(
-    agents: Agents, task: TaskDefinition, scene: Json, api: str, examples: str, images: Sequence[str]
+    agents: Agents,
+    task: TaskDefinition,
+    scene: Json,
+    api: str,
+    examples: str,
+    images: Sequence[str],
+    role: Literal["simulation", "rival"] = "simulation",
 ) -> str | NoReply:
-    """Write the simulation program."""
+    """Write the simulation program. ``role`` says whose model does."""
     values = {"task": to_json_text(task.as_json()), "scene": to_json_text(scene), "api": api, "examples": examples}
-    return agents.ask_role("simulation", values, extract_python_program, images)
+    return agents.ask_role(role, values, extract_python_program, images, "simulation")
 
 
 def author_tests(agents: Agents, task: TaskDefinition, code: str, api: str) -> str | NoReply:

@@ -37,7 +37,7 @@ class Limits(Frozen):
 
 ROLES = (
     *("default", "describe", "match", "task", "simulation", "tests"),
-    *("route", "fix_code", "fix_tests", "fix_task", "judge"),
+    *("route", "fix_code", "fix_tests", "fix_task", "judge", "rival"),
 )
 """The agent roles a model may be named for; ``default`` serves every role that has none of its own."""
 ROLE_ALIASES = {"router": "route", "describer": "describe", "matcher": "match", "task_author": "task"}

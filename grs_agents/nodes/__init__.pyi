@@ -7,6 +7,10 @@ from .bystanders import bystanders_of_run as bystanders_of_run
 from .bystanders import hold_unstable_objects as hold_unstable_objects
 from .bystanders import photo_objects as photo_objects
 from .bystanders import setup_of_programs as setup_of_programs
+from .competing import Draft as Draft
+from .competing import choose_draft as choose_draft
+from .competing import draft_rival as draft_rival
+from .competing import draft_simulation as draft_simulation
 from .comprehension import describe_candidates as describe_candidates
 from .comprehension import find_table as find_table
 from .comprehension import hide_image as hide_image
@@ -29,10 +33,12 @@ from .fixing import fix_task as fix_task
 from .fixing import fix_tests as fix_tests
 from .graph_segments import RunGraph as RunGraph
 from .graph_segments import add_authors as add_authors
+from .graph_segments import add_competing_authors as add_competing_authors
 from .graph_segments import add_fix_loop as add_fix_loop
 from .graph_segments import add_judging as add_judging
 from .graph_segments import add_perception as add_perception
 from .graph_segments import empty_graph as empty_graph
+from .graph_segments import next_steps_to_drafts as next_steps_to_drafts
 from .judging import audit_task as audit_task
 from .judging import conclude_run as conclude_run
 from .judging import decide_what_to_fix as decide_what_to_fix

@@ -2,13 +2,19 @@
 
 from collections.abc import Sequence
 
-from grs_agents.audit import AuditReport, Finding, audit_task
+from grs_agents.agents import NoReply, WordsJudgement, roles
+from grs_agents.audit import AuditReport, Finding, audit_task, pair_with_rollouts, tell_task
+from grs_agents.models import is_offline
 from grs_agents.nodes.services import Services
 from grs_agents.nodes.task_instances import AuditedPrograms, solve_task_instances
 from grs_agents.nodes.test_probing import probe_tests
-from grs_agents.nodes.word_judging import judge_words
+from grs_agents.sim import Rollout, TaskInstance
 from grs_agents.trace import Note
 
+_WORDS_BOUND = "the judge must agree"
+_WORDS_REMEDY = (
+    f"{_WORDS_BOUND}; where it does not understand the words, name a model that does with audit.judge = MODEL"
+)
 _LEFT_OUT = "What the photo shows and the task does not use was left out (scene.bystanders = false)."
 
 
@@ -32,7 +38,7 @@ def audit_programs(audited: AuditedPrograms, services: Services) -> AuditReport:
     if report.accepted:
         report = _add_findings(report, probe_tests(audited, measured, services))
     if report.accepted:
-        report = _add_findings(report, judge_words(audited, measured.instances, measured.rollouts, services))
+        report = _add_findings(report, _judge_words(audited, measured.instances, measured.rollouts, services))
     return _say_what_is_left_out(report, audited, services)
 
 
@@ -48,3 +54,51 @@ def _say_what_is_left_out(report: AuditReport, audited: AuditedPrograms, service
         return report
     services.log.append(Note(text=_LEFT_OUT))
     return report.model_copy(update={"about": f"{report.about} {_LEFT_OUT}"})
+
+
+def _judge_words(
+    audited: AuditedPrograms, instances: Sequence[TaskInstance], rollouts: Sequence[Rollout], services: Services
+) -> tuple[Finding, ...]:
+    """The finding ``words``: whether the goals of every kind of instance ask for what the words say; none without a
+    task. The judge is asked once for instances that differ in numbers alone.
+    """
+    if audited.task is None:
+        return ()
+    judge = services.config.model_for_role("judge").model
+    kinds: set[tuple[object, ...]] = set()
+    judgement: WordsJudgement | NoReply | None = None
+    for instance, rollout in pair_with_rollouts(instances, [rollout for rollout in rollouts if rollout.final]):
+        told = tell_task(instance, rollout, services.library, audited.scene)
+        if told.kind in kinds:
+            continue
+        kinds.add(told.kind)
+        pictures = [] if is_offline(judge) else _draw_start_and_end(instance, rollout, services)
+        words = audited.task.description
+        judgement = roles.judge_words(services.agents, words, told.objects, told.goals, pictures)
+        if isinstance(judgement, NoReply) or judgement.verdict != "agrees":
+            break
+    passed, measured, bound = False, "there is no episode to judge", _WORDS_BOUND
+    if isinstance(judgement, NoReply):
+        measured, bound = str(judgement), _WORDS_REMEDY
+    elif judgement is not None:
+        measured = f"{judgement.verdict}, says the judge ({judge}): {judgement.reason}"
+        passed, bound = judgement.verdict == "agrees", _WORDS_REMEDY if judgement.verdict == "unclear" else _WORDS_BOUND
+    return (Finding(check="words", passed=passed, measured=measured, bound=bound),)
+
+
+def _draw_start_and_end(instance: TaskInstance, rollout: Rollout, services: Services) -> list[str]:
+    """Two pictures' paths in the run folder; none where pictures are switched off, or one cannot be made."""
+    paths: list[str] = []
+    for moment, poses in (("start", rollout.initial), ("end", rollout.final)):
+        path = f"instances/seed_{instance.seed}_{moment}.png"
+        drawn = services.config.end_picture and services.run_tool(
+            "render",
+            instance=instance.model_dump(mode="json"),
+            output=str((services.folder / path).resolve()),
+            poses=poses,
+            **services.simulator_setup,
+        )
+        if not drawn or drawn.image is None:
+            return []
+        paths.append(path)
+    return paths

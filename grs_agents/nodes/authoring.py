@@ -5,7 +5,7 @@ Each version of a program is written to the run folder with its diff.
 
 import difflib
 import hashlib
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from grs_agents import content
 from grs_agents.agents import NoReply, TaskDefinition, examples, roles
@@ -87,14 +87,16 @@ def generate_sim(state: RunState, services: Services) -> Update:
     return save_program_version(state, services, "simulation", source, "simulation")
 
 
-def write_simulation(state: RunState, services: Services) -> str | NoReply:
-    """A simulation program by its author."""
+def write_simulation(
+    state: RunState, services: Services, role: Literal["simulation", "rival"] = "simulation"
+) -> str | NoReply:
+    """A simulation program by its author, or by the one that competes with it."""
     task = task_from_state(state)
     scene = scene_for_prompt(scene_from_state(state), services.library)
     programs = examples.read_examples(content.content_root() / "prompts" / "examples")
     nearest = examples.select_nearest_examples(programs, task, EXAMPLES, services.config.seed)
     shown = "\n\n\n".join(example.source for example in nearest)
-    return roles.author_simulation(services.agents, task, scene, api_reference(), shown, images_from_state(state))
+    return roles.author_simulation(services.agents, task, scene, api_reference(), shown, images_from_state(state), role)
 
 
 @logged_node("generate_tests")

@@ -7,6 +7,7 @@ from typing import Final, TypeAlias
 from langgraph.graph import END, START, StateGraph
 
 from grs_agents.nodes.authoring import generate_sim, generate_task, generate_tests
+from grs_agents.nodes.competing import choose_draft, draft_rival, draft_simulation
 from grs_agents.nodes.comprehension import (
     describe_candidates,
     find_table,
@@ -73,6 +74,26 @@ def add_authors(graph: RunGraph, *names: str, then: str) -> None:
     for name, following in zip(names, (*names[1:], then), strict=True):
         graph.add_node(name, AUTHORS[name])
         graph.add_conditional_edges(name, next_step_after_author, {"ok": following, "stop": "conclude"})
+
+
+def add_competing_authors(graph: RunGraph, task_author: str, then: str) -> None:
+    """The author of the task, then two of the simulation side by side, of whose programs the better one is kept.
+
+    LangGraph merges what both add to ``drafts``, since that key of the state has a reducer.
+    """
+    drafts = {"draft_sim": draft_simulation, "draft_rival": draft_rival}
+    graph.add_node(task_author, AUTHORS[task_author])
+    graph.add_node("choose_draft", choose_draft)
+    for name, step in drafts.items():
+        graph.add_node(name, step)
+    graph.add_conditional_edges(task_author, next_steps_to_drafts, [*drafts, "conclude"])
+    graph.add_edge(list(drafts), "choose_draft")
+    graph.add_conditional_edges("choose_draft", next_step_after_author, {"ok": then, "stop": "conclude"})
+
+
+def next_steps_to_drafts(state: RunState) -> list[str]:
+    """Both authors, unless there is no task."""
+    return ["conclude"] if next_step_after_author(state) == "stop" else ["draft_sim", "draft_rival"]
 
 
 def add_fix_loop(graph: RunGraph, then: str, router: bool = True, revise: bool = False) -> str:

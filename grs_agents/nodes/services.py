@@ -132,36 +132,40 @@ def logged_node(name: str) -> Callable[[Body], Node]:
     return partial(_log_node, name)
 
 
+def _run_body(name: str, body: Body, state: RunState, services: Services) -> Update:
+    begin = time.perf_counter()
+    update: Update = {}
+    error = ""
+    try:
+        update = body(state, services)
+    except GraphInterrupt as asked:  # the node begins anew with the reply
+        services.log.append(Note(level="info", text=f"asks: {read_question(asked.args[0][0].value).text}"))
+        raise
+    except BaseException as problem:
+        error = f"{type(problem).__name__}: {problem}"
+        raise
+    finally:
+        seconds = time.perf_counter() - begin
+        services.log.append(
+            NodeEnded(
+                node=name,
+                seconds=seconds,
+                changed=tuple(update),
+                values={key: summarise_value(value) for key, value in update.items()},
+                error=error,
+            )
+        )
+    return update
+
+
 def _log_node(name: str, body: Body) -> Node:
     @wraps(body)
     def run(state: RunState, *, runtime: Runtime[Services]) -> Update:
         services = runtime.context
         services.visits[name] += 1
         services.log.attempt = state.get("fixes", 0)
-        services.log.append(NodeStarted(node=name, visit=services.visits[name]))
-        begin = time.perf_counter()
-        update: Update = {}
-        error = ""
-        try:
-            update = body(state, services)
-        except GraphInterrupt as asked:  # the node begins anew with the reply
-            services.log.append(Note(level="info", text=f"asks: {read_question(asked.args[0][0].value).text}"))
-            raise
-        except BaseException as problem:
-            error = f"{type(problem).__name__}: {problem}"
-            raise
-        finally:
-            seconds = time.perf_counter() - begin
-            services.log.append(
-                NodeEnded(
-                    node=name,
-                    seconds=seconds,
-                    changed=tuple(update),
-                    values={key: summarise_value(value) for key, value in update.items()},
-                    error=error,
-                )
-            )
-        return update
+        with services.log.step(NodeStarted(node=name, visit=services.visits[name])):
+            return _run_body(name, body, state, services)
 
     # LangGraph reads the annotations of what it is given, and ``wraps`` has put the body's there.
     run.__annotations__ = {"state": RunState, "runtime": Runtime[Services], "return": Update}

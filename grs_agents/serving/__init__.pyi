@@ -1,3 +1,4 @@
+from .langgraph_server import best_of as best_of
 from .langgraph_server import build_served_graph as build_served_graph
 from .langgraph_server import grs as grs
 from .langgraph_server import llm_only as llm_only

@@ -163,7 +163,7 @@ def _validate_json_fields(value: _Json, kind: type[CheckedFields]) -> _Json:
     return value
 
 
-VERSION = 4
+VERSION = 5
 """Of this vocabulary: one more whenever a reader of the last one would misread a line."""
 
 
@@ -181,6 +181,7 @@ class Stamped(Frozen):
     sequence: int = Field(default=-1, ge=-1, lt=2**53, description="number in the run, from 0; -1 until it is in a log")
     time: Seconds = Field(default=0.0, description="seconds since 1970, UTC")
     attempt: Count = Field(default=0, description="how many fixes were made before this")
+    step: int | None = Field(default=None, description="the node_started event that it belongs to, by its sequence")
 
 
 class RunStarted(Stamped):

@@ -4,8 +4,9 @@ import json
 import threading
 import time
 import warnings
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO
@@ -19,6 +20,8 @@ from grs_agents.terminal import escape_control_chars
 from grs_agents.trace.events import EVENT, VERSION, Event
 
 Subscriber = Callable[[Event], None]
+_step: ContextVar[int | None] = ContextVar("step", default=None)
+"""The sequence of the event that started the node which runs in this context: nodes may run side by side."""
 
 
 def _parse_events(path: Path, data: bytes) -> tuple[list[Event], int]:
@@ -115,11 +118,25 @@ class EventLog:
         """Call ``subscriber`` with every event from now on, after the event is in the file."""
         self._subscribers.append(subscriber)
 
+    @contextmanager
+    def step(self, event: Event) -> Generator[None]:
+        """Append ``event``, which starts a node; what its thread appends until the block ends belongs to it."""
+        token = _step.set(self.append(event).sequence)
+        try:
+            yield
+        finally:
+            _step.reset(token)
+
     def append(self, event: Event) -> Event:
-        """Stamp ``event`` with sequence, time and attempt, write it, tell the subscribers, return the copy.
+        """Stamp ``event`` with sequence, time, attempt and step, write it, tell the subscribers, return the copy.
         A subscriber that fails is reported once as a warning; the run and the other subscribers go on."""
         with self._lock:
-            stamp = {"sequence": self.sequence, "time": round(time.time(), 6), "attempt": self.attempt}
+            stamp: dict[str, float | None] = {
+                "sequence": self.sequence,
+                "time": round(time.time(), 6),
+                "attempt": self.attempt,
+                "step": _step.get(),
+            }
             stamped = event.model_copy(update=stamp)
             try:
                 self._file.write(EVENT.dump_json(stamped) + b"\n")

@@ -60,40 +60,49 @@ class Steps:
 
     def __init__(self) -> None:
         self.rows: list[Step] = []
+        self._steps: dict[int, Step] = {}  # by the sequence of the event that started them
         self.ended: trace.RunEnded | None = None
         self.decision: trace.Decision | None = None
 
     @property
     def running_step(self) -> Step | None:
-        """The step that is running."""
-        return self.rows[-1] if self.rows and self.rows[-1].status == "running" else None
+        """The step that is running, the one that started last if several are."""
+        return next((step for step in reversed(self.rows) if step.status == "running"), None)
 
     def add_event(self, event: trace.Event) -> None:
         """Take one more event in."""
-        if isinstance(event, trace.NodeStarted):
-            if self.running_step:
-                self.running_step.status = "interrupted"
+        if isinstance(event, trace.RunStarted):  # what ran when an earlier attempt died
+            self._interrupt_running_steps()
+        elif isinstance(event, trace.NodeStarted):
             step = Step(len(self.rows) + 1, event.node, event.visit, event.attempt, event.time)
             step.events.append(event)
             self.rows.append(step)
+            self._steps[event.sequence] = step
         elif isinstance(event, trace.NodeEnded):
             self._end_step(event)
         elif isinstance(event, trace.RunEnded):
             self.ended = event
-            if self.running_step:
-                self.running_step.status = "interrupted"
-        elif self.running_step:
-            self._add_event_to_step(self.running_step, event)
+            self._interrupt_running_steps()
+        elif step := self._step_of(event):
+            self._add_event_to_step(step, event)
+
+    def _step_of(self, event: trace.Event) -> Step | None:
+        """The step that an event belongs to; of threads that do not say so, the one that runs."""
+        return self.running_step if event.step is None else self._steps.get(event.step)
+
+    def _interrupt_running_steps(self) -> None:
+        for step in self.rows:
+            if step.status == "running":
+                step.status = "interrupted"
 
     def _end_step(self, event: trace.NodeEnded) -> None:
-        for step in reversed(self.rows):
-            if step.node == event.node and step.status == "running":
-                step.status = "failed" if event.error else "done"
-                step.seconds = event.seconds
-                step.events.append(event)
-                if event.error:
-                    step.details.append(event.error)
-                return
+        step = self._step_of(event)
+        if step is not None:
+            step.status = "failed" if event.error else "done"
+            step.seconds = event.seconds
+            step.events.append(event)
+            if event.error:
+                step.details.append(event.error)
 
     def _add_event_to_step(self, step: Step, event: trace.Event) -> None:
         step.events.append(event)
