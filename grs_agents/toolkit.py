@@ -36,6 +36,7 @@ class ToolContext:
     sandbox: Sandbox
     library: Library  # the 3D assets, with the run's own proxies laid over
     limits: Limits  # what one sandbox call may cost
+    say: Callable[[str], object] = str  # tell the person who waits, in one line; nobody hears it outside a run
 
 
 class Tool(Protocol):

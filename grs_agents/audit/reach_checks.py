@@ -18,10 +18,10 @@ _MODULES: Final = {
 }
 """Modules that show or change an interpreter, or keep something from one run to the next."""
 _NAMES: Final = {
-    "witness", "Probe", "EpisodeMemory", "RememberingOracle", "set_environment_defaults", "reset_before_test",
-    "_getframe", "_current_frames", "f_back", "f_locals", "f_globals", "gi_frame", "tb_frame", "tb_next",
-    "__globals__", "__subclasses__", "__builtins__", "__dict__", "__mro__", "modules", "settrace", "setprofile",
-    "_exit", "mj_step", "attrgetter", "methodcaller", "__getattribute__",
+    "witness", "Probe", "EpisodeMemory", "EpisodeReplay", "RememberingOracle", "set_environment_defaults",
+    "reset_before_test", "_getframe", "_current_frames", "f_back", "f_locals", "f_globals", "gi_frame", "tb_frame",
+    "tb_next", "__globals__", "__subclasses__", "__builtins__", "__dict__", "__mro__", "modules", "settrace",
+    "setprofile", "_exit", "mj_step", "attrgetter", "methodcaller", "__getattribute__",
 }
 # fmt: on
 """Names that lead there."""

@@ -1,6 +1,7 @@
 """An entry of the library's manifest, and the physical properties of an asset.
 Each property (mass, friction, restitution) says where its number comes from and how far off it may be."""
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -100,6 +101,14 @@ def read_manifest(root: Path) -> Manifest:
     path = root / MANIFEST
     if not path.exists():
         return Manifest()
+    status = path.stat()
+    return _read_manifest_file(path, (status.st_ino, status.st_mtime_ns, status.st_size))
+
+
+@lru_cache(maxsize=16)
+def _read_manifest_file(path: Path, stamp: tuple[int, int, int]) -> Manifest:
+    """What a manifest says; it is read anew once its ``stamp`` has changed."""
+    del stamp
     try:
         return Manifest.model_validate(read_json(path, "correct the manifest"))
     except ValidationError as error:

@@ -38,12 +38,13 @@ from grs_agents.sim.instance import (
     upright,
 )
 from grs_agents.sim.instantiation import instantiate
-from grs_agents.sim.probing import EpisodeMemory, Probe
+from grs_agents.sim.probing import EpisodeMemory, EpisodeReplay, Probe
 from grs_agents.sim.rollouts import HAND_NOISE, InstanceTask, NoisyTrial, Rollout, rollout, run_oracle
 from grs_agents.sim.world import (
     describe_reached_limit,
     latest_limit_error,
     place_bystanders,
+    prepare_process,
     reset_before_test,
     set_environment_defaults,
 )
@@ -56,6 +57,7 @@ __all__ = [
     "Environment",
     "Episode",
     "EpisodeMemory",
+    "EpisodeReplay",
     "Goal",
     "GoalOutcome",
     "InstanceError",
@@ -98,6 +100,7 @@ __all__ = [
     "p",
     "parse_instance_json",
     "place_bystanders",
+    "prepare_process",
     "reset_before_test",
     "rollout",
     "run_oracle",

@@ -104,7 +104,28 @@ def _make_scene_key(env: Environment) -> tuple[Any, ...]:
     return (env.timestep, env.tool, env.background, repr(env.object_ties), *things, state.tobytes())
 
 
-class Probe:
+class EpisodeReplay:
+    """What watches the environments of a process so that no episode costs anything a second time."""
+
+    def __init__(self, memory: EpisodeMemory) -> None:
+        self.memory = memory
+
+    def begin_reset(self, env: Environment) -> None:
+        """A reset begins."""
+
+    def finish_reset(self, env: Environment) -> None:
+        """The program has set its scene up."""
+
+    def recall_or_act(self, env: Environment, pick: Pose, place: Pose, act: PickAndPlace) -> PickPlaceResult:
+        """An action of an environment."""
+        return self.memory.recall_or_act(env, pick, place, act)
+
+    def watch_oracle(self, oracle: Oracle, env: Environment) -> Oracle:
+        """The oracle of an environment."""
+        return RememberingOracle(oracle, env, self.memory)
+
+
+class Probe(EpisodeReplay):
     """The environments' resets of one run of a test suite.
 
     Args:
@@ -119,7 +140,8 @@ class Probe:
     def __init__(
         self, instance: TaskInstance, mutant: TaskInstance | None, coin: int, early: bool, memory: EpisodeMemory
     ) -> None:
-        self.instance, self.mutant, self.coin, self.early, self.memory = instance, mutant, coin, early, memory
+        super().__init__(memory)
+        self.instance, self.mutant, self.coin, self.early = instance, mutant, coin, early
         self.solved = 0  # episodes of the audited instance at full reward
         self.difference = ""  # how the last scene that was set up differs from the audited instance
         self.replaced = ""  # a part of the runtime that the tests have put something else in place of
@@ -128,14 +150,6 @@ class Probe:
         self._drawn: tuple[Any, Any] | None = None
         self._rng: tuple[Environment, Any] | None = None
         self._env: Environment | None = None
-
-    def recall_or_act(self, env: Environment, pick: Pose, place: Pose, act: PickAndPlace) -> PickPlaceResult:
-        """An action of an environment."""
-        return self.memory.recall_or_act(env, pick, place, act)
-
-    def watch_oracle(self, oracle: Oracle, env: Environment) -> Oracle:
-        """The oracle of an environment."""
-        return RememberingOracle(oracle, env, self.memory)
 
     def begin_test(self) -> None:
         """A test begins, the global generators were just seeded."""

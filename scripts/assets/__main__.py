@@ -3,12 +3,13 @@
 from pathlib import Path
 
 from evals.synthesis.built_asset import BuiltAsset
+from evals.synthesis.packages import build_package
 from grs_agents import content
 from grs_agents.files import write_json
 from grs_agents.library import MANIFEST, Manifest
 from grs_agents.terminal import print_escaped
 from scripts.assets.fixtures import build_fixtures
-from scripts.assets.groceries import build_groceries
+from scripts.assets.grocery_table import GROCERIES
 from scripts.assets.household import build_household
 from scripts.assets.kitting import build_kitting
 from scripts.assets.marks import build_marks
@@ -18,7 +19,7 @@ from scripts.assets.toys import build_toys
 
 def build_all() -> list[BuiltAsset]:
     """Every asset, in the order of its families."""
-    everyday = [*build_groceries(), *build_household()]
+    everyday = [*map(build_package, GROCERIES), *build_household()]
     return [*everyday, *build_toys(), *build_fixtures(), *build_templates(), *build_marks(), *build_kitting()]
 
 

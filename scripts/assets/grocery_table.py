@@ -1,50 +1,30 @@
 """Sizes (m; depth x, width y, height z, upright), densities and print of the 28 grocery kinds."""
 
-from dataclasses import dataclass
-
+from evals.synthesis.label import Label
+from evals.synthesis.packages import Package
 from grs_agents.base import Vec3
-from scripts.assets.label import Label
 
 
-@dataclass(frozen=True)
-class Grocery:
-    """One kind of grocery.
-
-    Attributes:
-        kind: its name in the HOPE data set.
-        form: can, box, carton, bottle, jar, canister or tub.
-        size: extents x, y, z in m.
-        density: of the whole package, kg/m^3.
-        color: dominant colour.
-        look: what a person would call it.
-        label: its print.
-    """
-
-    kind: str
-    form: str
-    size: Vec3
-    density: float
-    color: str
-    look: str
-    label: Label
+def _grocery(kind: str, form: str, size: Vec3, density: float, color: str, look: str, label: Label) -> Package:
+    return Package("HOPE", kind, form, size, density, color, look, label)
 
 
-def _can(kind: str, size: Vec3, color: str, look: str, label: Label) -> Grocery:
-    return Grocery(kind, "can", size, 1000.0, color, look, label)
+def _can(kind: str, size: Vec3, color: str, look: str, label: Label) -> Package:
+    return _grocery(kind, "can", size, 1000.0, color, look, label)
 
 
-def _box(kind: str, size: Vec3, density: float, color: str, look: str, label: Label) -> Grocery:
-    return Grocery(kind, "box", size, density, color, look, label)
+def _box(kind: str, size: Vec3, density: float, color: str, look: str, label: Label) -> Package:
+    return _grocery(kind, "box", size, density, color, look, label)
 
 
 _PAPER = (0.03, 0.97)
 _FLASK = (0.08, 0.60)
 _TALL, _HALF, _FLAT = (0.071, 0.066, 0.084), (0.071, 0.066, 0.058), (0.071, 0.066, 0.033)
 
-GROCERIES: tuple[Grocery, ...] = (
+GROCERIES: tuple[Package, ...] = (
     _can("AlphabetSoup", _TALL, "red", "a red and white can of alphabet soup",
          Label(("ALPHABET", "SOUP"), "c62828", "f5f0e6", "ffffff", "squares", "f2c14e", span=_PAPER)),
-    Grocery("BBQSauce", "bottle", (0.043, 0.065, 0.148), 950.0, "brown", "a dark brown bottle of barbecue sauce",
+    _grocery("BBQSauce", "bottle", (0.043, 0.065, 0.148), 950.0, "brown", "a dark brown bottle of barbecue sauce",
             Label(("BBQ", "SAUCE"), "7a2e12", "e08a1e", "ffe3b0", "waves", "d9541e", "3c1a10", "241510",
                   _FLASK, 0.80)),
     _box("Butter", (0.024, 0.103, 0.053), 900.0, "yellow", "a yellow box of butter",
@@ -63,26 +43,26 @@ GROCERIES: tuple[Grocery, ...] = (
          Label(("GRANOLA", "BARS"), "4f9d45", "f0e2b8", "ffffff", "squares", "c58b4b")),
     _can("GreenBeans", _HALF, "green", "a green can of green beans",
          Label(("GREEN", "BEANS"), "e6efd2", "2e7d32", "1f5f26", "leaves", "4fa14a", span=_PAPER)),
-    Grocery("Ketchup", "bottle", (0.043, 0.065, 0.149), 950.0, "red", "a red bottle of tomato ketchup",
+    _grocery("Ketchup", "bottle", (0.043, 0.065, 0.149), 950.0, "red", "a red bottle of tomato ketchup",
             Label(("TOMATO", "KETCHUP"), "fbf3e6", "a31515", "b01818", "disc", "d32424", "c01d1d", "f2f2f2",
                   _FLASK, 0.80)),
     _box("MacaroniAndCheese", (0.040, 0.124, 0.166), 350.0, "blue", "a blue and orange box of macaroni and cheese",
          Label(("MACARONI", "& CHEESE"), "23408e", "f59a23", "ffd23f", "disc", "f7a928")),
-    Grocery("Mayo", "jar", (0.041, 0.065, 0.148), 900.0, "white", "a white jar of mayonnaise with a blue lid",
+    _grocery("Mayo", "jar", (0.041, 0.065, 0.148), 900.0, "white", "a white jar of mayonnaise with a blue lid",
             Label(("MAYO",), "e9eef6", "1d4fa3", "1d4fa3", "waves", "a8c4ec", "f3f0e4", "1d4fa3",
                   (0.08, 0.64), 0.77)),
-    Grocery("Milk", "carton", (0.073, 0.072, 0.190), 950.0, "white", "a white and blue carton of milk",
+    _grocery("Milk", "carton", (0.073, 0.072, 0.190), 950.0, "white", "a white and blue carton of milk",
             Label(("MILK",), "f6f8fb", "2468c4", "1b4fa0", "waves", "7fb2ee", "f6f8fb", "e8eef6",
                   (0.0, 0.76))),
     _can("Mushrooms", _FLAT, "white", "a flat cream and brown can of mushrooms",
          Label(("MUSHROOMS",), "efe3cf", "7d5a3c", "5f4027", "disc", "c9ae8c", span=_PAPER)),
-    Grocery("Mustard", "bottle", (0.049, 0.065, 0.160), 950.0, "yellow", "a yellow bottle of mustard",
+    _grocery("Mustard", "bottle", (0.049, 0.065, 0.160), 950.0, "yellow", "a yellow bottle of mustard",
             Label(("YELLOW", "MUSTARD"), "f9e27a", "c8281e", "a8201a", "leaves", "e8b923", "f2c318", "c8281e",
                   _FLASK, 0.80)),
-    Grocery("OrangeJuice", "carton", (0.071, 0.066, 0.192), 950.0, "orange", "an orange carton of orange juice",
+    _grocery("OrangeJuice", "carton", (0.071, 0.066, 0.192), 950.0, "orange", "an orange carton of orange juice",
             Label(("ORANGE", "JUICE"), "f28c1e", "2f7d36", "ffffff", "dots", "ffb84d", "f28c1e", "f7e7d0",
                   (0.0, 0.76))),
-    Grocery("Parmesan", "canister", (0.066, 0.071, 0.103), 500.0, "green",
+    _grocery("Parmesan", "canister", (0.066, 0.071, 0.103), 500.0, "green",
             "a green canister of grated parmesan with a white lid",
             Label(("GRATED", "PARMESAN"), "2f7a3e", "f0d878", "ffffff", "squares", "f3e3a0", "2f7a3e", "f4f4f4",
                   (0.0, 0.84), 0.84)),
@@ -96,7 +76,7 @@ GROCERIES: tuple[Grocery, ...] = (
          Label(("POPCORN",), "f7f3ea", "c4202b", "c4202b", "stripes", "d8323c")),
     _box("Raisins", (0.040, 0.086, 0.123), 650.0, "purple", "a purple box of raisins",
          Label(("RAISINS",), "6b2f86", "f2c14e", "ffe9a8", "dots", "3b1a4d")),
-    Grocery("SaladDressing", "bottle", (0.044, 0.064, 0.147), 950.0, "green",
+    _grocery("SaladDressing", "bottle", (0.044, 0.064, 0.147), 950.0, "green",
             "a pale green bottle of salad dressing",
             Label(("SALAD", "DRESSING"), "f3f1df", "3d7f34", "2f6a2a", "leaves", "6fae4f", "b9c98a", "3d7f34",
                   _FLASK, 0.80)),
@@ -106,7 +86,7 @@ GROCERIES: tuple[Grocery, ...] = (
          Label(("TOMATO", "SAUCE"), "d63a2a", "2f7a36", "fff4d6", "dots", "ef6a4a", span=_PAPER)),
     _can("Tuna", _FLAT, "blue", "a flat light blue can of tuna",
          Label(("TUNA",), "58b4dc", "0f3f78", "ffffff", "waves", "1d6fb0", span=_PAPER)),
-    Grocery("Yogurt", "tub", (0.068, 0.068, 0.054), 900.0, "pink", "a pink and white tub of yogurt",
+    _grocery("Yogurt", "tub", (0.068, 0.068, 0.054), 900.0, "pink", "a pink and white tub of yogurt",
             Label(("YOGURT",), "fbf4f6", "e0628f", "c43d70", "dots", "ee7fa4", "fbf4f6", "f6dbe4",
                   (0.0, 0.9), 0.9)),
 )  # fmt: skip

@@ -1,13 +1,11 @@
 """Cubes, containers, bowls, mugs, plates, zones and the templates that programs fill in."""
 
-import math
 from collections.abc import Sequence
-
-import numpy as np
 
 from evals.synthesis.built_asset import BuiltAsset, build_asset, opaque
 from evals.synthesis.colliders import box, cylinder, lifted, open_box, ring
-from evals.synthesis.meshes import Mesh, loft, superellipse, tube
+from evals.synthesis.meshes import Mesh, loft, superellipse
+from evals.synthesis.mugs import mug_parts
 from grs_agents.base import Vec3
 from grs_agents.library import Asset, Rgba, Shape, merge_bounds, shape_bounds
 
@@ -81,33 +79,12 @@ def build_bowl() -> BuiltAsset:
 
 def build_mug() -> BuiltAsset:
     """A mug 8 cm wide and 9.5 cm high; its handle points to +x."""
-    radius, height, reach = 0.040, 0.095, 0.030
-    profile = (
-        (0.037, 0.0),
-        (0.040, 0.004),
-        (0.040, height),
-        (0.0365, height),
-        (0.0365, 0.006),
-        (0.034, 0.005),
-    )
-    body = loft(_ROUND, [(r, r, z) for r, z in profile])
-    angles = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 13)
-    arc = np.stack([0.037 + 0.028 * np.cos(angles), 0 * angles, 0.048 + 0.027 * np.sin(angles)], 1)
-    handle = tube(arc, 0.005, (0.0, 1.0, 0.0))
-    shift: Vec3 = (-reach / 2, 0.0, -height / 2)
-    colliders = (
-        cylinder(radius, 0.006, (0, 0, 0.003)),
-        *ring(radius, 0.004, 0.006, height),
-        box((0.010, 0.010, 0.054), (radius + reach - 0.005, 0, 0.048)),
-        box((0.022, 0.010, 0.010), (radius + 0.010, 0, 0.074)),
-        box((0.022, 0.010, 0.010), (radius + 0.010, 0, 0.022)),
-    )
-    size = (2 * radius + reach, 2 * radius, height)
+    parts = mug_parts(0.040, 0.095, 0.030)
     look = "a red mug with a handle, 8 cm wide and 9.5 cm high"
-    asset = _asset("mug/mug.urdf", "mug", "mug", size, 0.30, "red", look, True)
+    asset = _asset("mug/mug.urdf", "mug", "mug", parts.size, 0.30, "red", look, True)
     color: Rgba = (0.78, 0.18, 0.17, 1.0)
-    meshes = [("mug/mug.obj", _moved(body, shift), color), ("mug/handle.obj", _moved(handle, shift), color)]
-    return _with_mesh(asset, meshes, lifted(colliders, shift))
+    meshes = [("mug/mug.obj", parts.body, color), ("mug/handle.obj", parts.handle, color)]
+    return _with_mesh(asset, meshes, parts.colliders)
 
 
 def build_plate() -> BuiltAsset:
@@ -155,10 +132,6 @@ def _asset(
         hollow=hollow,
         fixture=fixture,
     )
-
-
-def _moved(mesh: Mesh, offset: Vec3) -> Mesh:
-    return Mesh(mesh.vertices + np.asarray(offset), mesh.faces, mesh.uvs, mesh.face_uvs)
 
 
 def _with_mesh(asset: Asset, meshes: Sequence[tuple[str, Mesh, Rgba]], colliders: tuple[Shape, ...]) -> BuiltAsset:

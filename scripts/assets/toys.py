@@ -13,6 +13,7 @@ _BLOCKS = (
     ("block/small", 0.01, 0.001, "red", "a small red cube, 1 cm: one grain of a pile"),
     ("block/block_for_anchors", 0.04, 0.02, "red", "a light red cube, 4 cm, to hang other things on"),
     ("stacking/block", 0.04, 0.05, "red", "a red cube for stacking, 4 cm"),
+    ("stacking/bigger_block", 0.06, 0.1, "red", "a red cube for stacking, 6 cm"),
     ("hanoi/block", 0.04, 0.05, "red", "a red cube, 4 cm"),
 )
 _BALLS = (

@@ -16,6 +16,7 @@ from .importer import ImportRun as ImportRun
 from .journal import Journal as Journal
 from .journal import update_manifest_entries as update_manifest_entries
 from .mesh_appearance import find_shipped_hope_asset as find_shipped_hope_asset
+from .mesh_reader import read_mesh as read_mesh
 from .mesh_simplification import simplify_textured_mesh as simplify_textured_mesh
 from .objaverse import ObjaverseEntry as ObjaverseEntry
 from .objaverse import download_objects as download_objects

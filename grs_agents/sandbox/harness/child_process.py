@@ -39,7 +39,10 @@ _PROMISED = ("landlock", "no capabilities", "seccomp")
 def warm_up(settings: Settings) -> None:
     """Before there is an order: import what the settings name, and do what each child would otherwise do again."""
     for name in settings.preload:
-        importlib.import_module(name)
+        module, _, function = name.partition(":")
+        loaded = importlib.import_module(module)
+        if function:
+            getattr(loaded, function)()
     for folder in settings.overlays:
         content.add_overlay_folder(folder)
     for name in settings.tools:

@@ -28,10 +28,11 @@ from grs_agents.sandbox.protocol import CallResult, Limits, remove_orphaned_fold
 class Sandbox:
     """Runs each call in a hardened process forked from one that has its imports done.
 
-    The modules of ``preload`` and the tool files ``tools`` are imported before the first call. The backend ``auto`` is
-    the strongest that holds against the probe's attacks; ``none`` is no separation at all. At most ``workers`` calls
-    run at once; more wait for their turn. A call may cost ``limits`` unless it says otherwise; these fix the size of
-    scratch folders too. Workers may read ``readable``, beside what they need to run.
+    The modules of ``preload`` and the tool files ``tools`` are imported before the first call, and the functions of
+    ``preload`` (``module:function``) called. The backend ``auto`` is the strongest that holds against the probe's
+    attacks; ``none`` is no separation at all. At most ``workers`` calls run at once; more wait for their turn. A call
+    may cost ``limits`` unless it says otherwise; these fix the size of scratch folders too. Workers may read
+    ``readable``, beside what they need to run.
 
     Safe to share between threads. Use it as a context manager, or ``close`` it.
     """

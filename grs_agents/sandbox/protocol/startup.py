@@ -25,7 +25,7 @@ ENVIRONMENT = {
 class Settings(Frozen):
     """How a zygote serves its calls."""
 
-    preload: tuple[str, ...] = ()  # modules to import before the first call
+    preload: tuple[str, ...] = ()  # modules to import before the first call; "module:function" is called too
     overlays: tuple[Path, ...] = ()  # content of the user's own, laid over the shipped one from the first on
     tools: tuple[str, ...] = ()  # tool files to import before the first call
     layers: bool = True  # whether children harden themselves with Landlock, seccomp and without privileges

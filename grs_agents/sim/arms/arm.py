@@ -35,6 +35,7 @@ class Arm:
 
     nearest: float  # from the base axis to where the tip can be brought, tool down, metres; for words only
     farthest: float
+    solves_rows_alone = False  # whether a row of ``solve_ik_tool_down`` depends on those before it by whole turns alone
     maker_speeds: FloatArray | None = None  # the greatest speeds (dof,) of the joints by the maker's data sheet, rad/s
 
     def __init__(self, name: str, add: Callable[[Any], None], guess: FloatArray) -> None:

@@ -42,7 +42,7 @@ def solve_ik_tool_down(tips: FloatArray, yaws: FloatArray) -> FloatArray:
     with np.errstate(invalid="ignore", divide="ignore"):
         base = np.arctan2(y, x) + np.pi - np.arcsin(D4 / radius)
         forward = np.sqrt(radius**2 - D4**2) - D5
-        cosine = (forward**2 + height**2 - A2**2 - A3**2) / (2 * A2 * A3)
+        cosine = _elbow_cosine(forward, height)
         elbow = np.arccos(np.where(np.abs(cosine) <= 1, cosine, np.nan))
     # The links have negative lengths in the published table, so the arm extends along minus x of link 1.
     shoulder = np.arctan2(-height, forward) - np.arctan2(-A3 * np.sin(elbow), -A2 - A3 * np.cos(elbow))
@@ -54,6 +54,11 @@ def solve_ik_tool_down(tips: FloatArray, yaws: FloatArray) -> FloatArray:
         turn = np.unwrap(turn)
     turn -= 2 * np.pi * np.round(turn[:1] / (2 * np.pi))
     return np.stack([base, shoulder, elbow, wrist, half, turn], axis=1)
+
+
+def _elbow_cosine(forward: FloatArray, height: FloatArray) -> FloatArray:
+    """Of the elbow's angle for the wrist's place as the shoulder sees it (m); no angle has one beyond 1."""
+    return (forward**2 + height**2 - A2**2 - A3**2) / (2 * A2 * A3)
 
 
 def _nearest_whole_turns(angles: FloatArray) -> FloatArray:
@@ -156,6 +161,7 @@ class UR5e(Arm):
     """Universal Robots' UR5e."""
 
     nearest, farthest = NEAREST, REACH
+    solves_rows_alone = True
     maker_speeds = np.full(6, np.pi)  # 180 degrees a second each, by the maker's data sheet
 
     def __init__(self) -> None:
@@ -198,7 +204,8 @@ class UR5e(Arm):
         """As ``Arm.reachable``, in closed form, within the nominal reach."""
         radius = np.hypot(tips[:, 0], tips[:, 1])
         inside = (radius >= NEAREST) & (radius <= REACH)
+        forward = np.sqrt(np.maximum(radius**2 - D4**2, 0.0)) - D5
+        height = tips[:, 2] + TOOL_LENGTH + D6 - D1
         # Low and near the base the forearm's end would meet the shoulder: it must stay beside it or above it.
-        beside = np.sqrt(np.maximum(radius**2 - D4**2, 0.0)) - D5 >= _SHOULDER
-        inside &= beside | (tips[:, 2] + TOOL_LENGTH + D6 >= D1 + _SHOULDER)
-        return inside & np.isfinite(solve_ik_tool_down(tips, np.zeros(len(tips)))).all(axis=1)
+        inside &= (forward >= _SHOULDER) | (height >= _SHOULDER)
+        return inside & (np.abs(_elbow_cosine(forward, height)) <= 1)

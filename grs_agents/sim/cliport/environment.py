@@ -13,7 +13,6 @@ from grs_agents.library import Library
 from grs_agents.sim.arms import get_arm
 from grs_agents.sim.cliport import end_effectors, pybullet
 from grs_agents.sim.cliport.cameras import Observation
-from grs_agents.sim.cliport.goal_arguments import convert_to_goal
 from grs_agents.sim.cliport.workcell import Workcell
 from grs_agents.sim.goals import ScoredTask, StrictScorer
 from grs_agents.sim.instance import (
@@ -52,6 +51,10 @@ class EpisodeTask(ScoredTask, Protocol):
 
     def reset(self, env: "Environment") -> None:
         """Set the scene up and state the goals."""
+        ...
+
+    def finish_goals(self, env: "Environment") -> None:
+        """Read the goals as they are stated when ``reset`` ends."""
         ...
 
     def reward(self) -> tuple[float, dict[str, Any]]:
@@ -162,10 +165,10 @@ class Environment(Workcell):
         try:
             self.tool = "spatula" if end_effectors.uses_push_primitive(self.task.ee, self.task.primitive) else "suction"
             self.task.reset(self)
+            self.task.finish_goals(self)
         except GrsError as error:
             self.recorder.stop = make_stop_from_error(error)
             raise
-        self.task.goals = [convert_to_goal(goal) for goal in self.task.goals]
         self.task.grs.finish_reset(self)
         self.restore_bystanders()
         if self.witness is not None:
@@ -189,6 +192,14 @@ class Environment(Workcell):
     def get_lang_goal(self) -> str:
         """The current goal in words."""
         return self.task.get_lang_goal() if self.task is not None else ""
+
+    def get_task_name(self) -> str:
+        """The name of the task's class; empty without a task."""
+        return "" if self.task is None else type(self.task).__name__
+
+    def fill_dummy_template(self, template: str) -> str:
+        """A template filled with its defaults; the name goes to ``add_object``."""
+        return templates.fill_template(self.library, template, {})
 
     @property
     def observation(self) -> Observation:

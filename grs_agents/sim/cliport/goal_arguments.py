@@ -1,6 +1,7 @@
 """Goals as programs state them: checked, in one shape, and in CLIPort's order of fields."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
@@ -8,6 +9,38 @@ import numpy as np
 from grs_agents.base import Pose
 from grs_agents.sim.instance import Goal, SimulationError, Zone
 from grs_agents.sim.world import is_number, is_vector, parse_pose
+
+_METRICS = {"zone_with_z_match": "zone"}
+"""Of LoHo-Ravens, whose heights the strict score asks for anyway."""
+
+
+@dataclass(frozen=True)
+class GoalArguments:
+    """The arguments of `make_goal` as a program gave them: lists among them may grow until ``reset`` ends."""
+
+    objs: Any
+    matches: Any
+    targ_poses: Any
+    replace: bool
+    rotations: bool
+    metric: str
+    params: Any
+    step_max_reward: float
+    symmetries: Any
+
+    @property
+    def is_begun(self) -> bool:
+        """Whether there is nothing yet in a list that the program may still fill."""
+        return any(isinstance(given, list) and not given for given in (self.objs, self.targ_poses, self.params))
+
+    def make_goal(self) -> tuple[Goal, list[str]]:
+        """The goal that they state now, as `make_goal` makes it."""
+        given = (self.objs, self.matches, self.targ_poses, self.replace, self.rotations, self.metric, self.params)
+        return make_goal(*given, self.step_max_reward, self.symmetries)
+
+
+UNSTATED = Goal.model_construct(objects=(), targets=(), matches=(), zones=(), max_reward=0.0)
+"""In the place of a goal whose lists are still empty."""
 
 
 def make_goal(
@@ -30,6 +63,7 @@ def make_goal(
         others = {"matches": matches, "targ_poses": targ_poses, "params": params, "symmetries": symmetries}
         return objs.model_copy(update={"max_reward": reward}), _list_arguments_without_effect(others)
     pairs = _parse_ids_and_symmetries(objs)
+    metric = _METRICS.get(metric, metric)
     if metric not in ("pose", "zone"):
         raise SimulationError(f"add_goal: metric {metric!r} is unknown", "use 'pose' or 'zone'")
     targets = _parse_target_poses(targ_poses)
@@ -156,19 +190,20 @@ def _parse_zone(entry: Any) -> Zone:
 
 
 def _parse_match_matrix(matches: Any, objects: int, targets: int) -> tuple[tuple[int, ...], ...]:
-    """Rows and columns too many are cut off, columns too few are zeros, a flat list is a row or a column."""
+    """Rows and columns too many are cut off, columns too few are zeros, a flat list is a row or a column; of rows too
+    few the last one serves for the others."""
     if matches is None:
         return ((1,) * targets,) * objects
     array = np.asarray(matches, dtype=np.float64)
     if array.ndim != 2 and array.size == objects * targets:
         array = array.reshape(objects, targets)
-    if array.ndim != 2 or array.shape[0] < objects or not array.shape[1]:
+    if array.ndim != 2 or not array.size:
         raise SimulationError(
             f"add_goal: matches has shape {array.shape} for {objects} objects and {targets} targets",
             f"give np.ones(({objects}, {targets})) or another array of that shape",
         )
     rows = np.zeros((objects, targets), dtype=np.int64)
-    kept = array[:objects, :targets]
+    kept = np.pad(array[:objects, :targets], ((0, max(objects - len(array), 0)), (0, 0)), "edge")
     rows[:, : kept.shape[1]] = kept > 0
     return tuple(map(tuple, rows.tolist()))
 

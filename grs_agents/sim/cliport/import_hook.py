@@ -3,8 +3,9 @@
 Switched on by the sandbox worker alone, with ``install()``. The real packages are never imported, installed or not.
 """
 
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
@@ -13,8 +14,17 @@ from typing import Any, Final
 from grs_agents.sim.cliport import end_effectors, pybullet, utils
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.task import PublishedTask
+from grs_agents.sim.instance import UnsupportedError
+from grs_agents.sim.world import templates
 
 PACKAGES: Final = ("cliport", "pybullet", "pybullet_utils", "pybullet_data")
+BUILT_IN: Final = (
+    *("align_box_corner", "align_rope", "assembling_kits", "assembling_kits_seq", "block_insertion"),
+    *("manipulating_rope", "packing_boxes", "packing_boxes_pairs", "packing_google_objects", "packing_shapes"),
+    *("palletizing_boxes", "place_red_in_green", "put_block_in_bowl", "separating_piles", "stack_block_pyramid"),
+    *("stack_block_pyramid_seq", "sweeping_piles", "towers_of_hanoi", "towers_of_hanoi_seq"),
+)
+"""Modules of ``cliport.tasks`` that hold a published task each."""
 
 
 def install() -> None:
@@ -30,6 +40,7 @@ def install() -> None:
         if parent:
             setattr(modules[parent], child, module)
     sys.meta_path.insert(0, _Refusal(tuple(sorted(modules))))
+    os.remove = _keep_filled_templates(os.remove)
 
 
 def _build_replacement_modules() -> dict[str, ModuleType]:
@@ -47,11 +58,38 @@ def _build_replacement_modules() -> dict[str, ModuleType]:
         "cliport.environments": _make_module("cliport.environments"),
         "cliport.environments.environment": _make_module("cliport.environments.environment", Environment=Environment),
         "pybullet": pybullet,
+        "pybullet_utils": _make_module("pybullet_utils"),
+        **{f"cliport.tasks.{name}": _make_built_in(f"cliport.tasks.{name}") for name in BUILT_IN},
     }
 
 
 def _do_nothing(*_: Any, **__: Any) -> None:
     """``IPython.embed``: published programs import it and leave no call of it behind."""
+
+
+def _keep_filled_templates(remove: Callable[..., None]) -> Callable[..., None]:
+    """``os.remove``, for which a filled template, which is a file in CLIPort and none here, is gone already."""
+
+    def removed(path: Any, *more: Any, **options: Any) -> None:
+        if not isinstance(path, str) or templates.find_filling_by_name(path) is None:
+            remove(path, *more, **options)
+
+    return removed
+
+
+def _make_built_in(module: str) -> ModuleType:
+    """A module whose classes may be imported, which programs do, but not run: the tasks themselves are not here."""
+
+    def reset(self: Any, env: Any) -> None:
+        found = f"{type(self).__name__} is a task of {module}, whose program is not part of this simulation"
+        raise UnsupportedError(found, "give its source as a program of its own, or derive from Task")
+
+    def find(name: str) -> type[PublishedTask]:
+        if not name[0].isupper() or name.isupper():
+            raise AttributeError(f"{module} has no {name} in this simulation")
+        return type(name, (PublishedTask,), {"reset": reset, "__module__": module})
+
+    return _make_module(module, __getattr__=find)
 
 
 def _make_module(name: str, **names: Any) -> ModuleType:

@@ -3,15 +3,15 @@
 import ast
 from collections.abc import Mapping, Sequence
 from types import ModuleType
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from grs_agents.base import Pose, Quat
-from grs_agents.geometry import FloatArray
+from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.cliport import end_effectors
 from grs_agents.sim.cliport.environment import Environment
-from grs_agents.sim.cliport.goal_arguments import make_goal
+from grs_agents.sim.cliport.goal_arguments import UNSTATED, GoalArguments, convert_to_goal
 from grs_agents.sim.cliport.task_helpers import TaskKit, add_kitting_objects
 from grs_agents.sim.expert import Oracle, PushOracle
 from grs_agents.sim.goals import StrictScorer, TaskAccounting, task_accounting
@@ -28,6 +28,10 @@ from grs_agents.sim.world import Prism, collider_prisms_at_pose, templates
 
 _PATIENCE = 200
 _ORIGIN: Pose = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+_UNTOLD_HEIGHT = 0.1
+"""Metres: published programs place what has no height told with its centre at 5 cm."""
+_PARKED = 2.0
+"""What lies so far to the side of the robot is off the table, metres."""
 _LENIENT = 0.05
 """A goal is met when at most 0.01 of reward is missing, and at most this share of the goal."""
 
@@ -82,6 +86,7 @@ class Task(TaskKit):
         self.goals: list[Goal] = []
         self.lang_goals: list[str] = []
         self.progress = 0.0
+        self._arguments: list[tuple[Goal, GoalArguments]] = []
 
     def additional_reset(self) -> None:
         """Called last in a program's ``__init__``; there is nothing left to do, unless the program overrides it."""
@@ -89,7 +94,9 @@ class Task(TaskKit):
     def reset(self, env: Environment) -> None:
         """Clear the goals. A program's own ``reset`` calls ``super().reset(env)``, then adds objects and goals."""
         self.grs.begin_reset(env)
-        self.goals, self.lang_goals, self.progress = [], [], 0.0
+        self.goals, self.lang_goals, self.progress, self._arguments = [], [], 0.0, []
+        if type(self).reward is not Task.reward:
+            env.record_warning("the program's own reward() is no part of the task: its goals alone are scored")
 
     def add_goal(
         self,
@@ -133,19 +140,31 @@ class Task(TaskKit):
         Raises:
             SimulationError: an argument does not fit; the message says which, and what would.
         """
-        goal, notes = make_goal(
-            objs, matches, targ_poses, replace, rotations, metric, params, step_max_reward, symmetries
-        )
-        env = self.grs.reset_in
+        given = (objs, matches, targ_poses, replace, rotations, metric, params, step_max_reward, symmetries)
+        # Programs append to the lists that they gave, so they are read again when ``reset`` ends.
+        arguments, env = GoalArguments(*given), self.grs.reset_in
+        goal = UNSTATED.model_copy() if arguments.is_begun and env is not None else arguments.make_goal()[0]
         if env is not None:
             for number in goal.mentioned_object_ids:
                 env.object_by_id(number)
             env.warn_of_unknown_arguments("task.add_goal", _unknown, Task.add_goal)
-            for note in notes:
-                env.record_warning(note)
+        self._arguments.append((goal, arguments))
         self.goals.append(goal)
         if language_goal:
             self.lang_goals.append(str(language_goal))
+
+    def finish_goals(self, env: Environment) -> None:
+        """Read the goals as they are stated when ``reset`` ends."""
+        goals: list[Goal] = []
+        for stated in self.goals:
+            arguments = next((given for goal, given in self._arguments if goal is stated), None)
+            goal, notes = (convert_to_goal(stated), []) if arguments is None else arguments.make_goal()
+            for number in goal.mentioned_object_ids:
+                env.object_by_id(number)
+            for note in notes:
+                env.record_warning(note)
+            goals.append(goal)
+        self.goals, self._arguments = goals, []
 
     def fill_template(self, template: str, replace: Mapping[str, Any]) -> str:
         """Fill in a template's sizes and colour; the result goes to ``env.add_object``.
@@ -158,6 +177,7 @@ class Task(TaskKit):
         """
         env = self.grs.reset_in
         library = env.library if env is not None else templates.default_library()
+        replace = {stem: _unwrap_color(value) if stem == "COLOR" else value for stem, value in replace.items()}
         name, doubts = templates.fill_and_describe_template(library, template, replace)
         if env is not None:
             for doubt in doubts:
@@ -165,7 +185,7 @@ class Task(TaskKit):
         return name
 
     def get_random_pose(
-        self, env: Environment, obj_size: Sequence[float]
+        self, env: Environment, obj_size: Sequence[float] | float, **_unknown: Any
     ) -> tuple[list[float], Quat] | tuple[None, None]:
         """A free pose on the table for an object of ``obj_size`` (x, y, z) metres, its centre in reach, its yaw random.
 
@@ -176,20 +196,41 @@ class Task(TaskKit):
         Raises:
             NoFreeSpaceError: it was asked again and again although there is no room.
         """
-        if any(extent < 0 for extent in obj_size):
+        bound = _unknown.pop("bound", None)  # LoHo-Ravens': where the centre may be, as ``bounds``
+        env.warn_of_unknown_arguments("task.get_random_pose", _unknown, Task.get_random_pose)
+        size = _three_lengths(obj_size)
+        if min(size) < 0:
             env.record_warning("get_random_pose: a size with negative lengths was taken without their sign")
-        pose = placement.sample_free_pose(obj_size, self.bounds, _placement_obstacles(env), env.rng, env.arm)
+        bounds = self.bounds if bound is None else np.asarray(bound, dtype=np.float64)
+        pose = placement.sample_free_pose(size, bounds, _placement_obstacles(env), env.rng, env.arm)
         if pose is not None:
             env.failed_placements = 0
             return list(pose[0]), pose[1]
         env.failed_placements += 1
         if env.failed_placements >= _PATIENCE:
             raise NoFreeSpaceError(
-                f"no free place of {obj_size[0]:.2f} x {obj_size[1]:.2f} m among {len(env.objects)} objects, asked "
+                f"no free place of {size[0]:.2f} x {size[1]:.2f} m among {len(env.objects)} objects, asked "
                 f"{_PATIENCE} times",
                 "add fewer or smaller objects",
             )
         return None, None
+
+    def spawn_box(self) -> None:
+        """Bring what a program parked beyond the table back to free places on it, all at once.
+
+        CLIPort brings one box after another while the robot works; an instance has all that it holds from the start.
+        """
+        env = self.grs.reset_in
+        if not isinstance(env, Environment):
+            return
+        for item in [item for item in env.objects if abs(item.pose[0][1]) > _PARKED]:
+            position, rotation = self.get_random_pose(env, env.get_object_size(item.id))
+            if position is None or rotation is None:
+                raise NoFreeSpaceError(
+                    f"spawn_box: no free place for {item.asset} #{item.id} among {len(env.objects)} objects",
+                    "spawn fewer or smaller boxes",
+                )
+            env.set_object_pose(item.id, (transforms.to_vec3(position), rotation))
 
     def make_kitting_objects(
         self, env: Environment, targets: Sequence[Any], obj_shapes: Sequence[int], n_objects: int, colors: Any
@@ -217,6 +258,10 @@ class Task(TaskKit):
                 self.lang_goals.pop(0)
         before, self.grs.total = self.grs.total, min(1.0, self.progress + partial)
         return self.grs.total - before, {}
+
+    def get_reward(self) -> float:
+        """What was gained since the reset, 0..1."""
+        return float(self.grs.total)
 
     def done(self) -> bool:
         """Whether every goal is met."""
@@ -262,6 +307,21 @@ class PublishedTask(Task):
             self.pos_eps = 0.02
         if "piles" in self.lang_template:
             self.ee, self.primitive = end_effectors.Spatula, end_effectors.push
+
+
+def _unwrap_color(color: Any) -> Any:
+    """One colour in a list, as ``utils.get_random_color()[0]`` is, counts as that colour."""
+    listed: Sequence[Any] = cast(Sequence[Any], color) if isinstance(color, list | tuple) else ()
+    return listed[0] if len(listed) == 1 else cast(Any, color)
+
+
+def _three_lengths(size: Any) -> tuple[float, float, float]:
+    """A size in x, y, z (m) from as many lengths as a program gave: the first three; one is a cube's."""
+    given = np.atleast_1d(np.asarray(size, dtype=np.float64)).ravel().tolist()
+    if not given or not np.isfinite(given).all():
+        raise SimulationError(f"get_random_pose: {size!r} is no size in metres", "give (x, y, z)")
+    x, y, z = (given * 3 if len(given) == 1 else [*given, _UNTOLD_HEIGHT])[:3]
+    return x, y, z
 
 
 def _placement_obstacles(env: Environment) -> list[Prism]:

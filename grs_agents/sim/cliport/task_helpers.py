@@ -7,7 +7,7 @@ shapes (as GenSim's ``make_kitting_objects`` puts them there).
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import PurePosixPath
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -118,6 +118,10 @@ _CORNER: Final = {"DIMX": 0.04, "DIMY": 0.04}
 """Where an anchor's two strokes lie, as GenSim has them, metres."""
 
 
+KIT_LETTERS: Final = {"R": 0, "A": 1, "T": 5, "O": 11, "G": 12, "V": 13, "E": 14, "L": 15, "M": 19}
+"""The kitting shapes that look like a letter; O is the disk."""
+
+
 class TaskKit:
     """What a task can call besides ``add_object`` and ``add_goal``."""
 
@@ -131,10 +135,33 @@ class TaskKit:
         self.train_set: npt.NDArray[np.int64] = np.arange(0, 14)
         self.test_set: npt.NDArray[np.int64] = np.arange(14, 20)
         self.num_blocks = 50
+        self.homogeneous = False
+        self.continuous = False
+        self.task_difficulty_level = "easy"
+        self.kit = dict(KIT_LETTERS)
+        self._early_rng = np.random.default_rng(templates.defaults.seed)
+
+    def set_assets_root(self, assets_root: str) -> None:
+        """Kept for CLIPort programs: names of assets are the library's, whatever folder stands before them."""
+        self.assets_root = assets_root
+
+    def get_asset_full_path(self, path: str) -> str:
+        """The library's name of an asset; what stands before it is ignored."""
+        return path
+
+    def zip_obj_ids(self, obj_ids: Sequence[Any], symmetries: Sequence[float] | None) -> list[Any]:
+        """``[(id, (symmetry, None)), ...]`` as ``objs`` of a goal; ids that have theirs stay as they are."""
+        if len(obj_ids) and isinstance(obj_ids[0], tuple):
+            return list(obj_ids)
+        angles = [0.0] * len(obj_ids) if symmetries is None else symmetries
+        return [(number, (angle, None)) for number, angle in zip(obj_ids, angles, strict=False)]
 
     @property
     def rng(self) -> np.random.Generator:
-        """The environment's random numbers, or the program's own: the same seed draws the same scene."""
+        """The environment's random numbers, or the program's own: the same seed draws the same scene.
+        Before the first reset they are those of the process's seed."""
+        if self.grs.rng is None and self.grs.reset_in is None:
+            return self._early_rng
         return self.grs.rng or self.grs.env.rng
 
     @rng.setter
@@ -170,25 +197,30 @@ class TaskKit:
         library = env.library if env is not None else templates.default_library()
         return templates.resolve_asset_name(path, library) in library
 
-    def make_piles(self, env: Environment, block_color: Any = None, *_: Any, **_unknown: Any) -> list[int]:
+    def make_piles(self, env: Environment, block_color: Any = None, *_more: Any, **_unknown: Any) -> list[int]:
         """Strew ``num_blocks`` cubes of 1 cm over a patch of 20 cm in the middle of the table; returns their ids.
 
         Raises:
             SimulationError: so many do not lie there side by side.
         """
+        asked = _unknown.pop("num_blocks", _more[0] if _more else None)
         env.warn_of_unknown_arguments("task.make_piles", _unknown, TaskKit.make_piles)
         low, side = self.bounds[:2, 0] + (0.15, 0.4), int(0.2 / _CELL)
-        if not 0 <= self.num_blocks <= side**2:
+        count = self.num_blocks if asked is None else int(asked)
+        if not 0 <= count <= side**2:
             raise SimulationError(
-                f"make_piles: num_blocks is {self.num_blocks}, {side**2} have room side by side", "ask for fewer"
+                f"make_piles: num_blocks is {count}, {side**2} have room side by side", "ask for fewer"
             )
         # A cube a cell, so that none starts inside another.
         cells = np.stack(np.meshgrid(np.arange(side), np.arange(side), indexing="ij"), axis=-1).reshape(-1, 2)
         ids: list[int] = []
-        for cell in env.rng.permutation(cells)[: self.num_blocks]:
+        colors = _list_colors(block_color)
+        for number, cell in enumerate(env.rng.permutation(cells)[:count]):
             x, y = low + (cell + 0.5) * 0.2 / side
             rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, float(env.rng.uniform(-np.pi, np.pi))))
-            ids.append(env.add_object(_GRAIN, ((float(x), float(y), 0.005), rotation), color=block_color))
+            ids.append(
+                env.add_object(_GRAIN, ((float(x), float(y), 0.005), rotation), color=colors[number % len(colors)])
+            )
         return ids
 
     def make_ropes(
@@ -251,6 +283,13 @@ class TaskKit:
 
     get_sphere_object_points = get_box_object_points
     get_mesh_object_points = get_box_object_points
+
+
+def _list_colors(color: Any) -> list[Any]:
+    """The colours that objects take in turn, of one colour (a name or numbers) or a list of colours."""
+    listed = cast(Sequence[Any], color) if isinstance(color, list | tuple) else ()
+    several = len(listed) > 0 and not isinstance(listed[0], float | int | np.number)
+    return list(listed) if several else [color]
 
 
 def _sample_upward_surface(triangles: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:

@@ -202,6 +202,7 @@ class Recorder:
         end = self.end
         count = f"{end.placed} of {end.wanted} objects are at their goals after {len(self.actions)} of "
         score = f"{count}max_steps={self.max_steps}, reward {end.reward:.2f}, strict score {end.strict:.2f}"
+        score += _describe_published_end(end)
         if end.complete:
             return Stop("success", f"{_describe_success(end)}: {score}")
         if self.stop is not None and self.stop.outcome != "partial":
@@ -214,6 +215,14 @@ class Recorder:
         if self.stop is not None:
             return self.stop
         return Stop("stopped", f"stopped by the caller: {score}{last}", names)
+
+
+_PUBLISHED_DONE: Final = 0.99
+"""CLIPort ends an episode as done where the sum of its rewards passes this, whatever goals are left."""
+
+
+def _describe_published_end(end: EndState) -> str:
+    return ", done by the published rule" if end.reward > _PUBLISHED_DONE and not end.complete else ""
 
 
 def _describe_success(end: EndState) -> str:

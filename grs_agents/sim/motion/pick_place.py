@@ -22,7 +22,7 @@ from grs_agents.sim.motion.tool_paths import (
     common_direction,
     find_rubbing_neighbours,
     max_obstacle_height_along,
-    plan_joint_path,
+    plan_joint_legs,
     polar_path,
     safe_pace,
     smoothstep,
@@ -282,14 +282,11 @@ class PickPlace:
         """Follow straight stretches; False, without moving, if the arm cannot or would hit the table or itself."""
         physics = self.physics
         burden = None if physics.held_object_id is None else self._burden(physics.held_object_id)
-        legs: list[FloatArray] = []
-        seed = physics.commanded_joint_positions
-        for start, end in pairwise(poses):
-            gait = safe_pace(speed, burden, physics.timestep, _level_share(start.point, end.point))
-            legs.append(plan_joint_path(self.arm, start, end, gait, seed))
-            seed = legs[-1][-1]
-            if not np.isfinite(seed).all():
-                return False
+        gaits = [
+            safe_pace(speed, burden, physics.timestep, _level_share(start.point, end.point))
+            for start, end in pairwise(poses)
+        ]
+        legs = plan_joint_legs(self.arm, poses, gaits, physics.commanded_joint_positions)
         if not self._is_joint_path_feasible(np.concatenate(legs)):
             return False
         held = physics.held_object_id
@@ -309,7 +306,7 @@ class PickPlace:
     def _descend_until(self, start: ToolPose, end: ToolPose, stop: Callable[[], bool]) -> bool:
         """Feel the way until ``stop``; False, without moving, if the arm cannot go all of it."""
         gait = Pace(TOUCH_SPEED, 0.0, self.physics.timestep, even=True)
-        path = plan_joint_path(self.arm, start, end, gait, self.physics.commanded_joint_positions)
+        (path,) = plan_joint_legs(self.arm, (start, end), (gait,), self.physics.commanded_joint_positions)
         if not self._is_joint_path_feasible(path):
             return False
         self.physics.follow_joint_path(path, stop)

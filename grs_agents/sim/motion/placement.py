@@ -1,6 +1,7 @@
 """Where there is room: random free poses, and tight packing of several objects into a region.
 The ways of choosing a target share what the arm can serve, and how targets are named."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -17,7 +18,7 @@ from grs_agents.sim.world import (
     least_outline_gaps,
     margins_inside_outline,
     rectangle_outline,
-    rest_heights_at_offsets,
+    rest_heights_for_gaps,
     rotation_matrix_2d,
 )
 
@@ -164,8 +165,7 @@ def find_free_spot(
             continue
         inside = offsets[within]
         neighbours = _obstacles_near_region(obstacles, region, shape)
-        heights = rest_heights_at_offsets(shape, neighbours, inside, gap)
-        resting = heights if stack else rest_heights_at_offsets(shape, neighbours, inside, -0.002)
+        heights, resting = rest_heights_for_gaps(shape, neighbours, inside, (gap, gap if stack else -0.002))
         floor = float(resting.min())
         rows = np.arange(len(heights)) if stack else np.flatnonzero(heights <= max(floor, 0.0) + _LEVEL)
         rows = rows[suits(inside[rows], heights[rows])]
@@ -185,7 +185,7 @@ def find_free_spot(
 def _centre_held_mask(offsets: FloatArray, heights: FloatArray, obstacles: Sequence[Prism]) -> npt.NDArray[np.bool_]:
     """Where (N,) a body's centre is over what carries it: it will not tip, as it would on a rim."""
     supported = heights < _FLUSH
-    for prism in obstacles:
+    for prism in () if supported.all() else obstacles:
         near = ~supported & (np.abs(heights - prism.high) < _FLUSH)
         if near.any():
             supported |= near & (margins_inside_outline(np.zeros((1, 2)), prism.outline, offsets) > 0)
@@ -194,13 +194,13 @@ def _centre_held_mask(offsets: FloatArray, heights: FloatArray, obstacles: Seque
 
 def _obstacles_near_region(obstacles: Sequence[Prism], region: Region, shape: Prism) -> list[Prism]:
     reach = float(np.hypot(*region.size)) / 2 + float(np.linalg.norm(shape.outline, axis=1).max()) + 0.05
-    center = np.asarray(region.center)
-    close_by: list[Prism] = []
-    for obstacle in obstacles:
-        x0, y0, x1, y1 = obstacle.bounding_box_xy
-        if float(np.linalg.norm(np.clip(center, (x0, y0), (x1, y1)) - center)) < reach:
-            close_by.append(obstacle)
-    return close_by
+    x, y = region.center
+    boxes = ((obstacle, obstacle.bounding_box_xy) for obstacle in obstacles)
+    return [
+        obstacle
+        for obstacle, (x0, y0, x1, y1) in boxes
+        if math.hypot(max(x0 - x, 0.0, x - x1), max(y0 - y, 0.0, y - y1)) < reach
+    ]
 
 
 def _choose_spot_index(points: FloatArray, heights: FloatArray, region: Region, near: Sequence[float] | None) -> int:
@@ -242,7 +242,9 @@ class ReachTest:
 
     def __call__(self, offsets: FloatArray, heights: FloatArray) -> npt.NDArray[np.bool_]:
         tips = np.column_stack([offsets, heights + self.lift])
-        return self.arm.reachable_mask(tips) & self.arm.reachable_mask(tips + np.array([0.0, 0.0, _APPROACH]))
+        above = tips + np.array([0.0, 0.0, _APPROACH])
+        low, high = self.arm.reachable_mask(np.concatenate([tips, above])).reshape(2, -1)
+        return low & high
 
 
 def describe_out_of_reach(tip: Sequence[float], arm: Arm) -> str:

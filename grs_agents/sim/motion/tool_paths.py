@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -138,18 +139,34 @@ def motion_profile(length: float, gait: Pace) -> FloatArray:
     return smoothstep(max(4, int(smoothly / gait.timestep)))
 
 
-def plan_joint_path(arm: Arm, start: ToolPose, end: ToolPose, gait: Pace, seed: FloatArray) -> FloatArray:
-    """Joint positions (N, dof) of a path that begins near ``seed``, one a time step, NaN if impossible."""
+def plan_joint_legs(arm: Arm, poses: Sequence[ToolPose], gaits: Sequence[Pace], seed: FloatArray) -> list[FloatArray]:
+    """Joint positions (N, dof) of each stretch between two of the poses, one a time step: the first begins near
+    ``seed``, the last is NaN where the arm cannot."""
+    legs = [_tool_way(start, end, gait) for (start, end), gait in zip(pairwise(poses), gaits, strict=True)]
+    if arm.solves_rows_alone and not any(any(pose.tilt) for pose in poses):
+        points, yaws, _ = (np.concatenate(parts) for parts in zip(*legs, strict=True))
+        return np.split(arm.solve_ik_tool_down(points, yaws, seed), np.cumsum([len(leg[0]) for leg in legs])[:-1])
+    solved: list[FloatArray] = []
+    for points, yaws, leans in legs:
+        if leans.any():
+            rotations = rotations_from_rotvecs(leans) @ rotations_about_z(yaws)
+            solved.append(arm.solve_ik_for_poses(points, rotations, seed))
+        else:
+            solved.append(arm.solve_ik_tool_down(points, yaws, seed))
+        seed = solved[-1][-1]
+        if not np.isfinite(seed).all():
+            break
+    return solved
+
+
+def _tool_way(start: ToolPose, end: ToolPose, gait: Pace) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Where the tip is (N, 3), how the tool is turned (N,) and tilted (N, 3; rotation vectors), one row a time step."""
     tilting = np.array([start.tilt, end.tilt])
     leaning = float(np.linalg.norm(tilting[1] - tilting[0]))
     length = float(np.linalg.norm(np.subtract(end.point, start.point))) + 0.25 * (abs(end.yaw - start.yaw) + leaning)
     share = motion_profile(length, gait)
-    points = polar_path(start.point, end.point, share)
     yaws = start.yaw + share * (end.yaw - start.yaw)
-    if not tilting.any():
-        return arm.solve_ik_tool_down(points, yaws, seed)
-    leans = tilting[0] + share[:, None] * (tilting[1] - tilting[0])
-    return arm.solve_ik_for_poses(points, rotations_from_rotvecs(leans) @ rotations_about_z(yaws), seed)
+    return polar_path(start.point, end.point, share), yaws, tilting[0] + share[:, None] * (tilting[1] - tilting[0])
 
 
 def max_obstacle_height_along(start: Vec3, end: Vec3, radius: float, obstacles: Sequence[Prism]) -> float:

@@ -1,5 +1,6 @@
 from . import opengl as opengl
 from .lenses import lens_from_field_of_view as lens_from_field_of_view
+from .lenses import resize_lens as resize_lens
 from .lenses import view_pose as view_pose
 from .opengl import OpenGLError as OpenGLError
 from .plain_pictures import render_along_rays as render_along_rays
@@ -14,6 +15,7 @@ from .stage import LARGEST_PICTURE as LARGEST_PICTURE
 from .stage import Props as Props
 from .stage import Stage as Stage
 from .stage import scene_props_from_instance as scene_props_from_instance
+from .textured_pictures import render_from_camera as render_from_camera
 from .views import FRONT as FRONT
 from .views import LEFT as LEFT
 from .views import RIGHT as RIGHT

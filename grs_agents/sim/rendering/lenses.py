@@ -40,3 +40,16 @@ def lens_ray_directions(lens: Lens) -> FloatArray:
     """Directions (H, W, 3) of the pixels' centres with length 1 along the optical axis, camera frame."""
     rows, columns = np.indices((lens.height, lens.width), dtype=np.float64)
     return np.stack([(columns - lens.cx) / lens.fx, (rows - lens.cy) / lens.fy, np.ones_like(rows)], axis=-1)
+
+
+def resize_lens(lens: Lens, height: int, width: int) -> Lens:
+    """The whole of a lens's picture in one of another size; the centre of the first pixel is at (0, 0) in both."""
+    across, down = width / lens.width, height / lens.height
+    return Lens(
+        lens.fx * across,
+        lens.fy * down,
+        (lens.cx + 0.5) * across - 0.5,
+        (lens.cy + 0.5) * down - 0.5,
+        width,
+        height,
+    )

@@ -12,7 +12,7 @@ from grs_agents.geometry import FloatArray, pose_matrix, transforms
 from grs_agents.library import Lens, Library
 from grs_agents.sim.instance import InstanceCamera, TaskInstance
 from grs_agents.sim.rendering import opengl
-from grs_agents.sim.rendering.lenses import lens_from_field_of_view, view_pose
+from grs_agents.sim.rendering.lenses import lens_from_field_of_view, resize_lens, view_pose
 from grs_agents.sim.rendering.ray_painter import RayPainter
 from grs_agents.sim.rendering.stage import LARGEST_PICTURE, Stage, scene_props_from_instance
 from grs_agents.sim.rendering.views import FRONT, Picture
@@ -66,7 +66,7 @@ class SceneCameras:
         }
         self._photo = instance.camera
         if instance.camera is not None:
-            lenses["photo"] = _lens_of_photo(instance.camera, height, width)
+            lenses["photo"] = resize_lens(_lens_of_photo(instance.camera), height, width)
         self._lenses = {name: lenses[name] for name in names}
 
     @property
@@ -174,17 +174,8 @@ def _check_request(instance: TaskInstance, size: tuple[int, int], names: Sequenc
         raise InputError(f"pictures of {size[0]} x {size[1]} px", f"ask for 1 to {LARGEST_PICTURE} rows and columns")
 
 
-def _lens_of_photo(camera: InstanceCamera, height: int, width: int) -> Lens:
-    """The whole photo in a picture of another size; the centre of the first pixel is at (0, 0) in both."""
-    across, down = width / camera.width, height / camera.height
-    return Lens(
-        camera.fx * across,
-        camera.fy * down,
-        (camera.cx + 0.5) * across - 0.5,
-        (camera.cy + 0.5) * down - 0.5,
-        width,
-        height,
-    )
+def _lens_of_photo(camera: InstanceCamera) -> Lens:
+    return Lens(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
 
 
 def _wrist_pose() -> FloatArray:

@@ -37,6 +37,7 @@ from .footprints import object_prism_at_pose as object_prism_at_pose
 from .footprints import rectangle_outline as rectangle_outline
 from .footprints import rest_height_of_prisms as rest_height_of_prisms
 from .footprints import rest_heights_at_offsets as rest_heights_at_offsets
+from .footprints import rest_heights_for_gaps as rest_heights_for_gaps
 from .footprints import rotation_matrix_2d as rotation_matrix_2d
 from .footprints import signed_outline_gaps as signed_outline_gaps
 from .physics import Physics as Physics
@@ -56,4 +57,5 @@ from .tabletop import Tabletop as Tabletop
 from .tabletop import is_number as is_number
 from .tabletop import is_vector as is_vector
 from .tabletop import parse_pose as parse_pose
+from .templates import prepare_process as prepare_process
 from .templates import set_environment_defaults as set_environment_defaults

@@ -239,16 +239,32 @@ def margins_inside_outline(moving: FloatArray, around: FloatArray, offsets: Floa
 
 def rest_heights_at_offsets(body: Prism, obstacles: Iterable[Prism], offsets: FloatArray, gap: float) -> FloatArray:
     """The height (N,) at which a body lowered at each offset would come to rest; 0 is the table top."""
-    heights = np.zeros(len(offsets))
-    if not len(offsets):
+    return rest_heights_for_gaps(body, obstacles, offsets, (gap,))[0]
+
+
+def rest_heights_for_gaps(
+    body: Prism, obstacles: Iterable[Prism], offsets: FloatArray, gaps: Sequence[float]
+) -> FloatArray:
+    """The same (G, N) for each of the gaps from which on an obstacle beside the body carries it."""
+    heights = np.zeros((len(gaps), len(offsets)))
+    if not len(offsets) or len(body.outline) < 3:
         return heights
     low, high = body.outline.min(axis=0) + offsets.min(axis=0), body.outline.max(axis=0) + offsets.max(axis=0)
+    x2, y2, x3, y3 = low[0] - max(gaps), low[1] - max(gaps), high[0] + max(gaps), high[1] + max(gaps)
+    axes, least, most = body.edge_ranges
+    shift = offsets @ axes.T
     for obstacle in obstacles:
         x0, y0, x1, y1 = obstacle.bounding_box_xy
-        if x0 > high[0] + gap or y0 > high[1] + gap or x1 < low[0] - gap or y1 < low[1] - gap:
+        if x0 > x3 or y0 > y3 or x1 < x2 or y1 < y2 or len(obstacle.outline) < 3:
             continue
-        touching = signed_outline_gaps(body.outline, obstacle.outline, offsets) < gap
-        np.maximum(heights, obstacle.high, out=heights, where=touching)
+        along = obstacle.outline @ axes.T
+        apart = np.maximum(along.min(axis=0) - most - shift, least - along.max(axis=0) + shift).max(axis=1)
+        normals, near, far = obstacle.edge_ranges
+        own, moved = body.outline @ normals.T, offsets @ normals.T
+        sideways = np.maximum(near - own.max(axis=0) - moved, own.min(axis=0) - far + moved).max(axis=1)
+        np.maximum(apart, sideways, out=apart)
+        for row, gap in zip(heights, gaps, strict=True):
+            np.maximum(row, obstacle.high, out=row, where=apart < gap)
     return heights
 
 

@@ -61,6 +61,9 @@ class Physics:
         self._lead: FloatArray = -self.model.actuator_biasprm[: self.dof, 2] / self._stiffness
         self.cup = Cup(world, self.data)
         self.observer: Callable[[], None] | None = None
+        self.observer_period = 1  # time steps between two calls of the observer
+        self._unobserved = 0
+        self.diverged_at: float | None = None  # simulated time, seconds
         self._check_contact_count()
         mujoco.mj_forward(self.model, self.data)
 
@@ -111,7 +114,8 @@ class Physics:
         if counts.any():
             causes = ", ".join(_WARNINGS[index] for index in np.flatnonzero(counts))
             remedy = "do not start objects inside each other, and do not tie together what cannot be"
-            raise SimulationError(f"the physics diverged at {self.data.time:.2f} s: {causes}", remedy)
+            moment = self.data.time if self.diverged_at is None else self.diverged_at
+            raise SimulationError(f"the physics diverged at {moment:.2f} s: {causes}", remedy)
 
     def save_state(self, onto: Any = None) -> Any:
         """A copy of the whole state, sleep included, for ``restore_state``; ``onto``: an older copy to replace."""
@@ -132,18 +136,25 @@ class Physics:
     def step(self, count: int = 1) -> None:
         """Simulate ``count`` time steps; what pulls too hard at the cup meanwhile is let go (``cup.slip``)."""
         self.budget.spend_steps(count)
-        cup = self.cup
-        if self.observer is None and (cup.held is None or count < cup.due):
-            mujoco.mj_step(self.model, self.data, count)
-            cup.due -= count if cup.held is not None else 0
-            return
+        cup, observer = self.cup, self.observer
         while count > 0:
-            part = 1 if self.observer is not None else min(count, cup.due)
-            mujoco.mj_step(self.model, self.data, part)
-            if self.observer is not None:
-                self.observer()
+            part = count if cup.held is None else min(count, cup.due)
+            if observer is not None:
+                part = min(part, self.observer_period - self._unobserved)
+            self._advance(part)
+            if observer is not None:
+                self._unobserved = (self._unobserved + part) % self.observer_period
+                if self._unobserved == 0:
+                    observer()
             count -= part
-            cup.release_if_overloaded(part)
+            if cup.held is not None:
+                cup.release_if_overloaded(part)
+
+    def _advance(self, count: int) -> None:
+        expected = self.data.time + count * self.model.opt.timestep
+        mujoco.mj_step(self.model, self.data, count)
+        if self.data.time < expected - self.model.opt.timestep / 2 and self.diverged_at is None:
+            self.diverged_at = expected - self.data.time  # where it diverges, MuJoCo begins anew at 0
 
     def object_mass(self, number: int) -> float:
         """Of an object with what is rigidly tied to it, kg."""
@@ -251,14 +262,14 @@ class Physics:
         # Ahead by what damping and inertia cost, the arm keeps to its path; else it would swing out to the side.
         torque = joint_paths.joint_speeds(rate, self.timestep) @ self.arm.inertia_matrix(path[len(path) // 2])
         commands = (self.lead_commands(path, rate) + torque / self._stiffness)[stride - 1 :: stride]
-        control, dof = self.data.ctrl, self.dof
+        control = self.data.ctrl[: self.dof]
         for command in commands:
-            control[:dof] = command
+            control[:] = command
             self.step(stride)
             if stop is not None and stop():
-                control[:dof] = self.data.qpos[:dof]
+                control[:] = self.data.qpos[: self.dof]
                 return True
-        control[:dof] = path[-1]
+        control[:] = path[-1]
         return False
 
     def wait_for_joint_positions(self, joints: FloatArray, steps: int = 60) -> None:

@@ -23,25 +23,20 @@ class Recording:
         bodies |= {name: int(model.body(name).id) for name in physics.world.arm.link_names}
         self.names = tuple(bodies)
         self._rows = np.array(list(bodies.values()))
-        self._every = max(1, round(1 / RATE / self._physics.timestep))
-        self._count = 0
         self._start = float(self._physics.data.time)
         self._frames: list[tuple[float, npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]] = []
-        self._physics.observer = self._sample_frame_if_due
-        self._sample_frame_if_due()
+        self._physics.observer = self._sample_frame
+        self._physics.observer_period = max(1, round(1 / RATE / self._physics.timestep))
+        self._sample_frame()
 
-    def _sample_frame_if_due(self) -> None:
-        if self._count % self._every == 0:
-            data = self._physics.data
-            tool = np.array(self._physics.tip_position)
-            self._frames.append(
-                (data.time - self._start, data.xpos[self._rows].copy(), data.xquat[self._rows].copy(), tool)
-            )
-        self._count += 1
+    def _sample_frame(self) -> None:
+        data = self._physics.data
+        tool = np.array(self._physics.tip_position)
+        self._frames.append((data.time - self._start, data.xpos[self._rows], data.xquat[self._rows], tool))
 
     def save(self, path: Path) -> Path:
         """Write ``times``, ``positions``, ``quaternions`` (xyzw), ``names`` and ``tool`` to an .npz file."""
-        self._physics.observer = None
+        self._physics.observer, self._physics.observer_period = None, 1
         times, positions, quaternions, tool = (np.array(column) for column in zip(*self._frames, strict=True))
         buffer = io.BytesIO()
         turns, names = quaternions[..., [1, 2, 3, 0]].astype(np.float32), np.array(self.names)

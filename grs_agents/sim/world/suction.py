@@ -55,6 +55,10 @@ class Cup:
         self._strained = False
         self._dof, self._weight = world.arm.dof, 0.0
         self._jacobian = np.zeros((3, world.model.nv))
+        # Views of the state: to ask for them anew at each look costs as much as the look.
+        self._tip: Any = data.site_xpos[world.tip_site]
+        self._tip_axes: Any = data.site_xmat[world.tip_site]
+        self._joint_forces: Any = data.qfrc_applied[: self._dof]
         self._set_cup_collisions(True)
 
     def grasp(self, number: int) -> None:
@@ -79,7 +83,7 @@ class Cup:
         if self.held is not None:
             self._data.eq_active[self._world.welds[self.held]] = 0
             self._set_cup_collisions(True)
-        self._data.qfrc_applied[: self._dof] = 0.0
+        self._joint_forces[:] = 0.0
         self.held = None
 
     def _bear_weight(self, number: int) -> None:
@@ -88,7 +92,7 @@ class Cup:
         world, data = self._world, self._data
         if number not in world.limp:
             mujoco.mj_jacSite(world.model, data, self._jacobian, None, world.tip_site)
-            data.qfrc_applied[: self._dof] = self._weight * self._jacobian[2, : self._dof]
+            np.multiply(self._jacobian[2, : self._dof], self._weight, out=self._joint_forces)
 
     def _set_cup_collisions(self, on: bool) -> None:
         """Whether the cup meets objects: while it holds one, the weld alone acts between them, and none fights it."""
@@ -118,14 +122,14 @@ class Cup:
         world, data = self._world, self._data
         # Equalities come first among the constraints, and of all the welds to the cup one alone is active.
         x, y, z, p, q, r = data.efc_force[:6].tolist()
-        _, _, a, _, _, b, _, _, c = data.site_xmat[world.tip_site].tolist()
+        _, _, a, _, _, b, _, _, c = self._tip_axes.tolist()
         pressing = max(0.0, -(x * a + y * b + z * c))
         load = max(0.0, x * x + y * y + z * z - pressing * pressing) ** 0.5
         if number in world.limp:
             return load, 0.0
         body = world.bodies[number]
         # The weld acts at the object's origin; its rows for the rotation are half the torque, in the object's frame.
-        i, j, k = (data.xpos[body] - data.site_xpos[world.tip_site]).tolist()
+        i, j, k = (data.xpos[body] - self._tip).tolist()
         xx, xy, xz, yx, yy, yz, zx, zy, zz = data.xmat[body].tolist()
         u = (xx * p + xy * q + xz * r) / 2 + j * z - k * y
         v = (yx * p + yy * q + yz * r) / 2 + k * x - i * z

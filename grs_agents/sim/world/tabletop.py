@@ -270,12 +270,12 @@ class Tabletop:
     def physics(self) -> Physics:
         """The running world, compiled from the objects when they have changed."""
         if self._physics is None or self._stale:
-            joints = None if self._physics is None else self._physics.joint_positions
-            current = self.objects
+            before, current = self._physics, self.objects
             self._objects = {item.id: item for item in current}
-            observer = None if self._physics is None else self._physics.observer
+            joints = None if before is None else before.joint_positions
             self._physics = Physics(self._compile_world(current), self.budget, current, joints)
-            self._physics.observer = observer
+            if before is not None:
+                self._physics.observer, self._physics.observer_period = before.observer, before.observer_period
             self._stale = False
         return self._physics
 

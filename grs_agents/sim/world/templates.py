@@ -1,5 +1,6 @@
 """Filled URDF templates, kept by name in this process; and the library that programs see when they name none."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,7 +14,7 @@ import numpy.typing as npt
 from grs_agents.config import Limits
 from grs_agents.errors import InputError
 from grs_agents.library import Library, known_placeholder_stems, resolve_template_values
-from grs_agents.sim.arms import DEFAULT
+from grs_agents.sim.arms import DEFAULT, get_arm
 from grs_agents.sim.instance import LARGEST_VALUE, InstanceObject
 from grs_agents.sim.world import budget
 
@@ -64,6 +65,12 @@ def set_environment_defaults(
         budget.set_call_limits(limits)
 
 
+def prepare_process() -> None:
+    """Make what every simulation needs, so that the processes that are forked from this one have it."""
+    Library()
+    _ = get_arm().link_names
+
+
 def default_library() -> Library:
     """The library given to ``set_environment_defaults``, else the one shipped with GRS."""
     defaults.library = defaults.library or Library()
@@ -80,8 +87,9 @@ def resolve_asset_name(name: str, library: Library) -> str:
 
 @lru_cache(maxsize=_REMEMBERED)
 def _path_suffixes(path: str) -> tuple[str, ...]:
-    """A path, then without its first folder, and so on."""
-    parts = PurePosixPath(path.replace("\\", "/")).parts
+    """A path, then without its first folder, and so on. A template may name its placeholders, as GenSim's do:
+    ``box-template_DIM_HALF.urdf``."""
+    parts = PurePosixPath(re.sub(r"-template(_[A-Z]+)+\.urdf$", "-template.urdf", path.replace("\\", "/"))).parts
     return tuple("/".join(parts[start:]) for start in range(len(parts)))
 
 
