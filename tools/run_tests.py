@@ -72,4 +72,5 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     library, background = open_library(extra["library_roots"]), extra["background"]
     bystanders = [sim.InstanceObject.model_validate(item) for item in extra["bystanders"]]
     sim.set_environment_defaults(library, request["seed"], extra["robot"], limits, background, bystanders)
+    sim.Environment.witness = sim.EpisodeReplay(sim.EpisodeMemory())  # most tests run the same episode
     return sandbox.run_tests_inside(request)

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from grs_agents.perception import Candidate, RGBDFrame, TableFrame, measure_candidates, read_masks
 from grs_agents.toolkit import ToolContext
 
@@ -17,9 +19,10 @@ class Request:
 
 @dataclass(frozen=True)
 class Result:
-    """The candidates, in the table's frame."""
+    """The candidates, in the table's frame, and which masks have too little depth to be one."""
 
     candidates: tuple[Candidate, ...]
+    notes: tuple[str, ...] = ()
 
 
 def run(request: Request, context: ToolContext) -> Result:
@@ -30,4 +33,7 @@ def run(request: Request, context: ToolContext) -> Result:
     """
     rows, columns = request.frame.depth.shape
     labels = read_masks(request.frame.source, (rows, columns))
-    return Result(measure_candidates(request.frame, request.table, labels))
+    candidates = measure_candidates(request.frame, request.table, labels, given=True)
+    kept = {int(labels[one.mask].max()) for one in candidates}
+    lost = sorted(set(np.unique(labels).tolist()) - kept - {0})
+    return Result(candidates, tuple(f"mask {number} has too little depth to be an object" for number in lost))

@@ -108,10 +108,18 @@ class ToolsConfig(Frozen):
     segment: str = "segment_rgbd"
     depth: str = "depth_given"
     match: str = "match_features"
+    shape: str = "shape_seen"
 
 
 TableChoice = Literal["auto", "largest", "highest"] | Annotated[int, Field(ge=1, le=100)]
 """Which level plane of the photo is the table: by a rule, or by its number in ``scene.json``."""
+
+
+class CoverageConfig(Frozen):
+    """Which share of what rises above the table must belong to objects."""
+
+    warn: float = Field(default=0.9, ge=0, le=1)  # below it the run warns, and names what belongs to no object
+    refuse: float = Field(default=0.8, ge=0, le=1)  # below it the scene is refused; 0 accepts any
 
 
 class SceneConfig(Frozen):
@@ -122,12 +130,23 @@ class SceneConfig(Frozen):
     table: TableChoice = "auto"
     # whether what the task does not use stands on the table too, as the photo shows it
     bystanders: bool = True
+    coverage: CoverageConfig = CoverageConfig()
+
+
+class ShapeConfig(Frozen):
+    """What a shape tool is told besides the view of an object."""
+
+    model: str | None = Field(default=None, max_length=4096)  # the folder of a model of the user's own
 
 
 class SegmentConfig(Frozen):
     """What a segmentation tool is told besides the photo."""
 
-    model: str | None = Field(default=None, max_length=4096)  # the folder of a model of the user's own
+    model: str | None = Field(default=None, max_length=4096)  # the folder, or file, of a model of the user's own
+    device: str = Field(default="cpu", pattern=r"^[a-z]+(:\d+)?$")  # where it runs, as torch names it
+    batch: int = Field(default=16, ge=1, le=1024)  # points that a model of masks is asked about at once
+    # what a detector looks for, as a person would say it; the kinds of the library's everyday objects if empty
+    prompts: tuple[Annotated[str, Field(min_length=1, max_length=100)], ...] = Field(default=(), max_length=200)
 
 
 class DepthConfig(Frozen):
@@ -218,6 +237,7 @@ class Config(Frozen):
     segment: SegmentConfig = SegmentConfig()
     depth: DepthConfig = DepthConfig()
     match: MatchConfig = MatchConfig()
+    shape: ShapeConfig = ShapeConfig()
     background: BackgroundConfig = BackgroundConfig()
     prompts: PromptsConfig = PromptsConfig()
     limits: Limits = Limits()

@@ -1,4 +1,5 @@
 from .asset_matching import make_model_matcher as make_model_matcher
+from .asset_matching import withhold_doubtful_asset as withhold_doubtful_asset
 from .auditing import audit_programs as audit_programs
 from .authoring import generate_sim as generate_sim
 from .authoring import generate_task as generate_task
@@ -51,6 +52,7 @@ from .judging import run_tests as run_tests
 from .scene_objects import MatchedCandidate as MatchedCandidate
 from .scene_objects import drop_reason as drop_reason
 from .scene_objects import place_object as place_object
+from .scene_objects import reconstruct_proxy as reconstruct_proxy
 from .scene_objects import replace_misfit_assets as replace_misfit_assets
 from .scene_prompt import fixture_assets_for_prompt as fixture_assets_for_prompt
 from .scene_prompt import scene_for_prompt as scene_for_prompt

@@ -5,7 +5,15 @@ from collections.abc import Mapping, Sequence
 from grs_agents.agents import Agents, Description, NoReply, roles
 from grs_agents.nodes.describing import candidate_measurements
 from grs_agents.nodes.services import Services
-from grs_agents.perception import CandidateRecord, MatchEvidence, Shown, TableFrame, load_mask, marked_picture_file
+from grs_agents.perception import (
+    DEFAULT,
+    CandidateRecord,
+    MatchEvidence,
+    Shown,
+    TableFrame,
+    load_mask,
+    marked_picture_file,
+)
 from grs_agents.perception.matching import Ask, MatchResult, Segment
 from grs_agents.state import RunState
 
@@ -38,7 +46,18 @@ def match_candidates(
         ocr=config.match.ocr,
         index=config.match.index,
     )
-    return MatchResult(result.matches, (*result.notes, *silent))
+    matches = {number: withhold_doubtful_asset(answer) for number, answer in result.matches.items()}
+    return MatchResult(matches, (*result.notes, *silent))
+
+
+def withhold_doubtful_asset(answer: MatchEvidence) -> MatchEvidence:
+    """The answer; ``no_asset`` where the asset it names is too likely the wrong one."""
+    sure, least = answer.confidence, DEFAULT.matching.least
+    if answer.match != "asset" or sure is None or sure >= least:
+        return answer
+    reason = f"{answer.asset} is less certain than {100 * least:.0f} %: {answer.reason}"
+    update = {"match": "no_asset", "asset": None, "confidence": round(1 - sure, 4), "runner_up": answer.asset}
+    return answer.model_copy(update={**update, "reason": reason})
 
 
 def make_model_matcher(

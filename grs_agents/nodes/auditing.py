@@ -1,6 +1,6 @@
 """The audit of two programs: trusted code measures them, then every check judges what was measured."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from grs_agents.agents import NoReply, WordsJudgement, roles
 from grs_agents.audit import AuditReport, Finding, audit_task, pair_with_rollouts, tell_task
@@ -67,7 +67,7 @@ def _judge_words(
     judge = services.config.model_for_role("judge").model
     kinds: set[tuple[object, ...]] = set()
     judgement: WordsJudgement | NoReply | None = None
-    for instance, rollout in pair_with_rollouts(instances, [rollout for rollout in rollouts if rollout.final]):
+    for instance, rollout in _pair_different_instances(instances, rollouts):
         told = tell_task(instance, rollout, services.library, audited.scene)
         if told.kind in kinds:
             continue
@@ -84,6 +84,18 @@ def _judge_words(
         measured = f"{judgement.verdict}, says the judge ({judge}): {judgement.reason}"
         passed, bound = judgement.verdict == "agrees", _WORDS_REMEDY if judgement.verdict == "unclear" else _WORDS_BOUND
     return (Finding(check="words", passed=passed, measured=measured, bound=bound),)
+
+
+def _pair_different_instances(
+    instances: Sequence[TaskInstance], rollouts: Sequence[Rollout]
+) -> Iterator[tuple[TaskInstance, Rollout]]:
+    """Each instance with its film, where there is one; of those that differ in their seeds alone the first."""
+    seen: list[TaskInstance] = []
+    for instance, rollout in pair_with_rollouts(instances, [rollout for rollout in rollouts if rollout.final]):
+        unseeded = instance.model_copy(update={"seed": 0})
+        if unseeded not in seen:
+            seen.append(unseeded)
+            yield instance, rollout
 
 
 def _draw_start_and_end(instance: TaskInstance, rollout: Rollout, services: Services) -> list[str]:

@@ -4,6 +4,7 @@ The background of the photo becomes an asset of the run.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -16,15 +17,17 @@ from grs_agents.nodes.asset_matching import match_candidates
 from grs_agents.nodes.bystanders import hold_unstable_objects
 from grs_agents.nodes.describing import describe_segments
 from grs_agents.nodes.scene_objects import MatchedCandidate, drop_reason, place_object, replace_misfit_assets
-from grs_agents.nodes.scene_settling import settle_scene
+from grs_agents.nodes.scene_settling import SettledScene, settle_scene
 from grs_agents.nodes.services import Photo, Services, Update, logged_node
 from grs_agents.perception import (
     Candidate,
     CandidateRecord,
+    Coverage,
     DepthEstimate,
     DroppedCandidate,
     Estimator,
     Image,
+    Mask,
     MatchEvidence,
     RGBDFrame,
     SceneDescription,
@@ -32,26 +35,41 @@ from grs_agents.perception import (
     TableFrame,
     add_residual_candidates,
     center_objects_in_workspace,
+    check_joints,
+    describe_coverage,
     describe_table_doubts,
     draw_object_names,
+    frame_as_saved,
+    leave_out_scenery,
     load_mask,
+    measure_coverage,
+    measure_depth_noise,
     measure_table_color,
+    pixels_above_table,
     read_scene,
     reconstruct_background,
     register_objects,
+    robot_pixel_mask,
     save_candidates,
     save_frame,
+    save_twin_picture,
+    smooth_depth_noise,
+    write_png,
 )
 from grs_agents.perception import find_table as table_in
 from grs_agents.sim.world import arm_spheres_at_home
 from grs_agents.state import RunState
 from grs_agents.trace import Note, SceneStage
 
+LEFT_OUT = "scene/left_out.png"
+
 
 def build_background_asset(
-    frame: RGBDFrame, table: TableFrame, candidates: Sequence[Candidate], services: Services
+    frame: RGBDFrame, table: TableFrame, candidates: Sequence[Candidate], robot: Mask, services: Services
 ) -> tuple[str, list[str]]:
     """Reconstruct what is left of a photo, if the configuration says so, and write it beside the proxies of the run.
+
+    ``robot`` (H, W) are the pixels that show the robot, which is no background.
 
     Returns:
         The library name of the background, empty without one, and what a reader of the scene should know.
@@ -59,7 +77,7 @@ def build_background_asset(
     asked = services.config.background
     if not asked.on:
         return "", []
-    objects = np.zeros(frame.depth.shape, np.bool_)
+    objects = robot.copy()
     for candidate in candidates:
         objects |= candidate.mask
     arm = arm_spheres_at_home(services.robot_name_or_path, services.library)
@@ -90,10 +108,15 @@ def build_background_asset(
 def read_photo(state: RunState, services: Services) -> Update:
     """Read the RGB-D photo and write it into the run folder; all later nodes work on what was written."""
     frame = read_scene(Path(state["scene_path"]), _make_depth_estimator(services), services.config.depth.field_of_view)
+    noise = measure_depth_noise(frame)
+    frame = smooth_depth_noise(frame, noise)
+    notes = [*frame.notes, *_check_robot_joints(frame, services)]
     files = save_frame(frame, services.folder)
+    services.keep_photo(frame_as_saved(frame, state["scene_path"]))
     camera = frame.camera.model_dump(mode="json")
-    services.log.append(SceneStage(stage="frame", summary={"camera": camera}, files=files))
-    return {"notes": list(frame.notes), "image": files["rgb"], "camera": camera}
+    summary = {"camera": camera, "noise": noise.at_one_metre}
+    services.log.append(SceneStage(stage="frame", summary=summary, files=files))
+    return {"notes": notes, "image": files["rgb"], "camera": camera}
 
 
 @logged_node("find_table")
@@ -107,11 +130,20 @@ def find_table(state: RunState, services: Services) -> Update:
 @logged_node("segment")
 def segment_photo(state: RunState, services: Services) -> Update:
     """Segment what stands on the table into candidates, and place the robot in front of them."""
-    frame, config = services.load_photo(state), services.config
-    request = {"frame": frame, "table": _table_from_state(state), "model": config.segment.model}
-    table, candidates = center_objects_in_workspace(
-        _table_from_state(state), services.run_tool(config.tools.segment, **request).candidates
-    )
+    frame, config, table = services.load_photo(state), services.config, _table_from_state(state)
+    robot = robot_pixel_mask(frame, services.robot_name_or_path, services.library)
+    without_robot = replace(frame, depth=np.where(robot, np.float32(0), frame.depth))
+    # What is not set is not told, so that a tool need not take it.
+    told = {"model": None, **config.segment.model_dump(exclude_defaults=True)}
+    result = services.run_tool(config.tools.segment, frame=without_robot, table=table, **told)
+    found = leave_out_scenery(result.candidates, robot, frame, table)
+    if not found.objects:
+        raise InputError(
+            f"{state['scene_path']}: nothing on the table is an object: {'; '.join(sorted(set(found.reasons)))}",
+            "clear T_robot_cam (x forward, y left, z up, from the robot's base) of mistakes, or put objects before it",
+        )
+    write_png(services.folder / LEFT_OUT, found.left_out.astype(np.uint8) * 255)
+    table, candidates = center_objects_in_workspace(table, found.objects)
     records = save_candidates(frame, candidates, services.folder)
     boxes = [{"id": record.id, "name": f"candidate {record.id}", "box": record.box.model_dump()} for record in records]
     camera = {**state["camera"], "T_robot_cam": table.T_robot_cam}
@@ -127,13 +159,15 @@ def segment_photo(state: RunState, services: Services) -> Update:
             },
         )
     )
-    background, notes = build_background_asset(frame, table, candidates, services)
+    background, notes = build_background_asset(frame, table, candidates, robot, services)
     return {
-        "notes": [*state["notes"], *notes],
+        "notes": [*state["notes"], *getattr(result, "notes", ()), *notes],
         "background": background,
         "table": table.model_dump(mode="json"),
         "candidates": [record.model_dump(mode="json") for record in records],
         "pending": [record.id for record in records],
+        "left_out": LEFT_OUT,
+        "dropped": [DroppedCandidate(id=0, reason=reason).model_dump(mode="json") for reason in found.reasons],
     }
 
 
@@ -199,52 +233,100 @@ def settle_objects(state: RunState, services: Services) -> Update:
     """Resolve collisions, let the objects come to rest in MuJoCo, and write ``scene.json``."""
     photo, table = _photo_and_table(state, services)
     records = [CandidateRecord.model_validate(item) for item in state["candidates"]]
+    left_out = load_mask(services.folder / state["left_out"]) if "left_out" in state else None
+    above = pixels_above_table(photo, table, left_out)
     settled = settle_scene(
-        [SceneObject.model_validate(item) for item in state["objects"]],
-        records,
-        (photo, table),
-        services,
+        [SceneObject.model_validate(item) for item in state["objects"]], records, (photo, table), above, services
     )
-    warnings = [*state["notes"], *settled.warnings]
-    warnings += [
-        f"{item.name} at x = {item.position[0]:.2f}, y = {item.position[1]:.2f} m is out of the arm's reach"
-        for item in settled.objects
-        if not item.reachable
-    ]
+    dropped = (*(DroppedCandidate.model_validate(item) for item in state["dropped"]), *settled.dropped)
+    coverage = None
+    if settled.owned is not None:
+        rejected = _load_rejected_masks(dropped, records, services)
+        coverage = measure_coverage(photo, table, above, settled.owned, rejected).write(photo, services.folder)
+    warnings = _list_warnings(state, settled, coverage, services)
     for warning in warnings:
         services.log.append(Note(level="warning", text=warning))
     if not settled.objects:
-        raise InputError(
-            "; ".join(
-                [
-                    f"{state['scene_path']}: none of {len(records)} segments is an object",
-                    *describe_table_doubts(table),
-                ]
-            ),
-            "put objects of at least 2 cm on the table, or name another model for describe and match",
-        )
+        raise _no_object_error(state, table)
     scene = SceneDescription(
         source=state["scene_path"],
         image=state["image"],
         frame=table,
         objects=settled.objects,
-        dropped=(*(DroppedCandidate.model_validate(item) for item in state["dropped"]), *settled.dropped),
+        dropped=dropped,
         warnings=tuple(warnings),
         background=state.get("background") or None,
         relations=settled.relations,
         twin=settled.twin,
         camera=photo.camera.intrinsics,
         table_color=measure_table_color(photo, table),
+        coverage=coverage,
     )
+    scene = _hold_unstable_objects(scene, services)
+    scene.write(services.folder / "scene.json")
+    files = save_twin_picture(scene, services.library, services.folder)
+    files |= {} if coverage is None else {"coverage": coverage.picture}
+    services.log.append(SceneStage(stage="matched", summary=scene.model_dump(mode="json"), files=files))
+    check_coverage(scene, services.config.scene.coverage.refuse)
+    masks = {item.name: load_mask(services.folder / item.mask) for item in scene.objects}
+    named = draw_object_names(photo, masks, services.folder)
+    return {"scene": scene.model_dump(mode="json"), "image": named}
+
+
+def _list_warnings(state: RunState, settled: SettledScene, coverage: Coverage | None, services: Services) -> list[str]:
+    """What a reader of the scene should know."""
+    far = [
+        f"{item.name} at x = {item.position[0]:.2f}, y = {item.position[1]:.2f} m is out of the arm's reach"
+        for item in settled.objects
+        if not item.reachable
+    ]
+    warnings = [*state["notes"], *settled.warnings, *far]
+    if coverage is not None and coverage.share < services.config.scene.coverage.warn:
+        warnings.append(describe_coverage(coverage))
+    return warnings
+
+
+def _load_rejected_masks(
+    dropped: Sequence[DroppedCandidate], records: Sequence[CandidateRecord], services: Services
+) -> list[tuple[Mask, str]]:
+    """The pixels (H, W) of the segments that are no objects, and why they are none."""
+    files = {record.id: record.mask for record in records}
+    return [(load_mask(services.folder / files[one.id]), one.reason) for one in dropped if one.id in files]
+
+
+def _no_object_error(state: RunState, table: TableFrame) -> InputError:
+    found = f"{state['scene_path']}: none of {len(state['candidates'])} segments is an object"
+    return InputError(
+        "; ".join([found, *describe_table_doubts(table)]),
+        "put objects of at least 2 cm on the table, or name another model for describe and match",
+    )
+
+
+def check_coverage(scene: SceneDescription, bound: float) -> None:
+    """Raises InputError: too much of what rises above the table belongs to no object.
+
+    A scene of before coverage was measured is accepted.
+    """
+    if scene.coverage is not None and scene.coverage.share < bound:
+        raise InputError(
+            f"{scene.source}: {describe_coverage(scene.coverage)}; scene.coverage.refuse is {bound:g}",
+            f"look at {scene.coverage.picture} in the run folder; clear away what is no object, give its mask "
+            "(tools.segment=segment_masks), or set scene.coverage.refuse lower",
+        )
+
+
+def _hold_unstable_objects(scene: SceneDescription, services: Services) -> SceneDescription:
+    """The scene with what does not stay at rest held, which its warnings tell."""
     try:
         scene = hold_unstable_objects(scene, services.library, services.robot_name_or_path)
     except GrsError as error:
         services.log.append(Note(level="warning", text=f"whether all stays at rest is not known: {error.message}"))
-    scene.write(services.folder / "scene.json")
-    services.log.append(SceneStage(stage="matched", summary=scene.model_dump(mode="json")))
-    masks = {item.name: load_mask(services.folder / item.mask) for item in scene.objects}
-    named = draw_object_names(photo, masks, services.folder)
-    return {"scene": scene.model_dump(mode="json"), "image": named}
+    held = [item.name for item in scene.objects if item.held]
+    if not held:
+        return scene
+    warning = f"held where the photo shows them, because they would fall: {', '.join(held)}"
+    services.log.append(Note(level="warning", text=warning))
+    return scene.model_copy(update={"warnings": (*scene.warnings, warning)})
 
 
 def _place_candidates(
@@ -296,6 +378,16 @@ def _descriptions_from_state(state: RunState) -> dict[int, Description]:
 def hide_image(state: RunState, services: Services) -> Update:
     """Keep the scene image from the authors (ablation ``LLM``)."""
     return {"image": ""}
+
+
+def _check_robot_joints(frame: RGBDFrame, services: Services) -> list[str]:
+    """What a reader should know about the joints in a photo's camera; raises InputError if the arm cannot be there."""
+    joints = frame.camera.joints
+    if joints is None:
+        return []
+    check_joints(joints, services.robot_name_or_path)
+    lacks = "camera.json: joints is not used: where the robot is seen is not known without T_robot_cam"
+    return [lacks] if frame.camera.T_robot_cam is None else []
 
 
 def _make_depth_estimator(services: Services) -> Estimator:

@@ -195,7 +195,7 @@ class _Describer:
         """Put together what was described as pieces of one thing; that is described next."""
         records = {int(one["id"]): CandidateRecord.model_validate(one) for one in state["records"]}
         said = {number: Description.model_validate(state["descriptions"][str(number)]) for number in records}
-        part_of = _wholes_of_pieces({number: said[number] for number in state["asked"]})
+        part_of = _wholes_of_pieces([records[number] for number in state["asked"]], said)
         groups = group_pieces(part_of, {number: one.box for number, one in records.items()})
         merged, too_large = self.merge_groups(groups, records)
         dropped = _drop_pieces(merged, said)
@@ -233,9 +233,10 @@ class _Describer:
         return merged, notes
 
 
-def _wholes_of_pieces(said: Mapping[int, Description]) -> dict[int, int]:
-    """For each segment that was described as a piece what it is said to be a part of."""
-    return {number: one.part_of for number, one in said.items() if one.part_of is not None}
+def _wholes_of_pieces(asked: Sequence[CandidateRecord], said: Mapping[int, Description]) -> dict[int, int]:
+    """For each segment that was described as a piece what it is said to be a part of; what the user gave is none."""
+    parts = {one.id: said[one.id].part_of for one in asked if not one.given}
+    return {number: whole for number, whole in parts.items() if whole is not None}
 
 
 def _drop_pieces(merged: Sequence[tuple[Group, Candidate]], said: Mapping[int, Description]) -> list[DroppedCandidate]:

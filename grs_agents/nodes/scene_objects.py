@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 from grs_agents.agents import Description
 from grs_agents.base import Quat
-from grs_agents.library import Asset
 from grs_agents.nodes.services import Photo, Services
 from grs_agents.perception import (
     CandidateRecord,
@@ -19,16 +18,17 @@ from grs_agents.perception import (
     MatchEvidence,
     SceneObject,
     Solid,
-    Surroundings,
     UprightBox,
     deviation_from_measured_box,
     fit_asset_to_box,
     is_match_certain,
     is_reachable_position,
-    load_mask,
     upright_box_from_aabb,
 )
-from grs_agents.perception.proxies import choose_proxy_kind, extract_proxy_texture, measure_shape, write_proxy
+from grs_agents.perception.proxies import Proxy, primitive_proxy, write_proxy
+from grs_agents.perception.shapes import MeshFile, fit_mesh_file, view_object
+
+QUIET = 0.0005  # no depth camera has less noise, m
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,8 @@ class MatchedCandidate:
 
 def drop_reason(candidate: MatchedCandidate, proxies: bool = True) -> str:
     """Why a candidate is no object of the scene; empty if it is one. Without proxies it needs an asset."""
+    if candidate.record.given and proxies:
+        return ""
     if candidate.reply is None:
         return f"described as no object: {candidate.description.description}"
     if candidate.reply.match == "no_object":
@@ -54,7 +56,7 @@ def drop_reason(candidate: MatchedCandidate, proxies: bool = True) -> str:
 def place_object(candidate: MatchedCandidate, services: Services, taken: Sequence[str], photo: Photo) -> SceneObject:
     """Place the matched asset, or a proxy, where the photo shows it.
 
-    A proxy has the measured size; it is the solid that fits the points best and looks as they do.
+    A proxy is a primitive of the measured size until its shape is reconstructed (`reconstruct_proxy`).
     """
     record, description, reply = candidate.record, candidate.description, candidate.reply
     if reply is not None and reply.match == "asset" and reply.asset is not None:
@@ -63,9 +65,8 @@ def place_object(candidate: MatchedCandidate, services: Services, taken: Sequenc
         name = _unique_object_name(asset.kind, taken)
     else:
         name = _unique_object_name(f"{description.color} {description.category}", taken)
-        asset = write_measured_proxy(
-            name, record, record.upright, record.shape, description.description, services, photo
-        )
+        proxy = primitive_proxy(record.shape, record.upright.size, record.color, record.hollow)
+        asset = write_proxy(services.folder / "assets", name, proxy, description.description)
         position, orientation, size = record.upright.center, yaw_quaternion(record.upright.yaw), asset.size
     return SceneObject(
         id=record.id,
@@ -89,28 +90,21 @@ def place_object(candidate: MatchedCandidate, services: Services, taken: Sequenc
     )
 
 
-def write_measured_proxy(
-    name: str,
-    record: CandidateRecord,
-    box: UprightBox,
-    shape: Solid,
-    description: str,
-    services: Services,
-    photo: Photo,
-    around: Surroundings | None = None,
-    mask: Mask | None = None,
-) -> Asset:
-    """Write the proxy of an object into the library of the run; one of that name is replaced.
+def reconstruct_proxy(
+    record: CandidateRecord, box: UprightBox, solid: Solid, mask: Mask, photo: Photo, services: Services
+) -> Proxy:
+    """What stands for an object that no asset matches, with pixels ``mask`` (H, W), in the frame of its box.
 
-    ``mask`` are its pixels (H, W), where those are not the candidate's alone.
+    It is what the shape tool makes of the photo; where that has no shape, a primitive of the box's size.
     """
-    folder = services.folder / "assets"
-    folder.mkdir(exist_ok=True)
-    mask = load_mask(services.folder / record.mask) if mask is None else mask
-    measured = measure_shape(*photo, mask, box, around)
-    kind = choose_proxy_kind(measured, box.size, shape == "cylinder", record.hollow)
-    look = extract_proxy_texture(*photo, mask, box)
-    return write_proxy(folder, name, kind, box.size, record.color, description, measured, look)
+    view = view_object(*photo, mask, box, max(photo[1].residual, QUIET))
+    config, folder = services.config, services.folder / "shapes"
+    found = services.run_tool(config.tools.shape, view=view, folder=folder, model=config.shape.model).shape
+    if isinstance(found, MeshFile):
+        found = fit_mesh_file(found, view)
+    if found is None:
+        return primitive_proxy(solid, box.size, record.color, record.hollow, view)
+    return Proxy.from_shape(found, record.color, solid, record.hollow)
 
 
 def _unique_object_name(words: str, taken: Sequence[str]) -> str:

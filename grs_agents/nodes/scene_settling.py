@@ -2,15 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from grs_agents.errors import GrsError
+from grs_agents.library import Library
 from grs_agents.nodes.scene_objects import (
     describe_size_mismatch,
+    reconstruct_proxy,
     replace_by_proxy,
-    write_measured_proxy,
-    yaw_quaternion,
 )
 from grs_agents.nodes.services import Photo, Services
 from grs_agents.perception import (
@@ -29,16 +30,18 @@ from grs_agents.perception import (
     load_mask,
     registered_object_fields,
 )
-from grs_agents.perception.proxies import is_box_crowded
 from grs_agents.perception.settling import (
     KnownObject,
+    Placed,
     PlacedObject,
     Reconciled,
     Segment,
-    match_fallen_to_support,
+    UnknownObject,
+    place_apart,
+    reach_support,
     reconcile_segments,
     repair_collisions,
-    settle_and_report,
+    settle_steadily,
 )
 from grs_agents.sim.instance import SimulationError
 
@@ -47,7 +50,8 @@ from grs_agents.sim.instance import SimulationError
 class SettledScene:
     """The objects where they stand, how they lie to each other, their twin, and what a reader should know.
 
-    ``dropped`` are those that turned out to be pieces of others, or no objects.
+    ``dropped`` are those that turned out to be pieces of others, or no objects. ``owned`` (H, W) are the pixels of all
+    objects, None where there is none.
     """
 
     objects: tuple[SceneObject, ...]
@@ -55,14 +59,19 @@ class SettledScene:
     twin: TwinReport | None = None
     warnings: tuple[str, ...] = ()
     dropped: tuple[DroppedCandidate, ...] = ()
+    owned: Mask | None = None
 
 
 @dataclass(frozen=True)
 class _Scene:
-    """What the objects were seen in: the photo and its pose, and the candidates that they come from, by number."""
+    """What the objects were seen in: the photo and its pose, and the candidates that they come from, by number.
+
+    ``above`` (H, W) is what rises above the table.
+    """
 
     frame: RGBDFrame
     table: TableFrame
+    above: Mask
     records: Mapping[int, CandidateRecord]
     services: Services
 
@@ -72,20 +81,21 @@ class _Scene:
 
 
 def settle_scene(
-    objects: Sequence[SceneObject], records: Sequence[CandidateRecord], photo: Photo, services: Services
+    objects: Sequence[SceneObject], records: Sequence[CandidateRecord], photo: Photo, above: Mask, services: Services
 ) -> SettledScene:
-    """Tell pieces of others and relations, fit the proxies, and settle the twin; what MuJoCo refuses has none."""
+    """Tell pieces of others and relations, fit the proxies, and settle the twin; what MuJoCo refuses has none.
+
+    The twin is compared with the photo where that shows something ``above`` the table (H, W).
+    """
     if not objects:
         return SettledScene(())
-    scene = _Scene(*photo, {record.id: record for record in records}, services)
+    scene = _Scene(*photo, above, {record.id: record for record in records}, services)
     separated, dropped, warnings = tuple(objects), list[DroppedCandidate](), tuple[str, ...]()
     try:
         separated, dropped = _resolve_collisions(objects, scene)
     except SimulationError as error:
         warnings = (f"objects that stand in each other stay there: {error.message}",)
-    settled, carried = _reconcile_and_settle(separated, {}, scene)
-    if carried:
-        settled, _ = _reconcile_and_settle(separated, carried, scene)
+    settled = _reconcile_and_settle(separated, scene)
     return replace(settled, warnings=(*warnings, *settled.warnings), dropped=(*dropped, *settled.dropped))
 
 
@@ -119,77 +129,76 @@ def _resolve_collisions(
     return tuple(placed[index] for index in sorted(placed)), dropped
 
 
-def _reconcile_and_settle(
-    objects: Sequence[SceneObject], united: Mapping[int, int], scene: _Scene
-) -> tuple[SettledScene, dict[int, int]]:
-    """The objects at rest, without those that are pieces of others; and which of them are carried by which, by index.
-
-    ``united`` are pieces of others, by index.
-    """
+def _reconcile_and_settle(objects: Sequence[SceneObject], scene: _Scene) -> SettledScene:
+    """The objects at rest, without those that are pieces of others."""
     segments: list[Segment] = []
     for item in objects:
-        record, placed_item = scene.records[item.id], _to_placed_object(item) if item.matched else None
-        segments.append(Segment(scene.load_object_mask(item), record.upright, record.shape, placed_item, record.hollow))
-    agreed = reconcile_segments(segments, scene.frame, scene.table, scene.services.library, united)
+        record, known = scene.records[item.id], _to_placed_object(item) if item.matched else None
+        mask = scene.load_object_mask(item)
+        segments.append(Segment(mask, record.upright, record.shape, known, record.hollow, record.given))
+    agreed = reconcile_segments(segments, scene.frame, scene.table, scene.services.library)
     kept = [index for index in range(len(objects)) if index not in agreed.pieces]
-    placed = [_refit_proxy(objects[index], index, agreed, scene, bool(united)) for index in kept]
     dropped = tuple(
         DroppedCandidate(id=objects[piece].id, reason=f"a piece of {objects[whole].name}")
         for piece, whole in agreed.pieces.items()
     )
     mask = np.any([segment.mask for segment in segments], axis=0)
-    settled, fallen = _simulate_to_rest(placed, mask, scene)
-    return replace(settled, dropped=dropped), match_fallen_to_support({kept[index] for index in fallen}, agreed)
+    seen = [_with_measured_box(objects[index], index, agreed, scene) for index in kept]
+    things = [_thing(item, index, segments[index].mask, agreed, scene) for item, index in zip(seen, kept, strict=True)]
+    return replace(_simulate_to_rest(seen, things, mask, scene), dropped=dropped, owned=mask)
 
 
-def _simulate_to_rest(objects: Sequence[SceneObject], mask: Mask, scene: _Scene) -> tuple[SettledScene, set[int]]:
-    """The objects where they come to rest in MuJoCo, and the indices of those that fell.
-
-    ``mask`` (H, W) are the pixels of all segments, at which the twin is compared with the photo.
-    """
-    library = scene.services.library  # with the proxies that were written again
-    bodies = [body_from_asset(item.name, item.asset, (item.position, item.orientation), library) for item in objects]
-    settled = SettledScene(tuple(objects), find_spatial_relations(bodies))
-    try:
-        rest, twin = settle_and_report(
-            [_to_placed_object(item) for item in objects], library, scene.frame, scene.table, mask
-        )
-    except GrsError as error:
-        return replace(settled, warnings=(f"the scene has no twin: {error.message}",)), set()
-    resting = tuple(
-        item if end is None else item.model_copy(update={"settled": end.pose, "drift": end.drift, "held": end.held})
-        for item, end in zip(objects, rest.placed, strict=True)
-    )
-    fallen = {index for index, end in enumerate(rest.placed) if end is not None and end.fell}
-    return replace(settled, objects=resting, twin=twin), fallen
-
-
-def _refit_proxy(item: SceneObject, index: int, agreed: Reconciled, scene: _Scene, again: bool) -> SceneObject:
-    """An object; its proxy, if it has one that does not fill the space that is left for it, written again.
-
-    With ``again`` in any case: what was written before may have been for less space.
-    """
-    claim, record = agreed.claims.get(index), scene.records[item.id]
+def _with_measured_box(item: SceneObject, index: int, agreed: Reconciled, scene: _Scene) -> SceneObject:
+    """An object; one without an asset with the box that its neighbours leave it."""
+    claim = agreed.claims.get(index)
     if claim is None:
         return item
-    around, mask = agreed.surroundings_of_segment(index), agreed.masks[index]
-    fits = claim.box == record.upright and index not in agreed.pieces.values()
-    if fits and not again and not is_box_crowded(claim.box, around):
-        return item
-    photo, measured = (scene.frame, scene.table), claim.measured_box(record.upright)
-    asset = write_measured_proxy(
-        item.name, record, claim.box, claim.shape, item.description, scene.services, photo, around, mask
-    )
-    return item.model_copy(
-        update={
-            "position": claim.box.center,
-            "orientation": yaw_quaternion(claim.box.yaw),
-            "size": asset.size,
-            "box": enclosing_aabb(measured, claim.shape),
-            "upright": measured,
-            "reachable": is_reachable_position(claim.box.center),
-        }
-    )
+    measured = claim.measured_box(scene.records[item.id].upright)
+    return item.model_copy(update={"box": enclosing_aabb(measured, claim.shape), "upright": measured})
+
+
+def _thing(
+    item: SceneObject, index: int, mask: Mask, agreed: Reconciled, scene: _Scene
+) -> PlacedObject | UnknownObject:
+    """What stands for an object: its asset, or the shape that is reconstructed of it."""
+    claim, record = agreed.claims.get(index), scene.records[item.id]
+    if claim is None:
+        return _to_placed_object(item)
+    box, photo = reach_support(claim.box), (scene.frame, scene.table)
+    proxy = reconstruct_proxy(record, box, claim.shape, mask, photo, scene.services)
+    return UnknownObject(item.name, item.description, claim.shape, box, proxy)
+
+
+def _simulate_to_rest(
+    objects: Sequence[SceneObject], things: Sequence[PlacedObject | UnknownObject], owned: Mask, scene: _Scene
+) -> SettledScene:
+    """The objects where they come to rest in MuJoCo.
+
+    The twin is compared with the photo at the ``owned`` pixels (H, W) and at all others above the table.
+    """
+    services, folder, warnings = scene.services, scene.services.folder / "assets", tuple[str, ...]()
+    ends: Sequence[Placed | None] = [None] * len(objects)
+    twin: TwinReport | None = None
+    try:
+        above = scene.above | owned
+        steady = settle_steadily(things, folder, lambda: services.library, scene.frame, scene.table, above)
+        placed, ends, twin = steady.placed, steady.rest.placed, steady.twin
+    except GrsError as error:
+        placed, warnings = place_apart(things, folder, services.library), (f"the scene has no twin: {error.message}",)
+    library = services.library  # with the proxies that were written
+    resting = tuple(map(partial(_at_rest, library), objects, placed, ends))
+    bodies = [body_from_asset(item.name, item.asset, (item.position, item.orientation), library) for item in resting]
+    return SettledScene(resting, find_spatial_relations(bodies), twin, warnings)
+
+
+def _at_rest(library: Library, item: SceneObject, placed: PlacedObject, end: Placed | None) -> SceneObject:
+    """An object as it is placed, and where it comes to rest, if that is known."""
+    update: dict[str, object] = {"settled": end.pose, "drift": end.drift, "held": end.held} if end else {}
+    if placed.guessed:
+        position, orientation = placed.pose
+        update |= {"position": position, "orientation": orientation, "size": library.asset(placed.asset).size}
+        update |= {"reachable": is_reachable_position(position)}
+    return item.model_copy(update=update)
 
 
 def _to_placed_object(item: SceneObject) -> PlacedObject:

@@ -72,8 +72,12 @@ class Services:
             self._overlaid[stamps] = self._shipped_library.with_overlay(proxies)
         return self._overlaid[stamps]
 
+    def keep_photo(self, frame: RGBDFrame) -> None:
+        """Keep what the node ``read`` has written, so that `load_photo` need not decode it."""
+        self._photos[:] = [frame]
+
     def load_photo(self, state: RunState) -> RGBDFrame:
-        """The photo that the node ``read`` wrote into the run folder; it is decoded once."""
+        """The photo that the node ``read`` wrote into the run folder; after a resume it is decoded once."""
         if not self._photos:
             self._photos.append(load_frame(self.folder, Camera.model_validate(state["camera"]), state["scene_path"]))
         return self._photos[0]
@@ -114,7 +118,12 @@ class Services:
             first = str(error).splitlines()[0]
             remedy = f"name a tool whose Request has {', '.join(request)}"
             raise ConfigError(f"tool {name!r} cannot take the request: {first}", remedy) from error
-        context = ToolContext(sandbox=self.sandbox, library=self.library, limits=self.config.limits)
+        context = ToolContext(
+            sandbox=self.sandbox,
+            library=self.library,
+            limits=self.config.limits,
+            say=lambda text: self.log.append(Note(level="info", text=text)),
+        )
         return tool.run(asked, context)
 
 

@@ -46,9 +46,11 @@ class Surface:
 
 
 def sample_asset_surface(name: str, library: Library) -> Surface:
-    """The visible surface of an asset; the same points each time."""
+    """The visible surface of an asset about the middle of its bounds; the same points each time."""
     corners = asset_triangle_corners(name, library)
-    return _surface_from_corner_bytes(corners.tobytes(), len(corners))
+    surface = _surface_from_corner_bytes(corners.tobytes(), len(corners))
+    middle = (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
+    return replace(surface, points=surface.points + middle - np.mean(library.load_object_model(name).bounds, axis=0))
 
 
 def asset_surface_at_pose(asset: str, pose: Pose, library: Library) -> Surface:

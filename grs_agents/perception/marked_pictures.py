@@ -84,6 +84,19 @@ def draw_object_names(frame: RGBDFrame, masks: Mapping[str, Mask], run: Path) ->
     return "scene/named.png"
 
 
+def draw_numbered_regions(frame: RGBDFrame, owned: Mask, regions: Sequence[Mask], file: Path) -> None:
+    """Write the photo with the ``owned`` pixels (H, W) outlined and each of the ``regions`` filled and numbered."""
+    picture, scale = _resize_for_model(frame, enlarge=True)
+    cv2.drawContours(picture, _find_outlines(owned, scale), -1, OTHERS, 1)
+    filled = picture.copy()
+    for region in regions:
+        cv2.drawContours(filled, _find_outlines(region, scale), -1, MARK, -1)
+    cv2.addWeighted(filled, 0.6, picture, 0.4, 0, picture)
+    places = {str(number): _find_label_place(region) * scale for number, region in enumerate(regions, 1)}
+    _draw_labels(picture, places, 0.6)
+    write_png(file, picture)
+
+
 def _resize_for_model(frame: RGBDFrame, enlarge: bool) -> tuple[Any, float]:
     """The photo (BGR) in the size that models are shown, if need be larger than it is, and how much larger."""
     scale = SHOWN_SIDE / max(frame.rgb.shape[:2])

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from grs_agents.files import write_bytes
 from grs_agents.foreign import read_picture
+from grs_agents.perception.image_geometry import mask_bounding_slices
 from grs_agents.perception.types import Camera, Candidate, CandidateRecord, Image, Mask, RGBDFrame
 
 COLORS = ((230, 60, 60), (60, 180, 75), (60, 110, 230), (245, 160, 40), (150, 60, 190), (60, 200, 220), (230, 80, 200))
@@ -17,10 +18,19 @@ COLORS = ((230, 60, 60), (60, 180, 75), (60, 110, 230), (245, 160, 40), (150, 60
 
 def save_frame(frame: RGBDFrame, run: Path) -> dict[str, str]:
     """Write ``scene/rgb.png`` and ``scene/depth.png`` (uint16, in the camera's unit); returns these names."""
-    units = np.rint(frame.depth / frame.camera.depth_scale).astype(np.uint16)
     write_png(run / "scene/rgb.png", cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR))
-    write_png(run / "scene/depth.png", units)
+    write_png(run / "scene/depth.png", _to_depth_units(frame))
     return {"rgb": "scene/rgb.png", "depth": "scene/depth.png"}
+
+
+def frame_as_saved(frame: RGBDFrame, source: str) -> RGBDFrame:
+    """The frame that `load_frame` would read of what `save_frame` wrote: its depth is in whole units."""
+    metres = np.asarray(_to_depth_units(frame) * frame.camera.depth_scale, np.float32)
+    return RGBDFrame(frame.rgb, metres, frame.camera, Path(source))
+
+
+def _to_depth_units(frame: RGBDFrame) -> npt.NDArray[np.uint16]:
+    return np.rint(frame.depth / frame.camera.depth_scale).astype(np.uint16)
 
 
 def load_frame(run: Path, camera: Camera, source: str) -> RGBDFrame:
@@ -56,7 +66,7 @@ def save_additional_candidates(
 
 def _save_candidate(one: Candidate, run: Path) -> CandidateRecord:
     mask, crop = f"scene/mask_{one.id:02d}.png", f"scene/crop_{one.id:02d}.png"
-    write_png(run / mask, one.mask.astype(np.uint8) * 255)
+    write_png(run / mask, one.mask.view(np.uint8), cv2.IMWRITE_PNG_BILEVEL, 1)  # three times as fast to read
     write_png(run / crop, cv2.cvtColor(one.crop, cv2.COLOR_RGB2BGR))
     return CandidateRecord.model_validate({**vars(one), "mask": mask, "crop": crop})
 
@@ -66,17 +76,23 @@ def draw_candidate_overlay(frame: RGBDFrame, masks: Mapping[int, Mask]) -> Image
     picture = frame.rgb.copy()
     for number, mask in masks.items():
         color = COLORS[number % len(COLORS)]
-        picture[mask] = (0.6 * picture[mask] + 0.4 * np.array(color)).astype(np.uint8)
-        outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        window = mask_bounding_slices(mask)
+        part, own = picture[window], mask[window]
+        part[own] = (0.6 * part[own] + 0.4 * np.array(color)).astype(np.uint8)
+        top_left = (window[1].start, window[0].start)
+        outlines, _ = cv2.findContours(
+            own.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE, offset=top_left
+        )
         cv2.drawContours(picture, outlines, -1, color, 2)
     for number, mask in masks.items():
-        rows, columns = np.nonzero(mask)
-        place = (int(columns.mean()) - 6, int(rows.mean()) + 6)
+        window = mask_bounding_slices(mask)
+        rows, columns = np.nonzero(mask[window])
+        place = (window[1].start + int(columns.mean()) - 6, window[0].start + int(rows.mean()) + 6)
         for thickness, color in ((4, (0, 0, 0)), (1, (255, 255, 255))):
             cv2.putText(picture, str(number), place, cv2.FONT_HERSHEY_SIMPLEX, 0.6, color, thickness, cv2.LINE_AA)
     return picture
 
 
-def write_png(file: Path, image: "npt.NDArray[np.integer[Any] | np.floating[Any]]") -> None:
-    """Write a picture, blue first."""
-    write_bytes(file, cv2.imencode(".png", image)[1].tobytes())
+def write_png(file: Path, image: "npt.NDArray[np.integer[Any] | np.floating[Any]]", *flags: int) -> None:
+    """Write a picture, blue first; ``flags`` are those of ``cv2.imencode``."""
+    write_bytes(file, cv2.imencode(".png", image, flags)[1].tobytes())

@@ -186,6 +186,7 @@ class Candidate:
     shape: Solid  # which solid fits better
     points: int  # how many depth pixels it has
     hollow: bool = False  # open at the top, with an inside that lies deeper than its rim: bowls, boxes, mugs
+    given: bool = False  # the user says that it is one object: it is neither dropped, joined nor divided
 
 
 class CandidateRecord(Frozen):
@@ -200,6 +201,7 @@ class CandidateRecord(Frozen):
     shape: Solid
     points: int
     hollow: bool = False
+    given: bool = False
 
 
 class Shown(Frozen):
@@ -259,7 +261,7 @@ class SceneObject(Frozen):
 class DroppedCandidate(Frozen):
     """A segment that is no object, and why."""
 
-    id: int
+    id: int  # the candidate's; 0 for what was left out before candidates were numbered, as the robot
     reason: str
 
 
@@ -277,12 +279,11 @@ class TwinReport(Frozen):
     found: float  # deepest penetration as described, m
     penetration: float  # deepest one once it came to rest, m
     drift: float  # of the object that moved farthest, m
-    # share of the objects' pixels at which the twin at rest, seen by the photo's camera, is within 2 cm of the measured
-    # depth; ``None`` if nothing was measured
+    # share of the pixels that rise above the table at which the twin at rest, seen by the photo's camera, is within
+    # 2 cm of the measured depth; ``None`` if nothing was measured
     fidelity: float | None
     still: bool  # everything came to rest
-    # so many objects would have fallen, and may stand on something that the photo does not show: they stay
-    held: int = 0
+    held: int = 0  # so many objects would have fallen: they stay where the photo shows them
 
 
 class UnownedRegion(Frozen):

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -79,12 +78,11 @@ def load_appearance(name: str, library: Library) -> Appearance:
         InputError: its files are faulty.
     """
     path = library.asset_path(name)
-    return _load_or_compute_appearance(name, library.roots, path, path.stat().st_mtime_ns)
+    return _load_or_compute_appearance(name, library, path.stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=_KEPT)
-def _load_or_compute_appearance(name: str, roots: tuple[Path, ...], path: Path, modified: int) -> Appearance:
-    library = Library(*roots)
+def _load_or_compute_appearance(name: str, library: Library, _modified: int) -> Appearance:
     key = hash_asset_files(name, library)
     arrays = load_cached_arrays(key)
     if arrays is None:

@@ -13,6 +13,7 @@ import numpy as np
 from grs_agents.perception.matching.asset_appearance import ComparedAssets
 from grs_agents.perception.matching.color_agreement import DAYLIGHT, ColorAgreement, Light, compare_colors
 from grs_agents.perception.matching.color_histogram import shift_histogram_brightness
+from grs_agents.perception.matching.confidence import INPUTS, asset_confidences, confidence_inputs
 from grs_agents.perception.matching.observation import Observation, View
 from grs_agents.perception.matching.pose_alignment import AlignedPoses, align_asset_to_points, compute_alignment_start
 from grs_agents.perception.matching.printed_text import score_word_match
@@ -50,6 +51,7 @@ _SLACK = 0.004  # every extent may be wrong by this much, m
 _SURE = 0.6
 _FEWEST, _USUAL = 30, 500  # a candidate has at least so many pixels, and often so many
 _THINNEST, _NARROWEST, _LONGEST, _SLENDER = 0.006, 0.012, 0.6, 25
+_AGREEMENT, _PATTERN = 5.0, 2.0  # units of these features
 _LETTERS = 3.0  # what a word that is spelt as the asset's counts, in natural logarithms of odds; chosen, not fitted
 _CERTAIN = 0.95  # what is likelier than this without letters is not read
 
@@ -72,11 +74,11 @@ class TriedAsset:
 
 
 def shortlist_and_fit_assets(
-    compared: ComparedAssets, seen: Observation, view: View, sized: bool = True
+    compared: ComparedAssets, seen: Observation, view: View, similarity: Array, sized: bool = True
 ) -> list[TriedAsset]:
-    """Try the assets that are most like a candidate at first glance, by colour, and by size where it is ``sized``."""
+    """Try the assets that are most like a candidate at first glance, by colour (``similarity`` (A,)), and by size
+    where it is ``sized``."""
     large, small = _size_excess_and_deficit(compared, seen)
-    similarity = _color_similarity(compared, seen, DAYLIGHT, 0.02)
     glance = similarity - (0.06 * np.minimum(3 * large + small, 4) if sized else 0.0)
     order: list[int] = np.argsort(-glance, kind="stable")[:SHORTLIST].tolist()
     start = compute_alignment_start(seen, view)
@@ -110,11 +112,9 @@ def estimate_light(tried: Sequence[Sequence[TriedAsset]]) -> Light:
     return Light(float(np.median([one.gain for one in sure])), np.asarray(tint, np.float64), 0.15)
 
 
-def feature_matrix(
-    compared: ComparedAssets, tried_assets: Sequence[TriedAsset], seen: Observation, light: Light
-) -> Array:
-    """(P, len(NAMES)) the features of the assets tried for one candidate, once the light of the scene is known."""
-    similarity = _color_similarity(compared, seen, light, 0.05, [one.asset for one in tried_assets])
+def feature_matrix(tried_assets: Sequence[TriedAsset], seen: Observation, light: Light, similarity: Array) -> Array:
+    """(P, len(NAMES)) the features of the assets tried for one candidate, once the light of the scene is known and
+    how alike the colours of all assets are in it (A,)."""
     residual = np.array([min(1000 * float(one.poses.residual[one.best_pose_index]), 8.0) for one in tried_assets])
     agreement, pattern = (np.zeros(len(tried_assets)) for _ in range(2))
     tint, gain = np.full(len(tried_assets), 0.5), np.ones(len(tried_assets))
@@ -132,11 +132,11 @@ def feature_matrix(
         "height": [min(max(100 * float(one.poses.height[one.best_pose_index]), 0.0), 5.0) for one in tried_assets],
         "residual behind": residual - residual.min(),
         "residual x pixels": residual * np.log(max(seen.pixels, _FEWEST) / _USUAL),
-        "colors": 10 * similarity,
-        "agreement": 5 * agreement,
-        "agreement behind": 5 * (agreement - agreement.max()),
-        "pattern": 2 * pattern,
-        "pattern behind": 2 * (pattern - pattern.max()),
+        "colors": [10 * float(similarity[one.asset]) for one in tried_assets],
+        "agreement": _AGREEMENT * agreement,
+        "agreement behind": _AGREEMENT * (agreement - agreement.max()),
+        "pattern": _PATTERN * pattern,
+        "pattern behind": _PATTERN * (pattern - pattern.max()),
         "tint": 5 * np.minimum(tint, 1),
         "gain": 3 * np.minimum(np.abs(gain), 1),
         "bright": 3 * np.clip(gain, 0, 1),
@@ -163,16 +163,15 @@ def _size_excess_and_deficit(compared: ComparedAssets, seen: Observation) -> tup
     return np.clip(large, 0, None).sum(axis=1), np.clip(small, 0, None).sum(axis=1)
 
 
-def _color_similarity(
-    compared: ComparedAssets, seen: Observation, light: Light, price: float, feature_matrix: Sequence[int] | None = None
-) -> Array:
-    """(A,) how alike the colours of the most alike view are; a light that differs from ``light`` has its price."""
-    views = compared.views if feature_matrix is None else compared.views[list(feature_matrix)]
-    own = seen.untinted_color_histogram(light.tint)[None]
-    asked = np.concatenate([shift_histogram_brightness(own, -shift) for shift in SHIFTS])
-    alike = (views.reshape(-1, views.shape[-1]) @ asked.T).reshape(*views.shape[:2], -1).max(axis=1)
+def _color_similarity(compared: ComparedAssets, observed: Sequence[Observation], light: Light, price: float) -> Array:
+    """(N, A) how alike the colours of the most alike view are; a light that differs from ``light`` has its price."""
+    own = np.stack([seen.untinted_color_histogram(light.tint) for seen in observed])
+    asked = np.stack([shift_histogram_brightness(own, -shift) for shift in SHIFTS], axis=1)
+    views = compared.views.reshape(-1, compared.views.shape[-1])
+    alike = views @ asked.reshape(-1, views.shape[-1]).T  # of all candidates at once, which is several times as fast
+    alike = alike.reshape(*compared.views.shape[:2], len(observed), len(SHIFTS)).max(axis=1)
     prices = price * np.abs(np.array(SHIFTS) - light.gain / _LEVEL)
-    return np.asarray((alike - prices).max(axis=1), np.float64)
+    return np.asarray((alike - prices).max(axis=2).T, np.float64)
 
 
 @dataclass(frozen=True)
@@ -182,6 +181,15 @@ class RankedAssets:
     names: tuple[str, ...]  # of the assets
     likelihoods: tuple[float, ...]  # of each; what is missing to 1 is the likelihood that it is none of them
     reasons: tuple[str, ...]  # what speaks for each, in words
+    confidence_inputs: Array  # (P, len(INPUTS)) see `confidence`
+    confidences: tuple[float, ...]  # the probability that each is the right one
+
+    def confidence_of(self, name: str) -> float:
+        """The probability that it is an asset; 0 where others looked so much better that it was not tried."""
+        return self.confidences[self.names.index(name)] if name in self.names else 0.0
+
+
+NOTHING_RANKED = RankedAssets((), (), (), np.zeros((0, len(INPUTS))), ())
 
 
 def rank_assets(
@@ -195,11 +203,16 @@ def rank_assets(
 
     ``read`` reads the words on a candidate: only where the rest leaves a doubt, since reading takes longest.
     """
-    tried = [shortlist_and_fit_assets(compared, seen, view, use == "all") for seen in observed]
+    glance = _color_similarity(compared, observed, DAYLIGHT, 0.02)
+    tried = [
+        shortlist_and_fit_assets(compared, seen, view, alike, use == "all")
+        for seen, alike in zip(observed, glance, strict=True)
+    ]
     light = estimate_light(tried)
     found: list[RankedAssets] = []
-    for tried_assets, seen in zip(tried, observed, strict=True):
-        features = feature_matrix(compared, tried_assets, seen, light)
+    similarity = _color_similarity(compared, observed, light, 0.05)
+    for tried_assets, seen, alike in zip(tried, observed, similarity, strict=True):
+        features = feature_matrix(tried_assets, seen, light, alike)
         letters = np.zeros(len(tried_assets))
         if (
             read is not None
@@ -233,11 +246,17 @@ def _rank_by_likelihood(
     compared: ComparedAssets, tried_assets: Sequence[TriedAsset], features: Array, letters: Array, use: Use
 ) -> RankedAssets:
     likely = asset_likelihoods(features, WEIGHTS[use], letters)
+    views = [compared.views[one.asset] for one in tried_assets]
+    alike = np.array([[np.array_equal(one, other) for other in views] for one in views], np.bool_)
+    agreement, pattern, large = (features[:, NAMES.index(name)] for name in ("agreement", "pattern", "large"))
     order: list[int] = np.argsort(-likely, kind="stable").tolist()
+    inputs = confidence_inputs(likely, alike, agreement / _AGREEMENT, pattern / _PATTERN, large)[order]
     return RankedAssets(
         tuple(compared.assets[tried_assets[index].asset].name for index in order),
         tuple(float(likely[index]) for index in order),
         tuple(_describe_asset_fit(tried_assets[index], features[index], letters[index] > 0, use) for index in order),
+        inputs,
+        tuple(float(value) for value in asset_confidences(inputs)),
     )
 
 
@@ -247,6 +266,6 @@ def _describe_asset_fit(one: TriedAsset, features: Array, printable_words: bool,
     if use != "no size":
         reason = (
             f"its surface is {1000 * float(one.poses.residual[one.best_pose_index]):.1f} mm off the points, {reason}, "
-            f"{20 * values['agreement']:.0f} % of what is seen of it has the photo's colour"
+            f"{100 / _AGREEMENT * values['agreement']:.0f} % of what is seen of it has the photo's colour"
         )
     return reason + (", and its name is printed on it" if printable_words else "")

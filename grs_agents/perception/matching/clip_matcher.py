@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from grs_agents.errors import ConfigError, InputError
 from grs_agents.library import Library, random_view_directions, render_asset_views
-from grs_agents.perception.matching.feature_matcher import TOLD, matchable_assets
+from grs_agents.perception.matching.asset_ranking import RankedAssets
+from grs_agents.perception.matching.feature_matcher import TOLD, matchable_assets, rank_assets_per_segment
 from grs_agents.perception.matching.types import MatchRequest, MatchResult, Segment
 from grs_agents.perception.types import Array, MatchEvidence, RGBDFrame
 
@@ -79,9 +80,10 @@ def match_by_clip(request: MatchRequest, library: Library, embedder: Embedder) -
     rng = np.random.default_rng(request.seed)
     views = np.stack([_embed_asset_views(asset.name, library, embedder, rng) for asset in assets])
     crops = embedder([crop_segment(request.frame, one) for one in request.segments])
+    ranked, names = rank_assets_per_segment(request, library), [asset.name for asset in assets]
     return MatchResult(
         {
-            one.id: _build_match_evidence([asset.name for asset in assets], alike)
+            one.id: _build_match_evidence(names, alike, ranked[one.id][0])
             for one, alike in zip(request.segments, crops @ views.T, strict=True)
         }
     )
@@ -107,7 +109,8 @@ def _embed_asset_views(name: str, library: Library, embedder: Embedder, rng: np.
     return np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-12), np.float64)
 
 
-def _build_match_evidence(names: Sequence[str], alike: Array) -> MatchEvidence:
+def _build_match_evidence(names: Sequence[str], alike: Array, ranked: RankedAssets) -> MatchEvidence:
+    """The most similar asset; how likely it is the right one is told by what was measured, not by the similarity."""
     order: list[int] = np.argsort(-alike, kind="stable")[:TOLD].tolist()
     scores = {names[index]: round(float(alike[index]), 4) for index in order}
     best, similarity = names[order[0]], float(alike[order[0]])
@@ -117,4 +120,4 @@ def _build_match_evidence(names: Sequence[str], alike: Array) -> MatchEvidence:
         return MatchEvidence(match="no_object", method="match_clip", scores=scores, runner_up=best, reason=reason)
     reason, runner_up = f"its picture is {similarity:.2f} like the asset's views", others[0] if others else None
     found = MatchEvidence(match="asset", asset=best, method="match_clip", runner_up=runner_up, reason=reason)
-    return found.model_copy(update={"scores": scores})
+    return found.model_copy(update={"scores": scores, "confidence": round(ranked.confidence_of(best), 4)})

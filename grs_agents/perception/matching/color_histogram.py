@@ -30,8 +30,8 @@ def histograms_from_log_colors(log_colors: Array, weights: Array) -> npt.NDArray
     level = _soft_assign_to_bins((log_colors[:, 0] - _LOW) / _STEP, LEVELS, _SHARP[0])
     places = (np.clip(log_colors[:, 1:3], -_REACH, _REACH) / _REACH + 1) / 2 * (HUES - 1)
     hues = [_soft_assign_to_bins(places[:, part], HUES, _SHARP[1]) for part in range(2)]
-    each = np.einsum("ni,nj,nk->nijk", level, *hues).reshape(len(log_colors), BINS)
-    summed = weights @ each
+    both = np.einsum("nj,nk->njk", *hues).reshape(len(log_colors), HUES * HUES)
+    summed = np.stack([((level * row[:, None]).T @ both).ravel() for row in weights])
     shares = summed / np.maximum(summed.sum(axis=1, keepdims=True), 1e-12)
     return np.sqrt(shares).astype(np.float32)
 

@@ -7,9 +7,15 @@ from grs_agents.errors import InputError
 from grs_agents.library import Asset, Library
 from grs_agents.perception.matching.asset_appearance import load_asset_appearances
 from grs_agents.perception.matching.asset_index import AssetIndex, embed_object
-from grs_agents.perception.matching.asset_ranking import RankedAssets, Use, implausible_reason, rank_assets
+from grs_agents.perception.matching.asset_ranking import (
+    NOTHING_RANKED,
+    RankedAssets,
+    Use,
+    implausible_reason,
+    rank_assets,
+)
 from grs_agents.perception.matching.color_agreement import DAYLIGHT
-from grs_agents.perception.matching.observation import Observation, observe_candidate, prepare_view
+from grs_agents.perception.matching.observation import Observation, View, observe_candidate
 from grs_agents.perception.matching.printed_text import load_ocr_reader, read_words
 from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.perception.types import MatchEvidence
@@ -24,7 +30,7 @@ def matchable_assets(library: Library) -> tuple[Asset, ...]:
 
 
 def match_by_features(request: MatchRequest, library: Library, method: str) -> MatchResult:
-    """The likeliest asset for each candidate; ``no_asset`` where it is likelier that it is none of them.
+    """The likeliest asset for each candidate; ``no_asset`` where it is likelier to be the wrong one.
 
     Raises:
         InputError: the files of an asset are faulty.
@@ -43,7 +49,7 @@ def rank_assets_per_segment(
     """The ranking of each candidate; and why it is no object, if it is none."""
     if not request.segments:
         return {}
-    view = prepare_view(request.frame, request.table)
+    view = View(request.frame, request.table)
     observed = [observe_candidate(view, one.mask, one.upright) for one in request.segments]
     assets = (
         matchable_assets(library)
@@ -61,7 +67,7 @@ def rank_assets_per_segment(
         if assets
         else []
     )
-    ranked = ranked or [RankedAssets((), (), ()) for _ in observed]
+    ranked = ranked or [NOTHING_RANKED] * len(observed)
     found = zip(request.segments, ranked, observed, strict=True)
     return {segment.id: (order, implausible_reason(seen)) for segment, order, seen in found}
 
@@ -84,14 +90,15 @@ def _build_match_evidence(ranked: RankedAssets, nothing: str, method: str) -> Ma
         return MatchEvidence(match="no_object", method=method, scores=scores, reason=nothing)
     if not ranked.names:
         return MatchEvidence(match="no_asset", method=method, reason="there is no asset to compare it with")
-    best, none, (first, *others) = ranked.likelihoods[0], 1 - sum(ranked.likelihoods), ranked.names
-    if best <= none:
-        reason = f"the likeliest asset, {first}, is it with {100 * best:.0f} %: {ranked.reasons[0]}"
-        answer = MatchEvidence(match="no_asset", confidence=round(none, 4), runner_up=first, reason=reason)
+    sure, (first, *others) = ranked.confidences[0], ranked.names
+    reason = f"{100 * sure:.0f} % certain: {ranked.reasons[0]}"
+    if sure <= 0.5:
+        answer = MatchEvidence(
+            match="no_asset", confidence=round(1 - sure, 4), runner_up=first, reason=f"{first} is {reason}"
+        )
     else:
-        reason = f"{100 * best:.0f} % likely: {ranked.reasons[0]}"
         runner_up = others[0] if others else None
         answer = MatchEvidence(
-            match="asset", asset=first, confidence=round(best, 4), runner_up=runner_up, reason=reason
+            match="asset", asset=first, confidence=round(sure, 4), runner_up=runner_up, reason=reason
         )
     return answer.model_copy(update={"method": method, "scores": scores})

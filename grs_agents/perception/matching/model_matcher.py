@@ -40,7 +40,7 @@ def match_by_features_and_model(request: MatchRequest, library: Library, method:
             update={
                 "method": method,
                 "scores": scores,
-                "confidence": scores.get(said.asset) if said.asset else None,
+                "confidence": round(proposed.confidence_of(said.asset), 4) if said.asset else None,
                 "runner_up": others[0] if others else None,
             }
         )

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from grs_agents.perception.image_geometry import mask_bounding_slices
 from grs_agents.perception.matching.asset_appearance import Floats, Indices
 from grs_agents.perception.matching.color_histogram import histograms_from_log_colors, to_log_opponent_colors
 from grs_agents.perception.table_finding import pixels_to_robot_frame
@@ -24,8 +25,6 @@ class View:
 
     frame: RGBDFrame  # frame, table: the photo and its pose
     table: TableFrame
-    depth: Floats  # (H, W) m
-    log_colors: Floats  # (H, W, 3) of the photo without its finest detail (`color_histogram`)
 
     @property
     def camera_position(self) -> Array:
@@ -39,7 +38,7 @@ class View:
         depth = np.maximum(local[..., 2], np.float32(1e-3))
         columns = np.rint(local[..., 0] / depth * np.float32(camera.fx) + np.float32(camera.cx)).astype(np.int64)
         rows = np.rint(local[..., 1] / depth * np.float32(camera.fy) + np.float32(camera.cy)).astype(np.int64)
-        height, width = self.depth.shape
+        height, width = self.frame.depth.shape
         inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
         return np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1), depth, inside
 
@@ -63,28 +62,41 @@ class Observation:
         return histograms_from_log_colors(white, np.ones((1, len(white))))[0]
 
 
-def prepare_view(frame: RGBDFrame, table: TableFrame) -> View:
-    """Prepare a photo."""
-    smooth = cv2.GaussianBlur(frame.rgb.astype(np.float32) / 255, (0, 0), max(0.7, frame.camera.width / 900))
-    log_colors = to_log_opponent_colors(np.asarray(smooth, np.float64).reshape(-1, 3)).astype(np.float32)
-    return View(frame, table, frame.depth.astype(np.float32), log_colors.reshape(*frame.depth.shape, 3))
-
-
 def observe_candidate(view: View, mask: Mask, upright: UprightBox) -> Observation:
     """Take a candidate's pixels out of the photo."""
-    inner = np.asarray(cv2.erode(mask.astype(np.uint8), np.ones((_RIM, _RIM), np.uint8)), bool)
-    inner = inner if inner.sum() > 0.4 * mask.sum() else mask
-    colors = view.frame.rgb[inner][:: max(1, int(inner.sum()) // _COLORS)] / 255
-    solid = inner & (view.frame.depth > 0)
-    rows, columns = np.nonzero(solid if solid.sum() >= 30 else mask & (view.frame.depth > 0))
+    frame, window = view.frame, _grow_window(mask_bounding_slices(mask), _RIM)
+    own, depth, rgb = mask[window], frame.depth[window], frame.rgb[window]
+    inner = np.asarray(cv2.erode(own.astype(np.uint8), np.ones((_RIM, _RIM), np.uint8)), bool)
+    inner = inner if inner.sum() > 0.4 * own.sum() else own
+    colors = rgb[inner][:: max(1, int(inner.sum()) // _COLORS)] / 255
+    measured = own & (depth > 0)
+    solid = inner & measured
+    rows, columns = np.nonzero(solid if solid.sum() >= 30 else measured)
+    rows, columns = rows + window[0].start, columns + window[1].start
     chosen = [_evenly_spread_indices(len(rows), count) for count in (POINTS, PIXELS)]
     points, surface = (
-        pixels_to_robot_frame(view.frame, view.table, rows[some], columns[some]).astype(np.float32) for some in chosen
+        pixels_to_robot_frame(frame, view.table, rows[some], columns[some]).astype(np.float32) for some in chosen
     )
-    log_colors = view.log_colors[rows[chosen[1]], columns[chosen[1]]]
+    log_colors = _smooth_log_colors(frame, window, rows[chosen[1]], columns[chosen[1]])
     extents = np.minimum(upright.size, _extents_without_outliers(surface, upright))
-    number = int((mask & (view.frame.depth > 0)).sum())
-    return Observation(points, surface, log_colors, mask, upright, extents, to_log_opponent_colors(colors), number)
+    tones = to_log_opponent_colors(colors)
+    return Observation(points, surface, log_colors, mask, upright, extents, tones, int(measured.sum()))
+
+
+def _smooth_log_colors(frame: RGBDFrame, window: tuple[slice, slice], rows: Indices, columns: Indices) -> Floats:
+    """(N, 3) tones at pixels of a window, of the photo without its finest detail (`color_histogram`)."""
+    blur = max(0.7, frame.camera.width / 900)
+    wide = _grow_window(window, int(4 * blur) + 2)  # as far as the blur's kernel reaches
+    smooth = cv2.GaussianBlur(frame.rgb[wide].astype(np.float32) / 255, (0, 0), blur)
+    tones = smooth[rows - wide[0].start, columns - wide[1].start]
+    return to_log_opponent_colors(tones.astype(np.float64)).astype(np.float32)
+
+
+def _grow_window(window: tuple[slice, slice], reach: int) -> tuple[slice, slice]:
+    rows, columns = window
+    return slice(max(0, rows.start - reach), rows.stop + reach), slice(
+        max(0, columns.start - reach), columns.stop + reach
+    )
 
 
 def _extents_without_outliers(surface: Floats, upright: UprightBox) -> Array:

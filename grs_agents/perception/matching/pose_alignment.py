@@ -150,7 +150,7 @@ def _measure_floating_and_lowest_z(
         _dot_product_per_point(asset.normals[:_PROBES] @ back, placed - view.camera_position.astype(np.float32)) < 0
     )
     rows, columns, depth, inside = view.project_points(placed)
-    measured = view.depth[rows, columns] * inside
+    measured = view.frame.depth[rows, columns] * inside
     known = facing & (measured > 0)
     before = np.minimum(np.maximum(measured - depth - np.float32(AIR), 0), FAR) * known
     below = np.minimum(np.maximum(-placed[:, :, 2] - np.float32(0.003), 0), FAR)

@@ -6,9 +6,9 @@ from itertools import combinations
 
 import numpy as np
 
+from grs_agents.base import Vec3
 from grs_agents.geometry import rotation_about_z, to_vec3
 from grs_agents.perception.image_geometry import THINNEST
-from grs_agents.perception.proxies.proxy_kind import inside_walls_mask, mean_distance_to_solid
 from grs_agents.perception.types import Array, Mask, Solid, UprightBox
 
 SLACK = 0.003  # overlaps up to this (m) are left to physics: boxes are measured no better
@@ -36,23 +36,9 @@ class EstimatedVolume:
     points: Array  # (N, 3) measured, m, robot frame
     hollow: bool = False
 
-    @property
-    def box_volume(self) -> float:
-        """Of its box, m^3."""
-        return float(np.prod(self.box.size))
-
     def points_inside_mask(self, points: Array) -> Mask:
         """Which of (N, 3) points lie in it, deeper than `SLACK`."""
         return _inside_volume_mask(self, _transform_to_box_frame(self.box, points))
-
-    @property
-    def mean_surface_distance(self) -> float:
-        """How far its points lie from its surface on average, m."""
-        return mean_distance_to_solid(_transform_to_box_frame(self.box, self.points), self.box.size, self.shape)
-
-    def fraction_of_points_inside(self, points: Array) -> float:
-        """Which share of (N, 3) points lies in it."""
-        return float(self.points_inside_mask(points).mean()) if len(points) else 0.0
 
     def raise_above_occupied_space(self, occupied: Callable[[Array], Mask]) -> "EstimatedVolume":
         """It on what known objects fill of the lowest part of its box: ``occupied`` says which points they do."""
@@ -78,15 +64,6 @@ class EstimatedVolume:
             before, np.minimum(low, np.maximum(first, -half)), np.maximum(high, np.minimum(last, half))
         )
 
-    def extend_by_points(self, points: Array) -> "EstimatedVolume":
-        """It with (N, 3) points that belong to it too."""
-        low, high = self._corners_in_frame(self.box)
-        first, last = np.percentile(_transform_to_box_frame(self.box, points), (1, 99), axis=0)
-        wider = bool((first < low)[:2].any() or (last > high)[:2].any())
-        box = _box_from_corners(self.box, np.minimum(low, first), np.maximum(high, last))
-        shape: Solid = "box" if wider else self.shape
-        return replace(self, box=box, shape=shape, points=np.concatenate([self.points, points]))
-
     def _corners_in_frame(self, frame: UprightBox) -> tuple[Array, Array]:
         """Its lowest and highest corner about the centre and along the axes of a box of the same yaw."""
         middle = _transform_to_box_frame(frame, np.array([self.box.center]))[0]
@@ -102,7 +79,7 @@ class EstimatedVolume:
             grid = grid[np.hypot(grid[:, 0], grid[:, 1]) <= 1]
         local = grid * np.array(self.box.size) / 2
         if self.hollow:
-            local = local[inside_walls_mask(local, self.box.size, self.shape == "cylinder", CELL)]
+            local = local[_inside_walls_mask(local, self.box.size, self.shape == "cylinder")]
         return local @ rotation_about_z(self.box.yaw).T + self.box.center
 
 
@@ -157,7 +134,7 @@ def _inside_volume_mask(claim: EstimatedVolume, local: Array) -> Mask:
     if claim.shape == "cylinder":
         inside &= np.hypot(local[:, 0], local[:, 1]) < half[0]
     if claim.hollow:
-        inside &= inside_walls_mask(local, claim.box.size, claim.shape == "cylinder", CELL)
+        inside &= _inside_walls_mask(local, claim.box.size, claim.shape == "cylinder")
     return np.asarray(inside, np.bool_)
 
 
@@ -202,3 +179,10 @@ def _apply_cut(claim: EstimatedVolume, cut: _Cut | None) -> EstimatedVolume:
     low, high = -np.array(claim.box.size) / 2, np.array(claim.box.size) / 2
     (high if cut.side > 0 else low)[cut.axis] = cut.place
     return replace(claim, box=_box_from_corners(claim.box, low, high), shape="box" if cut.axis < 2 else claim.shape)
+
+
+def _inside_walls_mask(points: Array, size: Vec3, around: bool) -> Mask:
+    """Which of points (N, 3) in the box of a hollow box or cylinder, about its centre, are in its walls or floor."""
+    x, y, z = (extent / 2 for extent in size)
+    beside = np.hypot(points[:, 0], points[:, 1]) - x if around else (np.abs(points[:, :2]) - (x, y)).max(axis=1)
+    return np.asarray((points[:, 2] < CELL - z) | (beside > -CELL), np.bool_)

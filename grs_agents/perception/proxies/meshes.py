@@ -41,7 +41,8 @@ def revolved_mesh(profile: Sequence[tuple[float, float]]) -> Faceted:
 def hull_mesh(points: Floats) -> Faceted:
     """About the convex hull of points (N, 3): their farthest point in each of many directions."""
     directions, faces = _icosphere_mesh()
-    return points[np.argmax(directions @ points.T, axis=1)], faces
+    kept, number = np.unique(np.argmax(directions @ points.T, axis=1), return_inverse=True)
+    return points[kept], number[faces]
 
 
 def signed_distance_from_hull(points: Floats, queries: Floats) -> Floats:

@@ -24,6 +24,7 @@ MEANINGS = {
     "depth_scale": "metres per unit of depth, 0.001 for millimetres",
     "K": "3x3 intrinsic matrix, in pixels",
     "T_robot_cam": "4x4, from the camera frame (x right, y down, z forward) to the robot frame, metres",
+    "joints": "positions of the arm's joints in the photo, rad, base first",
 }
 """What the keys of camera.json mean, for errors."""
 _OTHER_NAMES = {
@@ -34,6 +35,7 @@ _OTHER_NAMES = {
     "K": "camera_matrix intrinsic_matrix intrinsics",
     "depth_scale": "depth_factor scale",
     "T_robot_cam": "extrinsics extrinsic pose camera_pose t_base_cam t_world_cam t_cam_robot",
+    "joints": "joint_positions joint_angles joint_state qpos",
 }
 ALIASES = {name: key for key, names in _OTHER_NAMES.items() for name in names.split()}
 """Other names that sensors' SDKs and data sets have for these keys, lower case."""
@@ -157,7 +159,7 @@ def camera_from_values(values: Mapping[str, Any], where: str) -> Camera:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"][:1])
         given = f" = {str(first['input'])[:80]}" if key and first["type"] != "missing" else ""
-        remedy = f"give every one of {KEYS}, finite, and T_robot_cam if calibrated"
+        remedy = f"give every one of {KEYS}, finite; T_robot_cam if calibrated, joints as a list of rad"
         problem = first["msg"].removeprefix("Value error, ")
         raise InputError(f"{where}: {key}{given}{': ' if key else ''}{problem}", remedy) from error
 

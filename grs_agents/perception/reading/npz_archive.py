@@ -17,11 +17,15 @@ WANTED = {
     "depth": "(H, W), metres as floats or integers times depth_scale",
     "K": "3x3, in pixels",
 }
-OPTIONAL = {"depth_scale": "metres per unit of depth", "T_robot_cam": "4x4, camera to robot frame, metres"}
+OPTIONAL = {
+    "depth_scale": "metres per unit of depth",
+    "T_robot_cam": "4x4, camera to robot frame, metres",
+    "joints": "(N,) positions of the arm's joints, rad, base first",
+}
 
 
 def read_npz_archive(file: Path) -> Recording:
-    """Read the arrays rgb, depth and K, and depth_scale and T_robot_cam where they are there."""
+    """Read the arrays rgb, depth and K, and depth_scale, T_robot_cam and joints where they are there."""
     arrays = read_npz(file, WANTED, OPTIONAL)
     rgb = _convert_to_rgb_uint8(arrays["rgb"], file)
     depth, matrix = arrays["depth"], arrays["K"]
@@ -31,8 +35,7 @@ def read_npz_archive(file: Path) -> Recording:
         raise InputError(f"K in {file} has shape {matrix.shape}", f"give {WANTED['K']}")
     scale = _read_depth_scale(arrays, depth, file)
     more: dict[str, Any] = {"depth_scale": scale}
-    if "T_robot_cam" in arrays:
-        more["T_robot_cam"] = arrays["T_robot_cam"].tolist()
+    more |= {name: arrays[name].tolist() for name in ("T_robot_cam", "joints") if name in arrays}
     camera = camera_from_matrix(matrix.tolist(), (rgb.shape[1], rgb.shape[0]), f"K in {file}", **more)
     measured = RecordedDepth(depth, scale, f"depth in {file}", f"depth_scale in {file}")
     return Recording(file, Picture(file, rgb), camera, measured)

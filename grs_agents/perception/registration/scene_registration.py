@@ -56,8 +56,8 @@ def add_residual_candidates(
     folder: Path,
 ) -> tuple[tuple[CandidateRecord, ...], tuple[DroppedCandidate, ...]]:
     """Residual candidates, which no placed asset explains, and the objects whose segments they were part of.
-    Their masks and crops are written into ``folder``; the objects are registered."""
-    if not objects:
+    Their masks and crops are written into ``folder``; the objects are registered. Given masks are not divided."""
+    if not objects or all(record.given for record in records):
         return (), ()
     masks = [load_mask(folder / item.mask) for item in objects]
     surfaces = [

@@ -15,5 +15,8 @@ from .patch_cutting import depth_jump_mask as depth_jump_mask
 from .patch_cutting import find_depth_jumps as find_depth_jumps
 from .patch_cutting import foreground_pixel_mask as foreground_pixel_mask
 from .patch_cutting import grow_labels as grow_labels
+from .patch_cutting import join_enclosed_fragments as join_enclosed_fragments
 from .patch_cutting import smooth_frame_depth as smooth_frame_depth
 from .rim_fit import fit_bowl_rim as fit_bowl_rim
+from .segmentation import enters_from_outside_view as enters_from_outside_view
+from .segmentation import is_sensor_noise as is_sensor_noise

@@ -35,8 +35,10 @@ CONFIG = DEFAULT.measuring
 DIMMED = (np.arange(256) * 0.35).astype(np.uint8)  # what each brightness is outside of a segment's crop
 
 
-def measure_candidates(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[Candidate, ...]:
-    """Measure each segment.
+def measure_candidates(
+    frame: RGBDFrame, table: TableFrame, labels: Labels, given: bool = False
+) -> tuple[Candidate, ...]:
+    """Measure each segment; those that the user gave are objects, however large.
     Raises InputError: nothing stands on the table, or one object fills it."""
     clouds = {key: one for key, one in _clouds_by_label(frame, table, labels).items() if len(one) >= CONFIG.fewest}
     supports = {
@@ -48,10 +50,10 @@ def measure_candidates(frame: RGBDFrame, table: TableFrame, labels: Labels) -> t
     for label, cloud in clouds.items():
         others = [support for key, support in supports.items() if key != label]
         candidate = _measure_candidate(len(candidates) + 1, frame, table, labels == label, cloud, others)
-        if max(candidate.upright.size) > CONFIG.largest:
+        if max(candidate.upright.size) > CONFIG.largest and not given:
             too_large = candidate.upright.size
         else:
-            candidates.append(candidate)
+            candidates.append(replace(candidate, given=given))
     if candidates:
         return tuple(candidates)
     problem, remedy = "found nothing on the table", "put objects of at least 2 cm on it"

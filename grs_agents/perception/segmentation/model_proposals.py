@@ -12,6 +12,7 @@ from grs_agents.perception.image_geometry import Labels, label_connected_compone
 from grs_agents.perception.segmentation.part_merging import merge_parts
 from grs_agents.perception.segmentation.patch_cutting import (
     compute_concavity_map,
+    cut_smooth_patches,
     find_depth_jumps,
     foreground_pixel_mask,
     grow_labels,
@@ -31,6 +32,7 @@ class Proposal:
 
     mask: Mask  # (H, W) its pixels
     score: float  # how good the model thinks it is, 0 to 1
+    is_box: bool = False  # whether the mask is but the box around an object, which depth has yet to fill
 
 
 Proposer = Callable[[Image, Mask], Iterable[Proposal]]
@@ -47,12 +49,34 @@ def segment_from_proposals(
     smooth = smooth_frame_depth(small)
     points = robot_frame_point_map(smooth, table)
     above = foreground_pixel_mask(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3], config.foreground)
+    patches = cut_smooth_patches(smooth, above, config.patches)
     asked = proposer(frame.rgb[: rows * factor, : columns * factor], above | (smooth.depth <= 0))
-    kept = suppress_duplicate_masks(filter_proposals_on_table(asked, above, points, config), config.proposals.alike)
+    filled = (fill_box(one, patches, config.proposals) if one.is_box else one for one in asked)
+    kept = suppress_duplicate_masks(filter_proposals_on_table(filled, above, points, config), config.proposals.alike)
     labels = paint_proposal_labels(kept, smooth, int(config.filter.smallest * smooth.depth.size))
-    labels = merge_parts(_join_smooth_parts(labels, kept, smooth, config), points, config)
+    labels = _add_unclaimed_patches(_join_smooth_parts(labels, kept, smooth, config), patches, config.proposals)
+    labels = merge_parts(labels, points, config)
     labels = filter_object_segments(labels, smooth, points, table, config)
     return labels if factor == 1 else upscale_labels(labels, small, frame, factor)
+
+
+def fill_box(box: Proposal, patches: Labels, config: MaskProposals) -> Proposal:
+    """The smooth patches, (H, W) labels, that lie in a box: what it holds of its neighbours is cut by it."""
+    whole, held = (np.bincount(patches[where], minlength=int(patches.max()) + 1) for where in (patches >= 0, box.mask))
+    inside = held >= config.covered * whole
+    inside[0] = False
+    return Proposal(inside[patches], box.score)
+
+
+def _add_unclaimed_patches(labels: Labels, patches: Labels, config: MaskProposals) -> Labels:
+    """The labels with the smooth patches of which no proposal holds as much as the model may leave out: what it does
+    not know stands on the table all the same."""
+    free = labels == 0
+    whole, left = (np.bincount(patches[where], minlength=int(patches.max()) + 1) for where in (patches > 0, free))
+    missed = left >= config.covered * np.maximum(whole, 1)
+    missed[0] = False
+    taken = free & missed[patches]
+    return np.where(taken, patches + labels.max(), labels).astype(np.int32)
 
 
 def filter_proposals_on_table(

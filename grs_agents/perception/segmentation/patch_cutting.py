@@ -140,10 +140,10 @@ def cut_smooth_patches(
     cut = (bend > config.bend) | depth_jump_mask(frame.depth)
     cores = cv2.morphologyEx((foreground & ~cut).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     labels = grow_labels(label_connected_components(cores, 12), foreground, frame.depth)
-    length, total = measure_label_borders(
-        labels, np.minimum(bend, config.jump), *find_depth_jumps(frame.depth), config.jump
-    )
-    return join_smooth_neighbors(labels, length, total, np.ones(length.shape, np.bool_), config)
+    strength, jumps = np.minimum(bend, config.jump), find_depth_jumps(frame.depth)
+    length, total = measure_label_borders(labels, strength, *jumps, config.jump)
+    labels = join_smooth_neighbors(labels, length, total, np.ones(length.shape, np.bool_), config)
+    return join_enclosed_fragments(labels, *measure_label_borders(labels, strength, *jumps, config.jump), config)
 
 
 def compute_concavity_map(
@@ -233,6 +233,24 @@ def join_smooth_neighbors(labels: Labels, length: Array, total: Array, allowed: 
         mean[one] = mean[:, one] = row
     _, numbers = np.unique(owner, return_inverse=True)
     return numbers.astype(np.int32)[labels]
+
+
+def join_enclosed_fragments(labels: Labels, length: Array, total: Array, config: PatchCutting) -> Labels:
+    """Join small pieces to the neighbour that lies around most of them, if no more than a fold is between.
+
+    Args:
+        labels: (H, W), 0..N.
+        length, total: (N+1, N+1) as `join_smooth_neighbors` takes them.
+    """
+    areas = np.bincount(labels.ravel(), minlength=len(length))
+    around = np.where(total < config.fold * length, length, 0)
+    owner = np.arange(len(length), dtype=np.int32)
+    for small in np.argsort(areas[1:]) + 1:
+        whole = around[small].argmax()
+        is_enclosed = around[small, whole] > config.enclosed * np.sqrt(areas[small])
+        if is_enclosed and areas[small] < config.fragment * areas[whole]:
+            owner[owner == small] = owner[whole]
+    return np.unique(owner, return_inverse=True)[1].astype(np.int32)[labels]
 
 
 def measure_label_borders(

@@ -54,7 +54,7 @@ def filter_object_segments(
     heights = [points[..., 2].take(pixels) for pixels in segments]
     kept = [label for label, own in enumerate(heights, 1) if len(own) >= smallest]
     if "sensor_noise" in config.rules:
-        kept = [label for label in kept if not _is_sensor_noise(heights[label - 1], 4 * smallest, flattest)]
+        kept = [label for label in kept if not is_sensor_noise(heights[label - 1], 4 * smallest, flattest)]
     if "flying_pixels" in config.rules:
         kept = sorted(set(kept) - _find_flying_pixel_labels(smooth, segments, 4 * smallest, config.filter.flying))
     if "entering" in config.rules:
@@ -93,7 +93,7 @@ def _drop_unknown_points(points: Array) -> Array:
     return points[np.isfinite(points[:, 2])]
 
 
-def _is_sensor_noise(heights: Array, small: int, flattest: float) -> bool:
+def is_sensor_noise(heights: Array, small: int, flattest: float) -> bool:
     """Whether a segment, (N,) heights in m, is a bump of the sensor's noise on the table."""
     top = float(np.nanpercentile(heights, 95))
     return top < flattest or (top < 2 * flattest and len(heights) < small)

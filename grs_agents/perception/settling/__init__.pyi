@@ -1,3 +1,7 @@
+from .collider_clearance import PlacedColliders as PlacedColliders
+from .collider_clearance import Rank as Rank
+from .collider_clearance import clear_colliders as clear_colliders
+from .collider_clearance import colliders_of_asset as colliders_of_asset
 from .collision_repair import CollisionRepairs as CollisionRepairs
 from .collision_repair import KnownObject as KnownObject
 from .collision_repair import repair_collisions as repair_collisions
@@ -5,9 +9,13 @@ from .depenetration import Separation as Separation
 from .depenetration import deepest_overlap_depth as deepest_overlap_depth
 from .depenetration import overlap_depth_by_pair as overlap_depth_by_pair
 from .depenetration import separate_objects as separate_objects
+from .proxy_placement import SteadyScene as SteadyScene
+from .proxy_placement import UnknownObject as UnknownObject
+from .proxy_placement import place_apart as place_apart
+from .proxy_placement import reach_support as reach_support
+from .proxy_placement import settle_steadily as settle_steadily
 from .segment_reconciliation import Reconciled as Reconciled
 from .segment_reconciliation import Segment as Segment
-from .segment_reconciliation import match_fallen_to_support as match_fallen_to_support
 from .segment_reconciliation import reconcile_segments as reconcile_segments
 from .settling import Placed as Placed
 from .settling import PlacedObject as PlacedObject
@@ -17,6 +25,5 @@ from .settling import push_overlaps_apart as push_overlaps_apart
 from .settling import settle_objects as settle_objects
 from .settling import simulate_until_rest as simulate_until_rest
 from .settling import to_instance_objects as to_instance_objects
-from .twin_report import may_have_unseen_support as may_have_unseen_support
 from .twin_report import measure_depth_fidelity as measure_depth_fidelity
 from .twin_report import settle_and_report as settle_and_report

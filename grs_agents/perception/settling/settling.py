@@ -1,6 +1,6 @@
 """Let a described scene come to rest: overlaps are resolved without gravity, then gravity acts."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -75,9 +75,7 @@ class Placed:
 
     pose: Pose  # as in `PlacedObject`
     drift: float  # how far its centre moved, m
-    # it would have fallen, and may stand on something that the photo does not show: it stays where it is
-    held: bool = False
-    fell: bool = False  # gravity alone moved it farther than the configuration says
+    held: bool = False  # it would have fallen: it stays where it is
 
 
 @dataclass(frozen=True)
@@ -118,14 +116,11 @@ def build_settling_world(items: Sequence[InstanceObject], library: Library) -> W
     return world
 
 
-def settle_objects(
-    objects: Sequence[PlacedObject], library: Library, unseen: Callable[[PlacedObject], bool] | None = None
-) -> RestState:
+def settle_objects(objects: Sequence[PlacedObject], library: Library) -> RestState:
     """Let objects come to rest, without the robot.
 
-    Args:
-        unseen: whether an object may stand on something that is not described; of those that may and fall, the lowest
-            are held in the air, one after the other, until no other falls.
+    Of those that would fall the lowest are held in the air, one after the other, until no other falls: the photo shows
+    them at rest, so something carries them that is not described, or not as it is.
 
     Raises:
         SimulationError: MuJoCo takes the scene for impossible.
@@ -135,7 +130,7 @@ def settle_objects(
     ways.append(Separation(bounds.depths[0], lift=True, steps=(*bounds.steps, *bounds.last_steps)))
     rests: list[RestState] = []
     for way in ways:
-        rest = _Settler(objects, library, way).compute_rest_state(unseen)
+        rest = _Settler(objects, library, way).compute_rest_state()
         if rest.penetration < CONFIG.overlap and rest.largest_drift < CONFIG.fallen:
             return rest
         rests.append(rest)
@@ -169,28 +164,23 @@ class _Settler:
         self.items = to_instance_objects([objects[number] for number in self.here], library)
         self.guessed = {item.id for item, number in zip(self.items, self.here, strict=True) if objects[number].guessed}
 
-    def compute_rest_state(self, unseen: Callable[[PlacedObject], bool] | None) -> RestState:
-        """The scene at rest; ``unseen`` as in `settle_objects`."""
+    def compute_rest_state(self) -> RestState:
+        """The scene at rest."""
         first = self._separate_and_drop(self.items, set())
-        last, held = (first, set[int]()) if unseen is None else self._hold_falling_objects(first, unseen)
+        last, held = self._hold_falling_objects(first)
         placed: list[Placed | None] = [None] * len(self.objects)
         for item, resting, number in zip(self.items, last.poses, self.here, strict=True):
             pose = _translate_in_own_frame(resting, _bounding_box_center(item.asset, self.library))
             drift = _position_distance(pose, self.objects[number].pose)
-            placed[number] = Placed(pose, drift, item.id in held, item.id in last.fell)
+            placed[number] = Placed(pose, drift, item.id in held)
         return RestState(tuple(placed), first.found, last.penetration, last.still)
 
-    def _hold_falling_objects(self, first: _Drop, unseen: Callable[[PlacedObject], bool]) -> tuple[_Drop, set[int]]:
-        """The scene dropped again, with what may stand on something unseen held in the air: the lowest first."""
-        last, held, tried = first, set[int](), set[int]()
-        while len(held) < CONFIG.most_held and (fell := [number for number in last.fell if number not in tried]):
-            lowest = min(fell, key=lambda number: _lowest_corner_height(first.apart[number], self.library))
-            tried.add(lowest)
-            asset = self.items[lowest].asset
-            place = _translate_in_own_frame(first.apart[lowest].pose, _bounding_box_center(asset, self.library))
-            if unseen(PlacedObject(asset, place)):
-                held.add(lowest)
-                last = self._separate_and_drop(first.apart, held)
+    def _hold_falling_objects(self, first: _Drop) -> tuple[_Drop, set[int]]:
+        """The scene dropped again, with what falls held in the air: the lowest first."""
+        last, held = first, set[int]()
+        while fell := [number for number in last.fell if number not in held]:
+            held.add(min(fell, key=lambda number: _lowest_corner_height(first.apart[number], self.library)))
+            last = self._separate_and_drop(first.apart, held)
         return last, held
 
     def _separate_and_drop(self, items: Sequence[InstanceObject], held: Collection[int]) -> _Drop:

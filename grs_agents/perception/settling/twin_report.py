@@ -3,14 +3,10 @@ The comparison counts how much of what the photo shows the twin shows at the sam
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 
 from grs_agents.library import Library
-from grs_agents.perception.asset_surfaces import asset_surface_at_pose
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.image_geometry import convex_footprint_hull
-from grs_agents.perception.proxies import observed_free_points_mask
 from grs_agents.perception.settling.settling import (
     PlacedObject,
     RestState,
@@ -21,7 +17,7 @@ from grs_agents.perception.settling.settling import (
 from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, TwinReport
 from grs_agents.sim.rendering import VisibleScene, render_along_rays
 
-CONFIG, SUPPORT = DEFAULT.settling, DEFAULT.support
+CONFIG = DEFAULT.settling
 
 
 def measure_depth_fidelity(
@@ -45,8 +41,8 @@ def measure_depth_fidelity(
 def settle_and_report(
     objects: Sequence[PlacedObject], library: Library, frame: RGBDFrame, table: TableFrame, mask: Mask
 ) -> tuple[RestState, TwinReport]:
-    """The scene at rest, and its figures; ``mask`` (H, W) are the pixels of all objects."""
-    rest = settle_objects(objects, library, lambda placed: may_have_unseen_support(placed, library, frame, table))
+    """The scene at rest, and its figures; ``mask`` (H, W) are the pixels that rise above the table."""
+    rest = settle_objects(objects, library)
     pairs = zip(objects, rest.placed, strict=True)
     resting = [one if placed is None else PlacedObject(one.asset, placed.pose) for one, placed in pairs]
     held = sum(placed.held for placed in rest.placed if placed is not None)
@@ -55,18 +51,3 @@ def settle_and_report(
     return rest, TwinReport(
         found=rest.found, penetration=rest.penetration, drift=drift, fidelity=fidelity, still=still, held=held
     )
-
-
-def may_have_unseen_support(placed: PlacedObject, library: Library, frame: RGBDFrame, table: TableFrame) -> bool:
-    """Whether columns from the table to its underside, of which the photo shows none to be free, could carry it."""
-    surface = asset_surface_at_pose(placed.asset, placed.pose, library)
-    under = surface.points[surface.normals[:, 2] < SUPPORT.downward]
-    if not len(under):
-        return False
-    columns = under[:, None] * (1, 1, 0) + under[:, None, 2:] * np.reshape(SUPPORT.levels, (-1, 1)) * (0, 0, 1)
-    free = observed_free_points_mask(columns.reshape(-1, 3), frame, table)
-    shown = free.reshape(len(under), len(SUPPORT.levels)).mean(axis=1)
-    carried = under[(shown <= SUPPORT.shown) | (under[:, 2] < SUPPORT.on_table)]
-    hull = convex_footprint_hull(carried).astype(np.float32)
-    x, y, _ = placed.pose[0]
-    return len(hull) > 2 and cv2.pointPolygonTest(hull, (x, y), measureDist=False) >= 0

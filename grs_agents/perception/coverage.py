@@ -1,0 +1,150 @@
+"""Which part of what rises above the table the objects own, and what lies where no object does.
+
+A pixel rises above the table if its point is higher than 6 to 10 mm (more from far away), lower than 0.6 m, and over
+the visible part of the table or before it. So does what such pixels enclose, whether it is lower or has no depth, and
+their feet, down to the measured noise of the table.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.image_geometry import compute_percentiles, label_connected_components, pixels_by_label
+from grs_agents.perception.marked_pictures import draw_numbered_regions
+from grs_agents.perception.segmentation import foreground_pixel_mask, is_sensor_noise, smooth_frame_depth
+from grs_agents.perception.table_finding import pixels_to_robot_frame, robot_frame_point_map
+from grs_agents.perception.types import Aabb, Array, Coverage, Mask, RGBDFrame, TableFrame, UnownedRegion
+from grs_agents.perception.working_resolution import downscale_frame
+
+CONFIG, SMALLEST = DEFAULT.coverage, DEFAULT.segmentation.filter.smallest
+PICTURE = "scene/coverage.png"
+KERNEL = np.ones((3, 3), np.uint8)
+Rejected = tuple[Mask, str]
+"""The pixels (H, W) of a segment that is no object, and why it is none."""
+
+
+@dataclass(frozen=True)
+class MeasuredCoverage:
+    """How much the objects own, with the pixels."""
+
+    share: float  # of the pixels that rise above the table; 1 where none does
+    above: Mask  # (H, W) what rises above the table, or belongs to an object
+    owned: Mask  # (H, W)
+    regions: tuple[tuple[Mask, UnownedRegion], ...]  # (H, W) pixels of what no object owns, the largest first
+
+    def write(self, frame: RGBDFrame, run: Path) -> Coverage:
+        """Draw the photo with what no object owns into the run folder; what `scene.json` tells of it."""
+        draw_numbered_regions(frame, self.owned, [mask for mask, _ in self.regions], run / PICTURE)
+        return Coverage(share=self.share, unowned=tuple(region for _, region in self.regions), picture=PICTURE)
+
+
+def pixels_above_table(frame: RGBDFrame, table: TableFrame, left_out: Mask | None = None) -> Mask:
+    """(H, W) the pixels that rise above the table, but for those ``left_out`` (H, W): the robot, walls of a bin."""
+    small, factor = downscale_frame(frame)
+    smooth = smooth_frame_depth(small)
+    points = robot_frame_point_map(smooth, table)
+    above = foreground_pixel_mask(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3])
+    noise = max(CONFIG.lowest, CONFIG.deviations * table.residual)
+    low = (points[..., 2] > noise) & (points[..., 2] < DEFAULT.segmentation.foreground.tallest)
+    above = _drop_sensor_noise(above, points[..., 2], table)
+    above = _fill_enclosed_pixels(above, low | (smooth.depth <= 0))
+    for _ in range(CONFIG.foot):
+        above = above | (np.asarray(cv2.dilate(above.astype(np.uint8), KERNEL), np.bool_) & low)
+    height, width = above.shape
+    rows = np.minimum(np.arange(frame.camera.height, dtype=np.int64) // factor, height - 1)
+    columns = np.minimum(np.arange(frame.camera.width, dtype=np.int64) // factor, width - 1)
+    full = above[rows[:, None], columns[None]]
+    if left_out is None:
+        return full
+    return full & ~np.asarray(cv2.dilate(left_out.astype(np.uint8), KERNEL, iterations=CONFIG.halo), np.bool_)
+
+
+def _drop_sensor_noise(above: Mask, height: Array, table: TableFrame) -> Mask:
+    """``above`` (H, W) without the bumps of the sensor's noise on the table."""
+    bounds = DEFAULT.segmentation.filter
+    flattest = float(np.clip(bounds.deviations * table.residual, *bounds.flattest))
+    smallest = int(bounds.smallest * above.size)
+    labels = label_connected_components(above.astype(np.uint8), 1)
+    heights = (height.take(pixels) for pixels in pixels_by_label(labels))
+    kept = [False, *(not is_sensor_noise(own, 4 * smallest, flattest) for own in heights)]
+    return np.asarray(kept, np.bool_)[labels]
+
+
+def _fill_enclosed_pixels(above: Mask, maybe: Mask) -> Mask:
+    """``above`` (H, W) with the pieces of ``maybe`` that it encloses: a plate's bottom, a shiny side without depth."""
+    pieces = label_connected_components((maybe & ~above).astype(np.uint8), 1)
+    border, enclosed = np.zeros((2, int(pieces.max()) + 1))
+    for one, other in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
+        for inner, outer in ((one, other), (other, one)):
+            edge = (pieces[inner] > 0) & (pieces[outer] != pieces[inner])
+            border += np.bincount(pieces[inner][edge], minlength=len(border))
+            enclosed += np.bincount(pieces[inner][edge & above[outer]], minlength=len(border))
+    filled = enclosed > CONFIG.enclosed * border
+    return above | filled[pieces] & (pieces > 0)
+
+
+def measure_coverage(
+    frame: RGBDFrame, table: TableFrame, above: Mask, owned: Mask, rejected: Sequence[Rejected] = ()
+) -> MeasuredCoverage:
+    """The share of what rises above the table that objects own.
+
+    Args:
+        frame: the photo.
+        table: the table in it.
+        above: (H, W) what rises, as `pixels_above_table` finds it; what objects own rises too.
+        owned: (H, W) the pixels of all objects.
+        rejected: segments that are no objects: they say why no object owns their pixels.
+    """
+    above = above | owned
+    total = max(int(np.count_nonzero(above)), 1)
+    unowned = above & ~owned
+    labels = label_connected_components(unowned.astype(np.uint8), int(CONFIG.listed * total))
+    regions: list[tuple[Mask, UnownedRegion]] = []
+    for pixels in sorted(pixels_by_label(labels), key=len, reverse=True):
+        mask = np.zeros(unowned.shape, np.bool_)
+        mask.put(pixels, True)
+        box = _box_of_pixels(frame, table, mask)
+        if box is not None:
+            reason = _why_unowned(mask, frame, rejected)
+            regions.append((mask, UnownedRegion(share=len(pixels) / total, box=box, reason=reason)))
+    return MeasuredCoverage(1 - np.count_nonzero(unowned) / total, above, owned, tuple(regions))
+
+
+def _box_of_pixels(frame: RGBDFrame, table: TableFrame, mask: Mask) -> Aabb | None:
+    """The box of the measured points of a mask (H, W), without any of those around it; None where there are none."""
+    measured = frame.depth > 0
+    if not (mask & measured).any():
+        mask = np.asarray(cv2.dilate(mask.astype(np.uint8), KERNEL, iterations=CONFIG.thin), np.bool_)
+    points = pixels_to_robot_frame(frame, table, *np.nonzero(mask & measured))
+    if not len(points):
+        return None
+    low, high = compute_percentiles(points, (1, 99)).round(4).tolist()
+    return Aabb(low=(low[0], low[1], low[2]), high=(high[0], high[1], high[2]))
+
+
+def _why_unowned(mask: Mask, frame: RGBDFrame, rejected: Sequence[Rejected]) -> str:
+    """Why no object owns a region (H, W)."""
+    count = int(np.count_nonzero(mask))
+    for segment, reason in rejected:
+        if np.count_nonzero(segment & mask) > CONFIG.most * count:
+            return f"dropped: {reason}"
+    if np.count_nonzero(mask & (frame.depth <= 0)) > CONFIG.most * count:
+        return "no depth"
+    core = cv2.erode(mask.astype(np.uint8), np.ones((CONFIG.thin, CONFIG.thin), np.uint8))
+    if count < SMALLEST * mask.size or not core.any():
+        return "too small or thin for an object"
+    return "not segmented"
+
+
+def describe_coverage(coverage: Coverage) -> str:
+    """The share, and the largest regions that it leaves out, in words."""
+    parts = [
+        f"{region.share:.0%} at x = {region.box.center[0]:.2f}, y = {region.box.center[1]:.2f} m ({region.reason})"
+        for region in coverage.unowned[: CONFIG.named]
+    ]
+    missed = f": {1 - coverage.share:.0%} of what rises above the table belongs to no object, {', '.join(parts)}"
+    return f"coverage {coverage.share:.2f}" + (missed if parts else "")

@@ -1,0 +1,168 @@
+"""Colliders that reach into those of other objects are cut back to planes between them, so that nothing need move."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from grs_agents.library import Library, Shape, matrix_from_quaternion, read_vertices
+from grs_agents.mujoco_import import mujoco
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.shapes import Collider, Hull, cut_hull
+from grs_agents.perception.types import Array
+
+CONFIG = DEFAULT.settling.clearance
+_AROUND = 24
+
+
+class Rank(IntEnum):
+    """How little an object gives way."""
+
+    SOLID = 0
+    HOLLOW = 1  # its walls are thin: none would be left
+    ASSET = 2  # of the library: it is as it is
+
+
+@dataclass(frozen=True)
+class PlacedColliders:
+    """The colliders of an object, and where its frame is."""
+
+    colliders: Sequence[Collider]
+    pose: Array  # (4, 4) from the object's frame to the robot frame, m
+    # who gives way where two are in each other: the one of the lower rank; of the same rank both, but not assets
+    rank: Rank = Rank.SOLID
+
+
+def colliders_of_asset(name: str, library: Library) -> list[Collider]:
+    """What touches of an asset, in its own frame."""
+    return [
+        shape if shape.kind != "mesh" else Hull(_mesh_corners(shape, library))
+        for shape in library.load_object_model(name).colliders
+    ]
+
+
+def _mesh_corners(shape: Shape, library: Library) -> Array:
+    vertices = read_vertices(library.mesh_or_texture_path(shape.mesh or "")) * np.asarray(shape.size)
+    return vertices @ matrix_from_quaternion(shape.quaternion).T + shape.position
+
+
+@dataclass
+class _Part:
+    """One collider as the corners of a hull in the robot frame, (N, 3) m; none where nothing is left of it."""
+
+    owner: int
+    corners: Array
+    cut: bool = False
+
+
+@dataclass(frozen=True)
+class _Overlap:
+    """How two parts, by number, are in each other; ``normal`` points from the first to the second."""
+
+    parts: tuple[int, int]
+    depth: float  # m
+    point: Array  # (3,) in the middle of it, m, robot frame
+    normal: Array  # (3,)
+
+
+def clear_colliders(placed: Sequence[PlacedColliders]) -> list[tuple[Collider, ...]]:
+    """The colliders of each object, cut back to planes half way where they are in each other, or to what stays.
+
+    An object that would lose too much stays whole: it has to be moved.
+    """
+    parts = [
+        _Part(owner, _corners(collider) @ one.pose[:3, :3].T + one.pose[:3, 3])
+        for owner, one in enumerate(placed)
+        for collider in one.colliders
+    ]
+    whole = [part.corners for part in parts]
+    ranks = [one.rank for one in placed]
+    first: Array | None = None
+    for _ in range(CONFIG.rounds):
+        overlaps, volumes = _measure_overlaps(parts, len(placed))
+        first = volumes if first is None else first
+        for owner in np.flatnonzero(volumes < CONFIG.kept * first).tolist():
+            ranks[owner] = Rank.ASSET
+            _restore(parts, whole, owner)
+        if not overlaps:
+            break
+        for overlap in overlaps:
+            _cut_back(parts, overlap, ranks)
+    pairs = iter(parts)
+    return [tuple(_cut_colliders(one, [next(pairs) for _ in one.colliders])) for one in placed]
+
+
+def _corners(collider: Collider) -> Array:
+    """The corners (N, 3) of a collider, of a round one on a circle around it."""
+    if isinstance(collider, Hull):
+        return collider.corners
+    if collider.kind == "box":
+        local = (np.indices((2, 2, 2)).reshape(3, -1).T - 0.5) * collider.size
+    else:
+        radius, length = collider.size[0], collider.size[1] if collider.kind == "cylinder" else 2 * collider.size[0]
+        angles = np.arange(_AROUND) * 2 * np.pi / _AROUND
+        ring = np.column_stack([np.cos(angles), np.sin(angles)]) * radius
+        local = np.concatenate([np.column_stack([ring, np.full(_AROUND, side * length / 2)]) for side in (-1, 1)])
+    return local @ matrix_from_quaternion(collider.quaternion).T + collider.position
+
+
+def _measure_overlaps(parts: Sequence[_Part], count: int) -> tuple[list[_Overlap], Array]:
+    """Which parts of different objects are in each other, the deepest first; and the volume of each object, m^3."""
+    spec = mujoco.MjSpec()
+    bodies = [spec.worldbody.add_body(name=str(owner)) for owner in range(count)]
+    for body in bodies:
+        body.add_freejoint()
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=(1e-3, 0, 0), contype=0, conaffinity=0, mass=1e-6)
+    for number, part in enumerate(parts):
+        if len(part.corners):
+            spec.add_mesh(name=str(number), uservert=part.corners.ravel().tolist())
+            bodies[part.owner].add_geom(
+                name=str(number), type=mujoco.mjtGeom.mjGEOM_MESH, meshname=str(number), density=1.0
+            )
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    found: dict[tuple[int, int], _Overlap] = {}
+    for contact in data.contact:
+        one, other = (int(model.geom(int(geom)).name) for geom in contact.geom)
+        depth, known = -float(contact.dist), found.get((one, other))
+        if depth > CONFIG.deep and (known is None or depth > known.depth):
+            found[one, other] = _Overlap((one, other), depth, np.array(contact.pos), np.array(contact.frame[:3]))
+    return sorted(found.values(), key=lambda overlap: -overlap.depth), np.asarray(model.body_mass[1:], np.float64)
+
+
+def _cut_back(parts: Sequence[_Part], overlap: _Overlap, ranks: Sequence[Rank]) -> None:
+    """Cut two parts to either side of a plane, or the one of the lower rank."""
+    one, other = (parts[number] for number in overlap.parts)
+    first, second = ranks[one.owner], ranks[other.owner]
+    normal, shift = overlap.normal, overlap.depth / 2 * ((second < first) - (first < second))
+    if first == second and abs(normal[2]) < CONFIG.upright:
+        normal = normal * (1, 1, 0) / np.linalg.norm(normal[:2])
+    place = float(normal @ overlap.point) + shift  # towards the one that gives way
+    for part, side, gives_way in ((one, 1, first <= second), (other, -1, second <= first)):
+        if gives_way and ranks[part.owner] < Rank.ASSET:
+            left = cut_hull(part.corners, side * normal, side * place)
+            thick = len(left) > 3 and _thickness(left) > CONFIG.thinnest
+            part.corners, part.cut = left if thick else left[:0], True
+
+
+def _thickness(corners: Array) -> float:
+    """About the least extent of a hull in any direction, m."""
+    centered = corners - corners.mean(axis=0)
+    return float(np.ptp(centered @ np.linalg.svd(centered, full_matrices=False)[2][2]))
+
+
+def _restore(parts: Sequence[_Part], whole: Sequence[Array], owner: int) -> None:
+    for part, corners in zip(parts, whole, strict=True):
+        if part.owner == owner:
+            part.corners, part.cut = corners, False
+
+
+def _cut_colliders(placed: PlacedColliders, parts: Sequence[_Part]) -> Iterator[Collider]:
+    """What is left of colliders, in the object's frame."""
+    for collider, part in zip(placed.colliders, parts, strict=True):
+        if not part.cut:
+            yield collider
+        elif len(part.corners):
+            yield Hull((part.corners - placed.pose[:3, 3]) @ placed.pose[:3, :3])

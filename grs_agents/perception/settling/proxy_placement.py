@@ -1,0 +1,140 @@
+"""Objects without an asset stand clear of others, and steadily: on the colliders of their shape, else of its box."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from grs_agents.geometry import matrix_to_quaternion, pose_matrix, to_vec3
+from grs_agents.library import Library, matrix_from_quaternion
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.proxies import Proxy, primitive_proxy, write_proxy
+from grs_agents.perception.settling.collider_clearance import PlacedColliders, Rank, clear_colliders, colliders_of_asset
+from grs_agents.perception.settling.settling import Placed, PlacedObject, RestState, to_instance_objects
+from grs_agents.perception.settling.twin_report import settle_and_report
+from grs_agents.perception.shapes import object_pose
+from grs_agents.perception.types import Mask, RGBDFrame, Solid, TableFrame, TwinReport, UprightBox
+
+CONFIG = DEFAULT.settling.clearance
+
+
+def reach_support(box: UprightBox) -> UprightBox:
+    """A measured box that reaches into what is below it: what the one is in the other is cut off both.
+
+    Its underside was cut on a grid, and what carries it may be flatter than it was seen.
+    """
+    (x, y, z), (length, width, height) = box.center, box.size
+    lower = min(max(z - height / 2, 0.0), CONFIG.hovers)
+    return box.model_copy(update={"center": (x, y, z - lower / 2), "size": (length, width, height + lower)})
+
+
+@dataclass(frozen=True, eq=False)
+class UnknownObject:
+    """An object without an asset, and what stands for it in the frame of its box."""
+
+    name: str  # of its proxy
+    description: str
+    solid: Solid  # which its box is filled with
+    box: UprightBox
+    proxy: Proxy
+
+
+Thing = PlacedObject | UnknownObject
+
+
+@dataclass(frozen=True)
+class SteadyScene:
+    """Objects as they are placed, the same at rest, and figures of that."""
+
+    placed: list[PlacedObject]
+    rest: RestState
+    twin: TwinReport
+
+
+def place_apart(things: Sequence[Thing], folder: Path, library: Library) -> list[PlacedObject]:
+    """Things where they stand; the proxies are written into ``folder``, with colliders clear of all others.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    placed = [
+        PlacedColliders(one.proxy.colliders, object_pose(one.box), Rank.HOLLOW if one.proxy.hollow else Rank.SOLID)
+        if isinstance(one, UnknownObject)
+        else PlacedColliders(colliders_of_asset(one.asset, library), _asset_pose(one, library), Rank.ASSET)
+        for one in things
+    ]
+    return [
+        _write(replace(one, proxy=replace(one.proxy, colliders=colliders)), folder)
+        if isinstance(one, UnknownObject)
+        else one
+        for one, colliders in zip(things, clear_colliders(placed), strict=True)
+    ]
+
+
+def settle_steadily(
+    things: Sequence[Thing],
+    folder: Path,
+    library: Callable[[], Library],
+    frame: RGBDFrame,
+    table: TableFrame,
+    mask: Mask,
+) -> SteadyScene:
+    """Write the proxies of things, and let all come to rest; what does not stay where it was has primitive colliders.
+
+    Args:
+        folder: the library of the run, into which proxies are written.
+        library: reads the library with what is in that folder by now.
+        mask: (H, W) pixels at which the twin is compared with the photo.
+
+    Raises:
+        SimulationError: MuJoCo takes the scene for impossible.
+    """
+
+    def settle(things: Sequence[Thing]) -> SteadyScene:
+        placed = place_apart(things, folder, library())
+        return SteadyScene(placed, *settle_and_report(placed, library(), frame, table, mask))
+
+    first = settle(things)
+    unsteady = [*map(_is_unsteady, things, first.placed, first.rest.placed)]
+    if not any(unsteady):
+        return first
+    plain = [_on_primitive(one) if moved else one for one, moved in zip(things, unsteady, strict=True)]
+    second = settle(plain)
+    if sum(map(_is_unsteady, things, second.placed, second.rest.placed)) < sum(unsteady):
+        return second
+    place_apart(things, folder, library())
+    return first
+
+
+def _write(one: UnknownObject, folder: Path) -> PlacedObject:
+    """Write the proxy of an object."""
+    asset = write_proxy(folder, one.name, one.proxy, one.description)
+    pose = object_pose(one.box)
+    position = to_vec3(pose[:3, :3] @ one.proxy.center + pose[:3, 3])
+    return PlacedObject(asset.name, (position, matrix_to_quaternion(pose[:3, :3])), guessed=True)
+
+
+def _asset_pose(one: PlacedObject, library: Library) -> "np.ndarray[tuple[int, ...], np.dtype[np.float64]]":
+    """(4, 4) transform from the frame of an object's asset to the robot frame, m."""
+    (instance,) = to_instance_objects([one], library)
+    position, turn = instance.pose
+    return pose_matrix(matrix_from_quaternion(turn), np.array(position))
+
+
+def _on_primitive(one: Thing) -> Thing:
+    """An object whose shape is only seen: it stands on its box or cylinder."""
+    if not isinstance(one, UnknownObject):
+        return one
+    primitive = primitive_proxy(one.solid, one.box.size, one.proxy.color, one.proxy.hollow)
+    return replace(one, proxy=replace(one.proxy, colliders=primitive.colliders))
+
+
+def _is_unsteady(thing: Thing, one: PlacedObject, end: Placed | None) -> bool:
+    """Whether an object without an asset does not stay by itself where the photo shows it."""
+    if not isinstance(thing, UnknownObject) or end is None:
+        return False
+    upright = float(matrix_from_quaternion(one.pose[1])[2] @ matrix_from_quaternion(end.pose[1])[2])
+    moved = end.drift > CONFIG.moved or float(np.arccos(min(upright, 1.0))) > CONFIG.tilted
+    on_table = thing.box.center[2] - thing.box.size[2] / 2 < CONFIG.hovers
+    return moved or (end.held and on_table)

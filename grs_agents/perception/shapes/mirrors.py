@@ -1,0 +1,55 @@
+"""Upright planes in which an object is its own mirror image, as far as the view can tell."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from grs_agents.perception.shapes.configuration import DEFAULT
+from grs_agents.perception.shapes.observation import Observation
+from grs_agents.perception.types import Array
+
+CONFIG = DEFAULT.mirrors
+
+
+@dataclass(frozen=True)
+class Mirror:
+    """An upright plane, object frame."""
+
+    normal: Array  # (3,) of unit length, level
+    offset: float  # of the plane along the normal, m
+    support: float  # share of the mirrored points that lie on the seen surface
+    breach: float  # share of them that lie where the view saw through
+
+    def image(self, points: Array) -> Array:
+        """Points (N, 3) mirrored."""
+        return points - 2 * np.outer(points @ self.normal - self.offset, self.normal)
+
+
+def find_mirrors(seen: Observation) -> list[Mirror]:
+    """The best plane, and the best at a right angle to it; none where no mirror image agrees with the view."""
+    good = [one for one in _rated_planes(seen) if one.breach < CONFIG.breach and one.support > CONFIG.support]
+    good.sort(key=lambda one: CONFIG.breach_weight * one.breach - one.support)
+    if not good:
+        return []
+    across = [one for one in good if abs(float(one.normal @ good[0].normal)) < CONFIG.right_angle]
+    return [good[0], *across[:1]]
+
+
+def _rated_planes(seen: Observation) -> list[Mirror]:
+    """Planes at many angles and places, each with what speaks for it and against it."""
+    points = seen.points[:: max(1, len(seen.points) // CONFIG.points)]
+    tolerance = max(CONFIG.tolerance, CONFIG.tolerance_deviations * seen.noise)
+    planes: list[Mirror] = []
+    for angle in np.arange(CONFIG.angles) * np.pi / CONFIG.angles:
+        normal = np.array([np.cos(angle), np.sin(angle), 0.0])
+        along = points @ normal
+        low, high = float(np.percentile(along, 1)), float(np.percentile(along, 99))
+        offsets = np.linspace(low, high, CONFIG.offsets)
+        images = points[None] - 2 * (along[None] - offsets[:, None])[..., None] * normal
+        free = seen.free_distance(images.reshape(-1, 3)).reshape(len(offsets), -1)
+        support, breach = (np.abs(free) < tolerance).mean(axis=1), (free > tolerance).mean(axis=1)  # NaN is neither
+        planes += [
+            Mirror(normal, float(offset), float(s), float(b))
+            for offset, s, b in zip(offsets, support, breach, strict=True)
+        ]
+    return planes

@@ -1,0 +1,261 @@
+"""What one view tells of an object: its cleaned mask and depth, points with normals, and which space was seen free."""
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.perception.asset_surfaces import Tree
+from grs_agents.perception.image_geometry import mask_bounding_slices
+from grs_agents.perception.shapes.configuration import DEFAULT
+from grs_agents.perception.shapes.types import ObjectView
+from grs_agents.perception.types import Array, Image, Mask
+
+CONFIG = DEFAULT.observation
+FAR = 0.02  # signed distances are told up to this, m: farther is far
+Depth = npt.NDArray[np.float32]
+Value = TypeVar("Value", bound=np.generic)
+
+
+@dataclass(frozen=True)
+class Observation:
+    """A window of the photo around one object; (h, w) pixels, object frame, metres."""
+
+    rgb: Image  # (h, w, 3)
+    measured: Depth  # (h, w) as the camera gave it, 0 where there is none
+    mask: Mask  # (h, w) the object's pixels without table, flying pieces and holes
+    depth: Depth  # (h, w) smoothed, and filled inside and beyond the mask
+    edge: Depth  # (h, w) pixels to the mask's edge, less than 0 inside
+    slope: Depth  # (h, w) cosine between ray and surface normal, at least 0.2
+    focal: tuple[float, float]  # pixels
+    center: tuple[float, float]  # principal point, pixels of the window
+    photo: tuple[float, float, float, float]  # first and last column, first and last row of the photo
+    T_object_cam: Array  # (4, 4)
+    points: Array  # (N, 3) of the surface, away from its edges
+    normals: Array  # (N, 3) towards the camera
+    noise: float  # standard deviation of depth, m
+    measured_share: float  # of the mask that has depth of its own
+
+    @property
+    def eye(self) -> Array:
+        """(3,) where the camera is."""
+        return self.T_object_cam[:3, 3]
+
+    def project(self, points: Array) -> tuple[Array, Array, Array]:
+        """Column, row and depth of points (N, 3)."""
+        local = (points - self.eye) @ self.T_object_cam[:3, :3]
+        depth = np.maximum(local[:, 2], 1e-6)
+        return (
+            self.focal[0] * local[:, 0] / depth + self.center[0],
+            self.focal[1] * local[:, 1] / depth + self.center[1],
+            local[:, 2],
+        )
+
+    def lift(self, depth: Depth) -> Array:
+        """(h, w, 3) points at a depth each."""
+        return lift_pixels(depth, self.focal, self.center, self.T_object_cam)
+
+    def free_distance(self, points: Array) -> Array:
+        """(N,) how far points (N, 3) lie in space that the view shows to be free, m; less than 0 where it may be full.
+        Free is what lies before the surface, or beside the mask; nothing is known (NaN) of what something nearer hides
+        and of what lies outside the photo."""
+        column, row, depth = self.project(points)
+        beside = sample(self.edge, column, row, cv2.INTER_LINEAR, 50.0) * depth / self.focal[0]
+        smooth = sample(self.depth, column, row, cv2.INTER_LINEAR, 9.0)
+        nearest = sample(self.depth, column, row, cv2.INTER_NEAREST, 9.0)
+        before = np.where(np.abs(smooth - nearest) < CONFIG.same_surface, smooth, nearest) - depth
+        free = np.maximum(beside, before)
+        measured = sample(self.measured, column, row, cv2.INTER_NEAREST, 0.0)
+        hidden = (beside > 0) & (measured > 0) & (measured < depth - CONFIG.nearer)
+        left, right, top, bottom = self.photo
+        cut = (column < left + 1) | (column > right - 1) | (row < top + 1) | (row > bottom - 1)
+        return np.where(hidden | cut, np.nan, np.clip(free, -FAR, FAR))
+
+    def depth_behind_surface(self, points: Array) -> Array:
+        """(N,) how deep points (N, 3) lie behind what is seen in their pixels, across the surface, m."""
+        column, row, depth = self.project(points)
+        surface = sample(self.depth, column, row, cv2.INTER_NEAREST, 0.0)
+        slope = sample(self.slope, column, row, cv2.INTER_NEAREST, 1.0)
+        return (depth - surface) * slope
+
+
+def sample(picture: npt.NDArray[np.float32], column: Array, row: Array, how: int, beyond: float) -> Array:
+    """(N,) values of a picture (h, w) at places in pixels; ``beyond`` outside of it."""
+    width = 1024  # OpenCV's pictures have at most 32,767 rows and columns
+    spare = -len(column) % width
+    x, y = (np.pad(part.astype(np.float32), (0, spare)).reshape(-1, width) for part in (column, row))
+    found = cv2.remap(picture, x, y, how, borderMode=cv2.BORDER_CONSTANT, borderValue=beyond)
+    return np.asarray(found, np.float64).ravel()[: len(column)]
+
+
+def lift_pixels(depth: Depth, focal: tuple[float, float], center: tuple[float, float], pose: Array) -> Array:
+    """(h, w, 3) points of the pixels of a window at a depth each, in the frame that ``pose`` (4, 4) leads to."""
+    rows, columns = np.indices(depth.shape, dtype=np.float64)
+    local = np.stack([(columns - center[0]) / focal[0] * depth, (rows - center[1]) / focal[1] * depth, depth], axis=-1)
+    return local @ pose[:3, :3].T + pose[:3, 3]
+
+
+def observe_object(view: ObjectView) -> Observation | None:
+    """Clean what a view shows of its object; ``None`` where hardly anything was measured of it."""
+    if np.count_nonzero(view.mask & (view.depth > 0)) < CONFIG.fewest:
+        return None
+    rows, columns = mask_bounding_slices(view.mask)
+    step = max(1, round(max(rows.stop - rows.start, columns.stop - columns.start) / CONFIG.pixels))
+    margin = CONFIG.margin * step
+    left, top = max(columns.start - margin, 0), max(rows.start - margin, 0)
+    window = (slice(top, rows.stop + margin, step), slice(left, columns.stop + margin, step))
+    focal = (view.intrinsics.fx / step, view.intrinsics.fy / step)
+    center = ((view.intrinsics.cx - left) / step, (view.intrinsics.cy - top) / step)
+    measured = np.ascontiguousarray(view.depth[window], np.float32)
+
+    def lift(depth: Depth) -> Array:
+        return lift_pixels(depth, focal, center, view.T_object_cam)
+
+    mask, sound = _clean_mask(view.mask[window].copy(), measured, lift(measured), view.noise)
+    if np.count_nonzero(sound) < CONFIG.fewest:
+        return None
+    depth = _smooth_depth(measured, sound, view.noise)
+    ones = lift(np.ones_like(depth)) - view.T_object_cam[:3, 3]
+    fall = np.minimum(ones[..., 2], -1e-3)
+    on_support = (CONFIG.sunk - view.T_object_cam[2, 3]) / fall
+    depth = np.where(mask, np.minimum(depth, on_support), depth).astype(np.float32)
+    edge = signed_edge_distance(mask)
+    surface = lift(depth)
+    pixel = float(np.median(depth[mask])) / focal[0]
+    reach = int(np.clip(np.ceil(CONFIG.reach_deviations * view.noise / pixel), 1, CONFIG.longest_reach))
+    normals, slope, even = _surface_normals(surface, view.T_object_cam[:3, 3], reach, _jump(view.noise))
+    inner = np.flatnonzero(sound & mask & even & (edge < -1))
+    inner = inner[:: max(1, len(inner) // CONFIG.points)]
+    height, width = view.depth.shape
+    return Observation(
+        rgb=_shrink_picture(view.rgb[top : rows.stop + margin, left : columns.stop + margin], step, mask.shape),
+        measured=measured,
+        mask=mask,
+        depth=depth,
+        edge=edge,
+        slope=slope,
+        focal=focal,
+        center=center,
+        photo=(-left / step, (width - 1 - left) / step, -top / step, (height - 1 - top) / step),
+        T_object_cam=view.T_object_cam,
+        points=surface.reshape(-1, 3)[inner],
+        normals=normals.reshape(-1, 3)[inner],
+        noise=view.noise,
+        measured_share=float(np.count_nonzero(sound & mask) / max(np.count_nonzero(mask), 1)),
+    )
+
+
+def _jump(noise: float) -> float:
+    """What depth differs by between two surfaces, m."""
+    return max(CONFIG.jump, CONFIG.jump_deviations * noise)
+
+
+def _shrink_picture(rgb: Image, step: int, shape: tuple[int, ...]) -> Image:
+    if step == 1:
+        return np.ascontiguousarray(rgb)
+    return np.asarray(cv2.resize(rgb, (shape[1], shape[0]), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _clean_mask(mask: Mask, depth: Depth, points: Array, noise: float) -> tuple[Mask, Mask]:
+    """The mask without what is not the object's, and which of its pixels have sound depth."""
+    height, jump = points[..., 2], _jump(noise)
+    mask = _fill_holes(mask, depth)
+    known = depth > 0
+    low = height < max(CONFIG.low, CONFIG.low_deviations * noise)
+    mask &= ~(mask & ~erode(mask, 7) & known & low)  # table that bled in
+    low = height < max(CONFIG.low, 2 * noise)
+    highest, lowest = cv2.dilate(depth, np.ones((3, 3))), cv2.erode(np.where(known, depth, 9), np.ones((3, 3)))
+    middle = float(np.median(depth[mask & known])) if (mask & known).any() else 0.0
+    sound = mask & known & (np.asarray(highest - lowest) < jump) & (np.abs(depth - middle) < CONFIG.farthest)
+    for piece in connected_pieces(sound & low, CONFIG.smallest):  # the table seen through a handle
+        around = dilate(piece, 9) & sound & ~low
+        if around.any() and (np.median(depth[piece]) - depth[around] > jump).mean() > 0.6:
+            mask, sound = mask & ~dilate(piece, 3), sound & ~dilate(piece, 3)
+    sound = _keep_near_pieces(sound, points)
+    pieces = connected_pieces(mask, 1)
+    if len(pieces) > 1:
+        mask = np.any([piece for piece in pieces if (piece & sound).sum() >= CONFIG.smallest] or pieces[:1], axis=0)
+    return np.asarray(cv2.medianBlur(mask.astype(np.uint8), 3), np.bool_), sound
+
+
+def _fill_holes(mask: Mask, depth: Depth) -> Mask:
+    """Holes (highlights) are the object's unless something farther away was measured in them."""
+    for hole in connected_pieces(~mask, 1):
+        if hole.sum() > CONFIG.hole * mask.sum():
+            continue
+        around = dilate(hole, 5) & mask & (depth > 0)
+        if around.any() and (depth[hole] < np.percentile(depth[around], 90) + 0.015).mean() > 0.6:
+            mask = mask | hole
+    return mask
+
+
+def _keep_near_pieces(sound: Mask, points: Array) -> Mask:
+    """The largest piece, and those that are large or near to it: an inner wall, a half behind something nearer."""
+    pieces = sorted(connected_pieces(sound, CONFIG.smallest), key=np.count_nonzero, reverse=True)
+    if len(pieces) < 2:
+        return sound
+    tree, kept = Tree(points[pieces[0]]), pieces[0].copy()
+    for piece in pieces[1:]:
+        near = np.sqrt(np.percentile(tree.find_nearest_points(points[piece][::3])[1], 10))
+        if near < CONFIG.apart or piece.sum() > 0.1 * sound.sum():
+            kept |= piece
+    return kept
+
+
+def _smooth_depth(depth: Depth, sound: Mask, noise: float) -> Depth:
+    """(h, w) filled with the nearest sound depth, without the noise within surfaces."""
+    filled = fill_from_nearest(np.where(sound, depth, 0).astype(np.float32), sound)
+    smooth = np.asarray(cv2.medianBlur(filled, 5), np.float32)
+    for _ in range(2):
+        smooth = np.asarray(cv2.bilateralFilter(smooth, 7, CONFIG.smooth_deviations * noise, 3), np.float32)
+    return smooth
+
+
+def _surface_normals(surface: Array, eye: Array, reach: int, jump: float) -> tuple[Array, Depth, Mask]:
+    """Of a surface (h, w, 3): normals towards the camera from pixels ``reach`` away, their cosine with the ray, and
+    where no edge is near."""
+    across, down = np.zeros_like(surface), np.zeros_like(surface)
+    across[:, reach:-reach] = surface[:, 2 * reach :] - surface[:, : -2 * reach]
+    down[reach:-reach] = surface[2 * reach :] - surface[: -2 * reach]
+    normals = np.cross(down, across)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True) + 1e-12
+    rays = surface - eye
+    cosine = (normals * rays).sum(axis=-1) / np.linalg.norm(rays, axis=-1)
+    slope = np.asarray(cv2.blur(np.abs(cosine).astype(np.float32), (3, 3)), np.float32)
+    even = (np.linalg.norm(across, axis=-1) < reach * jump) & (np.linalg.norm(down, axis=-1) < reach * jump)
+    return normals * -np.sign(cosine)[..., None], np.clip(slope, 0.2, 1).astype(np.float32), np.asarray(even)
+
+
+def signed_edge_distance(mask: Mask) -> Depth:
+    """(h, w) pixels to a mask's edge, less than 0 inside, with the steps between pixels smoothed away."""
+    outside = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
+    inside = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
+    return np.asarray(cv2.GaussianBlur(outside - inside, (0, 0), 1.2), np.float32)
+
+
+def fill_from_nearest(picture: npt.NDArray[Value], known: Mask) -> npt.NDArray[Value]:
+    """A picture (h, w) or (h, w, D) where each pixel that is not ``known`` is as the nearest that is."""
+    missing = (~known).astype(np.uint8)
+    nearest = cv2.distanceTransformWithLabels(missing, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)[1]
+    labels = np.asarray(nearest, np.int64)
+    owners = np.zeros((int(labels.max()) + 1, *picture.shape[2:]), picture.dtype)
+    owners[labels[known]] = picture[known]
+    return owners[labels]
+
+
+def connected_pieces(mask: Mask, smallest: int) -> list[Mask]:
+    """The 8-connected pieces of a mask of at least ``smallest`` pixels."""
+    count, labels, figures, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    return [np.asarray(labels == number) for number in range(1, count) if figures[number, cv2.CC_STAT_AREA] >= smallest]
+
+
+def dilate(mask: Mask, side: int) -> Mask:
+    """The mask grown by half a square of ``side`` pixels."""
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)), np.bool_)
+
+
+def erode(mask: Mask, side: int) -> Mask:
+    """The mask shrunk by half a square of ``side`` pixels."""
+    return np.asarray(cv2.erode(mask.astype(np.uint8), np.ones((side, side), np.uint8)), np.bool_)

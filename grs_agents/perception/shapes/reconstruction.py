@@ -1,0 +1,82 @@
+"""The shape of an object from one view: round, mirrored or carved, whichever the view agrees with."""
+
+import numpy as np
+
+from grs_agents.perception.proxies import box_mesh
+from grs_agents.perception.shapes.configuration import DEFAULT
+from grs_agents.perception.shapes.drawing import Agreement, compare_with_view
+from grs_agents.perception.shapes.handle import find_handle
+from grs_agents.perception.shapes.lathe import mesh_turned, turn_profile
+from grs_agents.perception.shapes.mirrors import find_mirrors
+from grs_agents.perception.shapes.observation import Observation, observe_object
+from grs_agents.perception.shapes.revolution import Axis, find_axis
+from grs_agents.perception.shapes.solid import carve_solid
+from grs_agents.perception.shapes.surface_nets import Faces
+from grs_agents.perception.shapes.texture import paint_mesh
+from grs_agents.perception.shapes.types import ObjectShape, ObjectView, ShapeMethod
+from grs_agents.perception.types import Array
+
+CONFIG = DEFAULT.choice
+
+
+def reconstruct_shape(view: ObjectView) -> ObjectShape | None:
+    """The closed, textured mesh of what a view shows of an object, at most 2,000 faces.
+
+    ``None`` where a box of the measured size is as good, or too little depth was measured to tell of a shape.
+    """
+    seen = observe_object(view)
+    if seen is None or seen.measured_share < CONFIG.measured:
+        return None
+    turned = _turned_shape(seen)
+    if turned is not None and turned.hollow:  # a mug's outline may be near to a box, but one can put things into it
+        return turned
+    return None if _is_box(seen, view.size) else turned or _carved_shape(seen)
+
+
+def _is_box(seen: Observation, size: tuple[float, float, float]) -> bool:
+    """Whether the measured box looks like the object from the camera."""
+    found = compare_with_view(seen, *box_mesh(size, (0.0, 0.0, size[2] / 2)))
+    return found.overlap >= CONFIG.box_overlap and found.error < max(CONFIG.box_depth, CONFIG.deviations * seen.noise)
+
+
+def _turned_shape(seen: Observation) -> ObjectShape | None:
+    """A turned solid with its handle; ``None`` where the object is not round."""
+    axis = find_axis(seen)
+    if axis is None or axis.share < CONFIG.round_share or axis.azimuth < CONFIG.round_azimuth:
+        return None
+    turned = turn_profile(seen, axis)
+    if turned is None:
+        return None
+    vertices, faces = mesh_turned(turned, CONFIG.faces - CONFIG.handle_faces)
+    handle = find_handle(seen, turned, CONFIG.handle_faces)
+    if handle is not None:
+        faces = np.concatenate([faces, handle[1] + len(vertices)])
+        vertices = np.concatenate([vertices, handle[0]])
+    if not _is_round(compare_with_view(seen, vertices, faces), axis, turned.walls is not None):
+        return None
+    return _finished(seen, vertices, faces, "lathe", turned.walls)
+
+
+def _is_round(found: Agreement, axis: Axis, hollow: bool) -> bool:
+    """Whether a turned solid agrees well enough with the view."""
+    surely = axis.azimuth >= CONFIG.surely_round
+    if hollow and surely and axis.share >= CONFIG.hollow_share:
+        return found.near >= CONFIG.hollow_explained and found.overlap >= CONFIG.hollow_overlap
+    closely = surely or found.close >= CONFIG.explained_well
+    return closely and found.near >= CONFIG.explained and found.overlap >= CONFIG.round_overlap
+
+
+def _carved_shape(seen: Observation) -> ObjectShape | None:
+    mirrors = find_mirrors(seen)
+    mesh = carve_solid(seen, mirrors, CONFIG.faces)
+    if mesh is None:
+        return None
+    return _finished(seen, *mesh, "mirror" if mirrors else "voxels", None)
+
+
+def _finished(
+    seen: Observation, vertices: Array, faces: Faces, method: ShapeMethod, walls: Array | None
+) -> ObjectShape:
+    found = compare_with_view(seen, vertices, faces)
+    mesh = paint_mesh(seen, vertices, faces)
+    return ObjectShape(mesh, method, walls is not None, walls, found.overlap, found.raw_error)

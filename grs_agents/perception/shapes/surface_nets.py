@@ -1,0 +1,133 @@
+"""From a signed distance on a grid to a closed triangle mesh.
+
+Surface nets: Gibson, "Constrained elastic surface nets", MICCAI 1998. Smoothing: Taubin, "A signal processing approach
+to fair surface design", SIGGRAPH 1995."""
+
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.perception.types import Array
+
+Faces = npt.NDArray[np.int64]
+Grid = npt.NDArray[np.float64]
+_INSIDE = -1e-6  # what closes an ambiguous cell lies just inside
+
+
+def mesh_zero_level(values: Grid, origin: Array, step: float) -> tuple[Array, Faces]:
+    """The closed surface where ``values`` (X, Y, Z), less than 0 inside, pass 0; faces counter-clockwise from outside.
+    ``origin`` (3,) and ``step``, m, place the grid. Each edge of the mesh has exactly two faces."""
+    grid = _resolve_ambiguities(np.pad(values, 1, constant_values=float(np.abs(values).max()) + 1e-9))
+    inside = grid < 0
+    corners = [inside[x : x - 1 or None, y : y - 1 or None, z : z - 1 or None] for x, y, z in product((0, 1), repeat=3)]
+    count = np.sum(corners, axis=0, dtype=np.int8)
+    cells = np.argwhere((count > 0) & (count < 8))
+    number = np.full(count.shape, -1, np.int64)
+    number[tuple(cells.T)] = np.arange(len(cells))
+    total, crossings = np.zeros((len(cells), 3)), np.zeros(len(cells))
+    faces: list[Faces] = []
+    for axis in range(3):
+        one, two = (axis + 1) % 3, (axis + 2) % 3
+        for first, second in product((0, 1), repeat=2):
+            start = np.zeros(3, np.int64)
+            start[one], start[two] = first, second
+            end = start + np.eye(3, dtype=np.int64)[axis]
+            a, b = grid[tuple((cells + start).T)], grid[tuple((cells + end).T)]
+            crossed = (a < 0) != (b < 0)
+            share = np.where(crossed, a / np.where(crossed, a - b, 1), 0)
+            total[crossed] += start
+            total[:, axis] += share
+            crossings += crossed
+        faces.append(_quads_across_axis(inside, number, axis))
+    vertices = (cells + total / crossings[:, None] - 1) * step + origin
+    return vertices, np.concatenate(faces)
+
+
+def _quads_across_axis(inside: npt.NDArray[np.bool_], number: Faces, axis: int) -> Faces:
+    """Two triangles for each grid edge along an axis with one end inside, between the four cells around it."""
+    one, two = (axis + 1) % 3, (axis + 2) % 3
+    ahead = np.moveaxis(inside, axis, 0)
+    starts = np.argwhere(np.moveaxis(ahead[:-1] != ahead[1:], 0, axis))
+    leaves = inside[tuple(starts.T)]  # the edge leaves the solid along the axis
+    unit = np.eye(3, dtype=np.int64)
+    around = [starts - unit[one] - unit[two], starts - unit[two], starts, starts - unit[one]]
+    a, b, c, d = (number[tuple(cell.T)] for cell in around)
+    b, d = np.where(leaves, b, d), np.where(leaves, d, b)
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def _resolve_ambiguities(grid: Grid) -> Grid:
+    """Of four corners of a face of which only two opposite ones are inside, one more goes inside: else four faces of
+    the mesh would meet in one edge."""
+    grid = grid.copy()
+    for _ in range(20):
+        changed = False
+        for axis in range(3):
+            turned = np.moveaxis(grid, axis, 2)  # a view: what is written here is written there
+            inside = turned < 0
+            a, b, c, d = inside[:-1, :-1], inside[1:, :-1], inside[1:, 1:], inside[:-1, 1:]
+            for first in (True, False):
+                found = (a & c & ~b & ~d) if first else (b & d & ~a & ~c)
+                x, y, z = np.nonzero(found)
+                if not len(x):
+                    continue
+                changed = True
+                turned[x + (1 if first else 0), y, z] = _INSIDE
+        if not changed:
+            break
+    return grid
+
+
+def smooth_grid(values: Grid) -> Grid:
+    """The grid, where each value is mixed with its neighbours' along each axis."""
+    for axis in range(3):
+        turned = np.moveaxis(values, axis, 0)
+        padded = np.concatenate([turned[:1], turned, turned[-1:]])
+        values = np.moveaxis(0.22 * padded[:-2] + 0.56 * padded[1:-1] + 0.22 * padded[2:], 0, axis)
+    return values
+
+
+def smooth_mesh(vertices: Array, faces: Faces, rounds: int) -> Array:
+    """(V, 3) vertices without the steps of the grid, the volume being kept."""
+    edges = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    one, two = np.concatenate([edges, edges[:, ::-1]]).T
+    count = np.maximum(np.bincount(one, minlength=len(vertices)), 1)
+    for strength in (0.5, -0.53) * rounds:
+        means = [np.bincount(one, weights=vertices[two, axis], minlength=len(vertices)) / count for axis in range(3)]
+        vertices = vertices + strength * (np.stack(means, axis=1) - vertices)
+    return vertices
+
+
+def keep_large_pieces(vertices: Array, faces: Faces, share: float) -> tuple[Array, Faces]:
+    """The mesh without its small pieces and without closed cavities; ``share`` is of the largest piece's volume."""
+    links = faces[:, [[0, 1], [1, 2]]].reshape(-1, 2)
+    labels = _connected_labels(len(vertices), links)
+    corners = vertices[faces]
+    volumes = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    pieces = np.bincount(labels[faces[:, 0]], weights=volumes, minlength=len(vertices))
+    faces = faces[(pieces >= share * pieces.max())[labels[faces[:, 0]]]]
+    used, numbered = np.unique(faces, return_inverse=True)
+    return vertices[used], numbered.reshape(-1, 3)
+
+
+def _connected_labels(count: int, links: Faces) -> Faces:
+    """(count,) the least number among those that each is linked with, by links (L, 2), over any number of steps."""
+    labels = np.arange(count)
+    while True:
+        least = labels[links].min(axis=1)
+        spread = labels.copy()
+        np.minimum.at(spread, links[:, 0], least)
+        np.minimum.at(spread, links[:, 1], least)
+        np.minimum.at(spread, labels, spread)  # what was one stays one
+        spread = spread[spread]
+        if (spread == labels).all():
+            return labels
+        labels = spread
+
+
+def is_closed(faces: Faces) -> bool:
+    """Whether each edge has two faces, one in each direction."""
+    edges = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    key, back = edges[:, 0] * (faces.max() + 1) + edges[:, 1], edges[:, 1] * (faces.max() + 1) + edges[:, 0]
+    return len(np.unique(key)) == len(key) and np.array_equal(np.sort(key), np.sort(back))

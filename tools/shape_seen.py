@@ -1,0 +1,37 @@
+"""Reconstruct an object's shape from the photo: round, mirrored, or carved by what is seen. No weights. The default."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from grs_agents.perception.shapes import MeshFile, ObjectShape, ObjectView, reconstruct_shape
+from grs_agents.toolkit import ToolContext
+
+
+@dataclass(frozen=True)
+class Request:
+    """An object that no asset matches.
+
+    Attributes:
+        view: the photo, depth, the object's pixels, camera, frame and measured size.
+        folder: where a tool may write files; this one writes none.
+        model: ``shape.model`` of the configuration.
+    """
+
+    view: ObjectView
+    folder: Path
+    model: str | None = None
+
+
+@dataclass(frozen=True)
+class Result:
+    """The shape, or a mesh file that is scaled and laid onto what was measured.
+
+    ``None`` where a primitive of the measured size does as well.
+    """
+
+    shape: ObjectShape | MeshFile | None
+
+
+def run(request: Request, context: ToolContext) -> Result:
+    """Reconstruct."""
+    return Result(reconstruct_shape(request.view))
