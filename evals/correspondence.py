@@ -5,7 +5,7 @@ from pathlib import Path
 
 from evals.benchmark.match_runs import METHODS, match_orders, run_match_orders
 from evals.benchmark.perception_runs import MeasurementOptions, orders_of, synthesised_orders
-from evals.synthesis.scene import recipes
+from evals.synthesis.recipe_options import add_recipe_options, recipes_from_options
 from grs_agents.errors import UnknownNameError
 from grs_agents.runs import positive_int
 from grs_agents.terminal import VisibleParser
@@ -31,11 +31,7 @@ def main(arguments: Sequence[str]) -> int:
         "--scenes", action="append", default=[], metavar="DIR", help="labelled scenes, or bop:ROOT/SPLIT; repeat"
     )
     parser.add_argument("--images", type=positive_int, default=10, help="of a BOP data set, spread evenly")
-    parser.add_argument("--synthesised", type=int, default=None, metavar="N", help="scenes: 10 without --scenes")
-    parser.add_argument(
-        "--objects", type=positive_int, default=15, help="things in a made scene, four of them distractors"
-    )
-    parser.add_argument("--seed", type=int, default=0, help="of the made scenes")
+    add_recipe_options(parser)
     parser.add_argument("--segment", default="", metavar="TOOL", help="what segments; the true masks by default")
     parser.add_argument("--price", action="append", default=[], metavar="MODEL=IN,OUT", help="of a million tokens")
     parser.add_argument("--set", action="append", default=[], dest="settings", metavar="KEY=VALUE")
@@ -46,11 +42,10 @@ def main(arguments: Sequence[str]) -> int:
     for name in methods:
         if name not in METHODS:
             raise UnknownNameError("method", name, METHODS)
-    count = options.synthesised if options.synthesised is not None else 0 if options.scenes else 10
     work = MeasurementOptions(options.segment)
     scenes = [
         *orders_of(options.scenes, work, options.images),
-        *synthesised_orders(recipes(count, options.seed, options.objects), options.out, work),
+        *synthesised_orders(recipes_from_options(options), options.out, work),
     ]
     models = [name.strip() for name in options.models.split(",") if name.strip()]
     orders = match_orders(scenes, methods, models, options.runs, options.settings)

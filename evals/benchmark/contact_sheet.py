@@ -1,4 +1,4 @@
-"""Pictures of the figures: a contact sheet of photos, masks and boxes, and plots. Drawn with OpenCV alone."""
+"""Contact sheets of scenes and their twins, and plots of the figures. Drawn with OpenCV alone."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,35 +8,47 @@ import numpy as np
 import numpy.typing as npt
 
 from evals.benchmark.ground_truth import read_labelled
-from evals.benchmark.segmentation_metrics import outline
-from evals.benchmark.types import Result, SceneFigures, result_file
+from evals.benchmark.scene_run import TWIN, TWIN_ASIDE
+from evals.benchmark.types import Result, SceneFigures, result_file, run_folder
 from grs_agents.files import write_bytes
-from grs_agents.perception import Camera
+from grs_agents.perception import Camera, mask_outline_pixels
 
 Picture = npt.NDArray[np.uint8]
-_TILE = 400
+_TILE = 480
+_ROWS = 8
+"""Scenes on a page."""
 _EDGES = [(0, 1), (0, 2), (0, 4), (1, 3), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 6), (5, 7), (6, 7)]
 _HEX = "4285f4 db4437 0f9d58 f4a000 ab47bc 00acc1 ff7043 5c6bc0 9e9d24 ec407a"
 _COLORS = [(int(code[:2], 16), int(code[2:4], 16), int(code[4:], 16)) for code in _HEX.split()]
 _WHITE, _BLACK, _GREY = (255, 255, 255), (0, 0, 0), (170, 170, 170)
 
 
-def write_sheet(out: Path, results: Sequence[Result]) -> None:
-    """Write ``sheet.png``: for each scene its photo with the true outlines, the segments and boxes, and the depth."""
-    rows = [_row(out, result) for result in results]
-    width = max(row.shape[1] for row in rows)
-    padded = [cv2.copyMakeBorder(row, 0, 6, 0, width - row.shape[1], cv2.BORDER_CONSTANT, value=_WHITE) for row in rows]
-    write_picture(out / "sheet.png", np.asarray(np.vstack(padded), np.uint8))
+def write_pages(out: Path, rows: Sequence[Picture]) -> list[str]:
+    """Write rows of pictures as pages ``sheet-01.png``, ...; gives their names."""
+    names: list[str] = []
+    for number, start in enumerate(range(0, len(rows), _ROWS), start=1):
+        page = rows[start : start + _ROWS]
+        width = max(row.shape[1] for row in page)
+        edges = [(0, 6, 0, width - row.shape[1]) for row in page]
+        padded = [
+            cv2.copyMakeBorder(row, *edge, cv2.BORDER_CONSTANT, value=_WHITE)
+            for row, edge in zip(page, edges, strict=True)
+        ]
+        names.append(f"sheet-{number:02d}.png")
+        write_picture(out / names[-1], np.asarray(np.vstack(padded), np.uint8))
+    return names
 
 
-def _row(out: Path, result: Result) -> Picture:
+def measured_row(out: Path, result: Result) -> Picture:
+    """A scene's photo with the true outlines, its segments with their boxes, and its twin, seen from the photo's camera
+    and from aside."""
     scene = read_labelled(Path(result.order.source))
     file = result_file(out, result.order.name).with_suffix(".png")
     found = np.asarray(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), np.int32)
     photo = scene.frame.rgb.copy()
     for label in np.unique(scene.labels[scene.labels > 0]):
-        thick = np.asarray(cv2.dilate(outline(scene.labels == label).astype(np.uint8), np.ones((2, 2), np.uint8)))
-        photo[thick > 0] = _GREY if int(label) in scene.ignored() else (255, 230, 0)
+        columns, rows = mask_outline_pixels(scene.labels == label).T
+        photo[rows, columns] = _GREY if int(label) in scene.ignored() else (255, 230, 0)
     segments = (scene.frame.rgb * 0.35).astype(np.uint8)
     for label in np.unique(found[found > 0]):
         color = np.array(_COLORS[int(label) % len(_COLORS)])
@@ -44,18 +56,21 @@ def _row(out: Path, result: Result) -> Picture:
         segments[mask] = (0.35 * scene.frame.rgb[mask] + 0.65 * color).astype(np.uint8)
     for number, corners in result.boxes.items():
         _draw_box(segments, np.array(corners), scene.frame.camera, _COLORS[number % len(_COLORS)])
-    tiles = [_fitted(picture) for picture in (photo, segments, depth_colors(scene.frame.depth))]
-    return np.asarray(np.vstack([_caption(result.figures, 3 * _TILE), np.hstack(tiles)]), np.uint8)
+    tiles = [photo, segments, *twin_pictures(run_folder(out, result.order.name))]
+    return captioned_row(_caption(result.figures), tiles)
 
 
-def depth_colors(depth: npt.NDArray[np.float32]) -> Picture:
-    """(H, W, 3) the depth as colours, near to far; black where there is none."""
-    known = depth[depth > 0]
-    low, high = np.percentile(known, (1, 90)) if len(known) else (0.0, 1.0)
-    scaled = (np.clip((depth - low) / max(float(high - low), 1e-6), 0, 1) * 255).astype(np.uint8)
-    colors = np.asarray(cv2.applyColorMap(scaled, cv2.COLORMAP_TURBO), np.uint8)[:, :, ::-1].copy()
-    colors[depth <= 0] = 0
-    return colors
+def twin_pictures(run: Path) -> list[Picture]:
+    """The twin of a run seen from the photo's camera and from aside; none where the run failed."""
+    drawn = [cv2.imread(str(run / name)) for name in (TWIN, TWIN_ASIDE)]
+    return [np.asarray(picture[:, :, ::-1], np.uint8) for picture in drawn if picture is not None]
+
+
+def captioned_row(words: str, tiles: Sequence[Picture]) -> Picture:
+    """Pictures of one scene side by side, as wide as each other, below a line of words."""
+    row = np.hstack([_fitted(tile) for tile in tiles])
+    bar = write_words(np.full((24, row.shape[1], 3), 255, np.uint8), words, (6, 17))
+    return np.asarray(np.vstack([bar, row]), np.uint8)
 
 
 def _draw_box(picture: Picture, corners: npt.NDArray[np.float64], camera: Camera, color: tuple[int, int, int]) -> None:
@@ -75,13 +90,14 @@ def _fitted(picture: Picture) -> Picture:
     return np.asarray(cv2.resize(picture, (_TILE, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _caption(scene: SceneFigures, width: int) -> Picture:
+def _caption(scene: SceneFigures) -> str:
     score = scene.score
     words = [scene.name, scene.sensor, "" if scene.tilt is None else f"tilt {scene.tilt:.0f}"]
     words += [f"{score.objects} objects, {score.segments} segments", f"F1 {score.f1[0]:.2f} / {score.f1[1]:.2f}"]
-    words += [f"IoU {score.mean_iou:.2f}", f"split {score.split}, merged {score.merged}", scene.error]
-    bar = np.full((24, width, 3), 255, np.uint8)
-    return write_words(bar, "   ".join(word for word in words if word), (6, 17))
+    words += [f"IoU {score.mean_iou:.2f}", f"split {score.split}, merged {score.merged}"]
+    looks = [one.silhouette for one in scene.objects if one.silhouette is not None]
+    words += [f"silhouettes {np.median(looks):.2f}" if looks else "", scene.error]
+    return "   ".join(word for word in words if word)
 
 
 def write_words(picture: Picture, words: str, place: tuple[int, int], size: float = 0.45) -> Picture:

@@ -9,32 +9,34 @@ from pathlib import Path
 from typing import Any
 
 from evals.benchmark.segmentation_metrics import sum_scores
-from evals.benchmark.types import ObjectFigures, SceneFigures
+from evals.benchmark.types import ObjectFigures, RunFigures, SceneFigures
 from grs_agents.files import write_json, write_text
 from grs_agents.metrics import Figure, metrics_to_dicts
 from grs_agents.runs import markdown_table
 
-_LENGTHS = {"centre mm": "center", "size mm": "size", "position mm": "position", "drift mm": "drift"}
+_LENGTHS = {"centre mm": "center", "size mm": "size", "depth mm": "depth_error", "position mm": "position"}
 _DIGITS = {
     "IoU": 3,
     "F1@.5": 3,
     "F1@.75": 3,
     "over": 2,
     "under": 2,
-    "boundary F": 3,
     "centre mm": 1,
     "size mm": 1,
+    "silhouette": 3,
+    "depth mm": 1,
     "position mm": 1,
     "angle deg": 1,
-    "drift mm": 1,
+    "coverage": 3,
+    "true coverage": 3,
     "twin": 3,
     "penetration mm": 2,
     "frame deg": 2,
     "frame mm": 1,
 }
 COLUMNS = ("scene", "sensor", "tilt", "objects", "segments", *_DIGITS, "CPU s", "MiB", "error")
-"""Of the table of scenes. Lengths and angles are medians over its objects; ``twin`` is the share of the objects' pixels
-at which the twin at rest is within 2 cm, ``penetration`` its deepest."""
+"""Of the table of scenes. Lengths, angles and silhouettes are medians over its objects; ``twin`` is the share of the
+objects' pixels at which the twin at rest is within 2 cm, ``penetration`` its deepest."""
 SMALL, LARGE = 640 * 480, 1920 * 1080
 
 
@@ -78,16 +80,18 @@ def _summary(scenes: Sequence[SceneFigures]) -> dict[str, float | None]:
     score = sum_scores([scene.score for scene in scenes])
     objects = [one for scene in scenes for one in scene.objects]
     frames = [scene.frame for scene in scenes]
-    twins = [scene.twin for scene in scenes]
+    twins, runs = [scene.twin for scene in scenes], _runs(scenes)
     return {
         "IoU": score.mean_iou if math.isfinite(score.mean_iou) else None,
         "F1@.5": score.f1[0],
         "F1@.75": score.f1[1],
         "over": score.over_segmentation,
         "under": score.under_segmentation,
-        "boundary F": score.boundary_f,
         **{column: _median(_known(objects, name), 1000) for column, name in _LENGTHS.items()},
+        "silhouette": _median(_known(objects, "silhouette")),
         "angle deg": _median(_known(objects, "angle")),
+        "coverage": _mean(_known(runs, "coverage")),
+        "true coverage": _mean(_known(runs, "true_coverage")),
         "twin": _mean(_known(twins, "fidelity")),
         "penetration mm": max((1000 * value for value in _known(twins, "penetration")), default=None),
         "frame deg": max(_known(frames, "tilt"), default=None),
@@ -98,26 +102,92 @@ def _summary(scenes: Sequence[SceneFigures]) -> dict[str, float | None]:
 def perception_targets(scenes: Sequence[SceneFigures]) -> list[Figure]:
     """The totals that have a bound, and what tells how they came about."""
     objects = [one for scene in scenes for one in scene.objects]
-    sums, not_round = _summary(scenes), [one for one in objects if not one.symmetric]
+    sums = _summary(scenes)
     return [
         _at_least("F1 at IoU 0.5", sums["F1@.5"], 0.90),
         _at_least("mean IoU of matched", sums["IoU"], 0.85),
         _at_most("box centre, median", sums["centre mm"], 10, "mm"),
         _at_most("box size, median", sums["size mm"], 15, "mm"),
-        _at_most("asset position, median", sums["position mm"], 10, "mm"),
-        _at_most("asset angle, median of those not round", _median(_known(not_round, "angle")), 10, "deg"),
+        *_of_runs(_runs(scenes)),
+        *_of_matches(objects),
+        *_of_looks("twin", objects),
+        *_of_looks("shapes", [one for one in objects if one.stands == "shape"]),
         _at_least("twin: pixels within 2 cm, mean", sums["twin"], 0.9),
         _at_most("twin: penetration, largest", sums["penetration mm"], 1, "mm"),
-        *_drifts(sorted(1000 * drift for drift in _known(objects, "drift"))),
+        _at_least("twin: objects that drift by less than 5 mm", _share(_known(objects, "drift"), below=0.005), 0.98),
         _at_most("twin: objects held on something unseen", _mean(_known(objects, "held"))),
-        _at_most(
-            "assets within 1 cm and 10 deg", _mean([near for one in objects if (near := _stands(one)) is not None])
-        ),
+        *_of_poses(objects, sums),
         _at_most("frame tilt, largest", sums["frame deg"], 1, "deg"),
         _at_most("frame height, largest", sums["frame mm"], 5, "mm"),
-        *_times("CPU up to 640x480", 1, [one for one in scenes if one.width * one.height <= SMALL]),
-        *_times("CPU up to 1920x1080", 3, [one for one in scenes if SMALL < one.width * one.height <= LARGE]),
+        *_times("CPU up to 640x480", 1, scenes, (0, SMALL)),
+        *_times("CPU up to 1920x1080", 3, scenes, (SMALL, LARGE)),
         _at_most("peak memory, largest", max(_known(scenes, "peak_mib"), default=None), 1024, "MiB"),
+    ]
+
+
+def _runs(scenes: Sequence[SceneFigures]) -> list[RunFigures]:
+    return [scene.run for scene in scenes if scene.run is not None]
+
+
+def _of_runs(runs: Sequence[RunFigures]) -> list[Figure]:
+    """How much of the scenes the objects own, what they own besides, and what became of right segments."""
+    both = [(one.coverage, one.true_coverage) for one in runs]
+    errors = [100 * abs(said - true) for said, true in both if said is not None and true is not None]
+    accepted = _known([one for one in runs if not one.refused], "true_coverage")
+    right, kept = sum(one.right_segments for one in runs), sum(one.kept_segments for one in runs)
+    return [
+        _at_least("coverage of accepted runs, least", min(accepted, default=None), 0.8),
+        _at_most("runs that refuse the scene", _total([float(bool(one.refused)) for one in runs])),
+        _at_most("coverage: error of what the run says, largest", max(errors, default=None), 3, "points"),
+        _at_most("robots and walls among the objects", _total(_known(runs, "fixed_as_objects")), 0),
+        _at_least("right segments that survive", kept / right if right else None, 0.98),
+        _at_most("CPU of the whole run, median", _median(_known(runs, "cpu_seconds")), None, "s"),
+    ]
+
+
+def _of_matches(objects: Sequence[ObjectFigures]) -> list[Figure]:
+    """How often named assets are right, and whether their confidence says so."""
+    named = [one for one in objects if one.right is not None]
+    stated = [(one.confidence, bool(one.right)) for one in named if one.confidence is not None]
+    return [
+        _at_most("assets named", float(len(named))),
+        _at_most("assets named: wrong", _mean([float(not one.right) for one in named])),
+        _at_least("objects of the library with their asset", _mean([bool(one.right) for one in objects if one.asset])),
+        _at_most("match confidence: expected calibration error", calibration_error(stated), 0.08),
+        _at_most("match confidence above 0.9: wrong", _mean([not right for sure, right in stated if sure > 0.9]), 0.05),
+    ]
+
+
+def calibration_error(stated: Sequence[tuple[float, bool]], bins: int = 10) -> float | None:
+    """The expected calibration error of answers, each with its confidence and whether it is right: how far the mean
+    confidence is off the share that is right, over bins of equal width, weighted by their answers (Naeini et al.,
+    "Obtaining well calibrated probabilities using Bayesian binning", AAAI 2015).
+    """
+    by_bin: dict[int, list[tuple[float, bool]]] = {}
+    for confidence, right in stated:
+        by_bin.setdefault(min(int(confidence * bins), bins - 1), []).append((confidence, right))
+    off = [abs(sum(confidence - right for confidence, right in some)) for some in by_bin.values()]
+    return sum(off) / len(stated) if stated else None
+
+
+def _of_looks(name: str, objects: Sequence[ObjectFigures]) -> list[Figure]:
+    """How what stands for objects looks from the photo's camera."""
+    outlines, depths = _known(objects, "silhouette"), _known(objects, "depth_error")
+    return [
+        _at_least(f"{name}: silhouette IoU, median", _median(outlines), 0.90),
+        _at_least(f"{name}: silhouette IoU at least 0.85", _mean([float(iou >= 0.85) for iou in outlines]), 0.8),
+        _at_most(f"{name}: depth error p90, median", _median(depths, 1000), None, "mm"),
+        _at_least(f"{name}: depth error p90 below 8 mm", _share(depths, below=0.008), 0.8),
+    ]
+
+
+def _of_poses(objects: Sequence[ObjectFigures], sums: Mapping[str, float | None]) -> list[Figure]:
+    """How near right assets rest to where they truly are."""
+    not_round = [one for one in objects if not one.symmetric]
+    return [
+        _at_most("asset position, median", sums["position mm"], 10, "mm"),
+        _at_most("asset angle, median of those not round", _median(_known(not_round, "angle")), 10, "deg"),
+        _at_least("ADD-S below 10 % of the diameter", _share(_known(objects, "adds"), below=0.1)),
     ]
 
 
@@ -125,39 +195,17 @@ def _at_most(name: str, value: float | None, target: float | None = None, unit: 
     return Figure(name=name, value=value, target=target, unit=unit)
 
 
-def _at_least(name: str, value: float | None, target: float) -> Figure:
+def _at_least(name: str, value: float | None, target: float | None = None) -> Figure:
     return Figure(name=name, value=value, target=target, smaller_is_better=False)
 
 
-def _times(name: str, target: float, scenes: Sequence[SceneFigures]) -> list[Figure]:
-    """The least of each scene's tries, as a shared machine only ever adds to it: of the slowest scene, and the median;
-    and the median of the medians of the tries."""
-    least = [one.cpu_seconds for one in scenes]
-    medians = [one.cpu_median or one.cpu_seconds for one in scenes]
+def _times(name: str, target: float, scenes: Sequence[SceneFigures], pixels: tuple[int, int]) -> list[Figure]:
+    """The least of each scene's tries, as a shared machine only ever adds to it; of pictures of so many pixels."""
+    least = [one.cpu_seconds for one in scenes if pixels[0] < one.width * one.height <= pixels[1]]
     return [
         _at_most(f"{name}, largest", max(least, default=None), target, "s"),
         _at_most(f"{name}, median", _median(least), target, "s"),
-        _at_most(f"{name}, median of the tries' medians", _median(medians), target, "s"),
     ]
-
-
-def _drifts(drifts: Sequence[float]) -> list[Figure]:
-    """How far objects drift (mm, sorted) until the twin rests: median, 95 %, largest, share that keeps 1 cm."""
-    most = drifts[max(0, math.ceil(0.95 * len(drifts)) - 1)] if drifts else None
-    near = _mean([float(drift <= 10) for drift in drifts])
-    return [
-        _at_most("twin: drift, median", _median(drifts), 10, "mm"),
-        _at_most("twin: drift, 95 %", most, 10, "mm"),
-        _at_most("twin: drift, largest", max(drifts, default=None), 10, "mm"),
-        _at_least("twin: objects that drift by at most 1 cm", near, 1.0),
-    ]
-
-
-def _stands(one: ObjectFigures) -> bool | None:
-    """Whether an asset stands where it should, as far as can be seen."""
-    if one.position is None or one.angle is None:
-        return None
-    return one.position <= 0.01 and (one.angle <= 10 or bool(one.symmetric))
 
 
 def write_figures(out: Path, scenes: Sequence[SceneFigures]) -> dict[str, Any]:
@@ -214,6 +262,14 @@ def _known(things: Sequence[object], name: str) -> list[float]:
 
 def _median(values: Sequence[float], times: float = 1.0) -> float | None:
     return times * statistics.median(values) if values else None
+
+
+def _share(values: Sequence[float], below: float) -> float | None:
+    return _mean([float(value < below) for value in values])
+
+
+def _total(values: Sequence[float]) -> float | None:
+    return float(sum(values)) if values else None
 
 
 def _mean(values: Sequence[float]) -> float | None:

@@ -8,12 +8,13 @@ from typing import Any, cast
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 from pydantic import ValidationError
 
 from evals.benchmark.ground_truth_bop import bop_objects
 from grs_agents.base import Frozen, Quat, Vec3
 from grs_agents.errors import InputError
-from grs_agents.perception import Aabb, Array, Labels, RGBDFrame
+from grs_agents.perception import Aabb, Array, Labels, Mask, RGBDFrame
 from grs_agents.perception.reading import is_bop_source, read_masks, read_scene, short_scene_name
 
 FEWEST_PIXELS = 100
@@ -27,6 +28,8 @@ class TrueObject(Frozen):
     Attributes:
         id: its label in ``labels.png``.
         asset: library name, empty if the library does not hold it or nobody knows.
+        absent: the library certainly does not hold it.
+        kind: what it is, in a word; empty if nobody says.
         position: centre of its frame, m, robot frame.
         orientation: xyzw.
         yaw: of what stands upright, rad, in place of ``orientation``.
@@ -37,6 +40,8 @@ class TrueObject(Frozen):
 
     id: int
     asset: str = ""
+    absent: bool = False
+    kind: str = ""
     position: Vec3 | None = None
     orientation: Quat | None = None
     yaw: float | None = None
@@ -78,6 +83,7 @@ class LabelledScene:
         labels: (H, W), 0 = background.
         truth: of the objects, as far as it is known.
         points: (N, 3) of the true surface of objects by label, m, camera frame; where poses are given in that frame.
+        fixed: (H, W) where the robot or the walls of a bin are seen, which are no objects; ``None`` if nobody says.
     """
 
     name: str
@@ -85,6 +91,7 @@ class LabelledScene:
     labels: Labels
     truth: Truth = field(default_factory=Truth)
     points: Mapping[int, Array] = field(default_factory=dict[int, Array])
+    fixed: Mask | None = None
 
     def ignored(self) -> frozenset[int]:
         """Labels of objects of which too little is seen to ask for them."""
@@ -95,7 +102,8 @@ class LabelledScene:
 
 
 def read_labelled(source: Path) -> LabelledScene:
-    """Read a scene folder that also holds ``labels.png`` (8 or 16 bit), and perhaps ``truth.json``; or a BOP image.
+    """Read a scene folder that also holds ``labels.png`` (8 or 16 bit), perhaps ``robot.png``, ``walls.png`` and
+    ``truth.json``; or a BOP image.
 
     Raises:
         InputError: the scene or its truth cannot be read, or their sizes differ.
@@ -103,13 +111,20 @@ def read_labelled(source: Path) -> LabelledScene:
     frame = read_scene(source)
     if is_bop_source(source):
         return _bop_scene(source, frame)
-    file = source / "labels.png"
+    labels = _read_picture(source / "labels.png", frame).astype(np.int32)
+    masks = [file for file in (source / "robot.png", source / "walls.png") if file.is_file()]
+    fixed = np.logical_or.reduce([_read_picture(file, frame) > 0 for file in masks]) if masks else None
+    return LabelledScene(short_scene_name(source), frame, labels, read_truth(source / "truth.json"), fixed=fixed)
+
+
+def _read_picture(file: Path, frame: RGBDFrame) -> npt.NDArray[Any]:
+    """(H, W) a picture of one channel, as large as the photo."""
     image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else None
     if image is None or image.ndim != 2 or image.dtype.name not in ("uint8", "uint16"):
         raise InputError(f"{file} is no picture of labels", "write one channel of 8 or 16 bits, 0 = background")
     if image.shape != frame.depth.shape:
         raise InputError(f"{file} has shape {image.shape}, the photo {frame.depth.shape}", "give both one size")
-    return LabelledScene(short_scene_name(source), frame, image.astype(np.int32), read_truth(source / "truth.json"))
+    return np.asarray(image)
 
 
 def _bop_scene(source: Path, frame: RGBDFrame) -> LabelledScene:

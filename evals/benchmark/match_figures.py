@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from evals.benchmark.figures import csv_text
+from evals.benchmark.figures import calibration_error, csv_text
 from evals.benchmark.match_types import Matching, f1_precision_recall
 from evals.benchmark.rank_tests import confidence_interval, kruskal_wallis, scheirer_ray_hare
 from grs_agents.files import write_json, write_text
@@ -37,6 +37,7 @@ def write_matchings(out: Path, found: Sequence[Matching], prices: Mapping[str, t
         "tests": tests,
         "confusions": confusions,
         "calibration": _calibration(usable),
+        "calibration error": _calibration_errors(usable),
         "errors": [one.order.stem for one in found if one.error],
     }
     write_json(out / "figures.json", value)
@@ -135,6 +136,17 @@ def _calibration(found: Sequence[Matching]) -> list[dict[str, Any]]:
         }
         for (method, _), some in sorted(bins.items())
     ]
+
+
+def _calibration_errors(found: Sequence[Matching]) -> dict[str, float | None]:
+    """The expected calibration error of the matches of each method."""
+    stated: dict[str, list[tuple[float, bool]]] = {}
+    for one in found:
+        for answer in one.answers:
+            if answer.answer.match == "asset" and answer.answer.confidence is not None:
+                right = answer.outcome == "right"
+                stated.setdefault(one.order.method.name, []).append((answer.answer.confidence, right))
+    return {method: calibration_error(some) for method, some in sorted(stated.items())}
 
 
 def _object_rows(found: Sequence[Matching]) -> list[dict[str, Any]]:

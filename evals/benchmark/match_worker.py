@@ -11,6 +11,7 @@ import numpy as np
 from evals.benchmark.ground_truth import LabelledScene, TrueObject, read_labelled
 from evals.benchmark.match_types import Matching, MatchOrder, Outcome, ScoredAnswer, matching_file
 from evals.benchmark.segmentation_metrics import overlaps
+from evals.benchmark.twin_figures import first_of_same_look
 from grs_agents import content
 from grs_agents.agents import Agents, Description, NoReply
 from grs_agents.config import Config, Limits, load_config
@@ -68,16 +69,6 @@ def match_scene(order: MatchOrder, out: Path) -> Matching:
         cpu_seconds=seconds,
     )
     write_json(matching_file(out, order), found.model_dump(mode="json"))
-    return found
-
-
-def first_of_same_look(library: Library) -> dict[str, str]:
-    """For each asset the first of those that look exactly like it, which no method can tell from it."""
-    first: dict[str, str] = {}
-    found: dict[str, str] = {}
-    for asset in library.everyday_assets():
-        looks = repr(library.load_object_model(asset.name).visuals)
-        found[asset.name] = first.setdefault(looks, asset.name)
     return found
 
 

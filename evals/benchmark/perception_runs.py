@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from evals.benchmark.contact_sheet import write_plots, write_sheet
+from evals.benchmark.contact_sheet import measured_row, write_pages, write_plots
 from evals.benchmark.figures import perception_targets, write_figures
 from evals.benchmark.ground_truth import labelled_folders
 from evals.benchmark.ground_truth_bop import bop_sources
@@ -29,13 +29,14 @@ _SHOWN = ("scene", "objects", "segments", "F1@.5", "IoU", "centre mm", "CPU s")
 @dataclass(frozen=True)
 class MeasurementOptions:
     """What is done with each scene: the segment tool, the seed of the search for the table, how often it is timed,
-    the folder of the tool's model, and the rules of segmentation that are off."""
+    the folder of the tool's model, the rules of segmentation that are off, and settings of the run."""
 
     tool: str
     seed: int = 0
     repeats: int = 1
     model: str | None = None
     without: tuple[str, ...] = ()
+    settings: tuple[str, ...] = ()
 
 
 def orders_of(sources: Sequence[str], work: MeasurementOptions, most: int) -> list[Order]:
@@ -53,9 +54,14 @@ def orders_of(sources: Sequence[str], work: MeasurementOptions, most: int) -> li
     for source in sources:
         bop = is_bop_source(Path(source))
         found += bop_sources(source, most) if bop else [str(folder) for folder in labelled_folders(Path(source))]
-    names = [short_scene_name(Path(source)) for source in found]
-    names = [name if names.count(name) == 1 else f"{index:03d}-{name}" for index, name in enumerate(names)]
+    names = unique_names([Path(source) for source in found])
     return [_order(name, source, None, work) for name, source in zip(names, found, strict=True)]
+
+
+def unique_names(sources: Sequence[Path]) -> list[str]:
+    """Short names of scenes, each with its place in the list where two are alike."""
+    names = [short_scene_name(source) for source in sources]
+    return [name if names.count(name) == 1 else f"{index:03d}-{name}" for index, name in enumerate(names)]
 
 
 def synthesised_orders(wanted: Sequence[Recipe], out: Path, work: MeasurementOptions) -> list[Order]:
@@ -82,22 +88,21 @@ def run_orders(orders: Sequence[Order], out: Path, workers: int, as_json: bool) 
     value = write_figures(out, scenes)
     write_plots(out, scenes)
     drawn = [result for result in ordered if result_file(out, result.order.name).with_suffix(".png").exists()]
-    if drawn:
-        write_sheet(out, drawn)
+    pages = write_pages(out, [measured_row(out, result) for result in drawn])
     if as_json:
         print_json(value)
     else:
         console = terminal.make_console()
         console.print(terminal_table("perception", _SHOWN, [*value["rows"], *value["totals"]]))
         console.print(metrics_table("targets", perception_targets(scenes)))
-        console.print(f"figures.md, scenes.csv, objects.csv, sheet.png, scores.png and errors.png are in {out}")
+        console.print(f"figures.md, scenes.csv, objects.csv, scores.png, errors.png, {', '.join(pages)} are in {out}")
     return 0 if all(not scene.error for scene in scenes) else 1
 
 
 def _order(name: str, source: str, recipe: Recipe | None, work: MeasurementOptions) -> Order:
     overlays = tuple(str(root) for root in content.content_search_roots()[:-1])
-    tools = [content.content_path("tools", work.tool)] if work.tool else []
-    code = fingerprint(content.package_root() / "perception", EVALS / "benchmark", *tools)
+    rooms = [content.package_root() / room for room in ("agents", "nodes", "perception")]
+    code = fingerprint(*rooms, EVALS / "benchmark", content.content_path("tools", "segment_rgbd").parent)
     return Order(
         name=name,
         source=source,
@@ -106,6 +111,7 @@ def _order(name: str, source: str, recipe: Recipe | None, work: MeasurementOptio
         model=work.model,
         without=work.without,
         seed=work.seed,
+        settings=work.settings,
         repeats=work.repeats,
         content=overlays,
         fingerprint=code + _age(source),

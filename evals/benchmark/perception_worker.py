@@ -4,7 +4,6 @@ A process of its own for each scene tells how much memory it took, and a crash c
 """
 
 import resource
-import statistics
 import sys
 import time
 from collections.abc import Sequence
@@ -15,11 +14,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from evals.benchmark.box_errors import frame_figures, object_figures
 from evals.benchmark.ground_truth import LabelledScene, read_labelled
-from evals.benchmark.pose_errors import frame_figures, object_figures
+from evals.benchmark.scene_run import SceneRun, comprehend_scene
 from evals.benchmark.segmentation_metrics import score_segmentation
-from evals.benchmark.twin_run import TwinRun, settle_true_assets
-from evals.benchmark.types import Order, Result, SceneFigures, dumped, result_file
+from evals.benchmark.twin_figures import run_figures, twin_figures
+from evals.benchmark.types import Order, Result, SceneFigures, dumped, result_file, run_folder
 from grs_agents import content
 from grs_agents.config import Limits
 from grs_agents.errors import ConfigError, GrsError
@@ -60,8 +60,9 @@ def measure_scene(order: Order, out: Path) -> Result:
     labels = np.zeros(scene.labels.shape, np.int32)
     for one in found.candidates:
         labels[one.mask] = one.id
-    times = {"cpu_seconds": found.seconds, "cpu_median": statistics.median(one.seconds for one in tries)}
-    figures = _figures(order, scene, labels, found).model_copy(update={**times, "peak_mib": peak})
+    figures = _figures(order, scene, labels, found, out).model_copy(
+        update={"cpu_seconds": found.seconds, "peak_mib": peak}
+    )
     table = found.table
     boxes = {one.id: _corners(one, table) for one in found.candidates} if table is not None else {}
     result = Result(order=order, figures=figures, boxes=boxes)
@@ -88,29 +89,40 @@ def _found(scene: LabelledScene, tool: Tool, context: ToolContext, order: Order)
     return Segmented(table, candidates, error, time.process_time() - begin)
 
 
-def _figures(order: Order, scene: LabelledScene, labels: npt.NDArray[np.int32], found: Segmented) -> SceneFigures:
-    frame, error = None, found.error
+def _figures(
+    order: Order, scene: LabelledScene, labels: npt.NDArray[np.int32], found: Segmented, out: Path
+) -> SceneFigures:
+    frame, error, library = None, found.error, Library()
     try:
         frame = frame_figures(scene, np.random.default_rng(order.seed))
     except GrsError as failure:
         error = error or f"without calibration: {failure.message}"
-    library, stood = Library(), TwinRun()
+    run: SceneRun | None = None
     try:
-        stood = settle_true_assets(scene, labels, found.candidates, library, found.table)
+        if not found.error and not order.without:
+            run = comprehend_scene(order.source, run_folder(out, order.name), _settings(order))
     except GrsError as failure:
-        error = error or f"twin: {failure.message}"
+        error = f"run: {failure.message}"
+    stands = {} if run is None else twin_figures(scene, run, library)
     return SceneFigures(
         name=order.name,
         sensor=scene.truth.sensor,
         tilt=scene.truth.tilt,
         score=score_segmentation(labels, scene.labels, scene.ignored()),
-        objects=object_figures(scene, labels, found.candidates, library, found.table, stood),
+        objects=object_figures(scene, labels, found.candidates, library, found.table, stands),
         frame=frame,
-        twin=stood.twin,
+        run=None if run is None else run_figures(scene, labels, run),
+        twin=None if run is None else run.scene.twin,
         width=scene.frame.camera.width,
         height=scene.frame.camera.height,
         error=error,
     )
+
+
+def _settings(order: Order) -> list[str]:
+    """What the run is told."""
+    model = [f"segment.model={order.model}"] if order.model else []
+    return [f"tools.segment={order.tool}", f"seed={order.seed}", *model, *order.settings]
 
 
 def _corners(candidate: Candidate, table: TableFrame) -> tuple[tuple[float, ...], ...]:
@@ -136,7 +148,7 @@ def make_scene(order: Order) -> None:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """``make_scene`` or ``measure_scene``, and the folder for results; the order is read from standard input.
+    """``make``, ``measure`` or ``comprehend``, and the folder for results; the order is read from standard input.
 
     Returns:
         0, or the error's exit status.
@@ -146,7 +158,12 @@ def main(arguments: Sequence[str]) -> int:
     for root in reversed(order.content):
         content.add_overlay_folder(Path(root))
     try:
-        make_scene(order) if verb == "make" else measure_scene(order, Path(out))
+        if verb == "make":
+            make_scene(order)
+        elif verb == "measure":
+            measure_scene(order, Path(out))
+        else:
+            comprehend_scene(order.source, run_folder(Path(out), order.name), order.settings)
     except GrsError as error:
         print_escaped(error, error=True)
         return error.exit_status

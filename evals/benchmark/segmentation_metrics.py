@@ -1,16 +1,15 @@
-"""How good a segmentation is against the truth: overlaps, F1, splits and merges, outlines. Pure functions of labels."""
+"""How good a segmentation is against the truth: overlaps, F1, splits and merges. Pure functions of labels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.perception import Array, Labels, Mask
+from grs_agents.perception import Array, Labels
 
 Counts = npt.NDArray[np.int64]
 MATCHED = 0.5
@@ -19,8 +18,6 @@ FRAGMENT = 0.1
 """A part of an object counts as a fragment, or as swallowed, from this share of the object's pixels."""
 MOSTLY = 0.5
 """A segment lies mostly in an object from this share of the segment's pixels."""
-OUTLINE = 0.003
-"""Outlines agree within this share of the picture's diagonal: 3 pixels at 640x480."""
 
 
 def scipy_module(module: str) -> Any:
@@ -84,8 +81,6 @@ class SegmentationScore:
         iou_of_objects: sum over all objects of that of their assigned segment, 0 where there is none.
         split: objects of which two or more segments each hold a fragment and lie mostly in it.
         merged: objects that share a segment with another, each with the larger part of its pixels.
-        outline_found, outline_segments: pixels of segments' outlines that are near their object's, and all of them.
-        outline_met, outline_objects: pixels of objects' outlines that are near their segment's, and all of them.
     """
 
     objects: int
@@ -95,10 +90,6 @@ class SegmentationScore:
     iou_of_objects: float
     split: int
     merged: int
-    outline_found: int
-    outline_segments: int
-    outline_met: int
-    outline_objects: int
 
     @property
     def mean_iou(self) -> float:
@@ -126,15 +117,6 @@ class SegmentationScore:
         """Share of the objects that are merged with another."""
         return self.merged / max(self.objects, 1)
 
-    @property
-    def boundary_f(self) -> float:
-        """F measure of the outlines of assigned pairs; what is not assigned counts as missed."""
-        precision = self.outline_found / max(self.outline_segments, 1)
-        recall = self.outline_met / max(self.outline_objects, 1)
-        if not self.outline_objects and not self.outline_segments:
-            return 1.0
-        return 2 * precision * recall / (precision + recall) if precision + recall else 0.0
-
 
 def overlaps(found: Labels, truth: Labels, ignored: frozenset[int] = frozenset()) -> Overlaps:
     """Compare two (H, W) label pictures, 0 = background.
@@ -161,7 +143,7 @@ def score_segmentation(found: Labels, truth: Labels, ignored: frozenset[int] = f
     """Score the segments ``found`` (H, W) against the objects ``truth`` (H, W); see `overlaps` for ``ignored``.
 
     Splits and merges follow the idea of Hoover et al., "An experimental comparison of range image segmentation
-    algorithms", 1996; outlines follow Xie et al., "Unseen object instance segmentation for robotic environments", 2021.
+    algorithms", 1996.
     """
     common = overlaps(found, truth, ignored)
     pairs, ious = common.pairs(), common.ious
@@ -174,7 +156,6 @@ def score_segmentation(found: Labels, truth: Labels, ignored: frozenset[int] = f
         iou_of_objects=float(assigned.sum()),
         split=_split(common),
         merged=_merged(common),
-        **_outlines(found, truth, common, pairs),
     )
 
 
@@ -192,10 +173,6 @@ def sum_scores(scores: Sequence[SegmentationScore]) -> SegmentationScore:
         iou_of_objects=sum(one.iou_of_objects for one in scores),
         split=add("split"),
         merged=add("merged"),
-        outline_found=add("outline_found"),
-        outline_segments=add("outline_segments"),
-        outline_met=add("outline_met"),
-        outline_objects=add("outline_objects"),
     )
 
 
@@ -208,30 +185,3 @@ def _split(common: Overlaps) -> int:
 def _merged(common: Overlaps) -> int:
     larger = common.shared > MOSTLY * common.truth_areas[:, None]
     return int(larger[:, larger.sum(axis=0) >= 2].any(axis=1).sum())
-
-
-def _outlines(found: Labels, truth: Labels, common: Overlaps, pairs: Sequence[tuple[int, int]]) -> dict[str, int]:
-    reach = max(1, round(OUTLINE * float(np.hypot(*truth.shape)) + 0.499))
-    disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-    ours = [outline(found == label) for label in common.segments]
-    theirs = [outline(truth == label) for label in common.truths]
-    near = [
-        (_grown(theirs[row], disk) & ours[column], _grown(ours[column], disk) & theirs[row]) for row, column in pairs
-    ]
-    return {
-        "outline_found": sum(int(one.sum()) for one, _ in near),
-        "outline_segments": sum(int(one.sum()) for one in ours),
-        "outline_met": sum(int(other.sum()) for _, other in near),
-        "outline_objects": sum(int(one.sum()) for one in theirs),
-    }
-
-
-def outline(mask: Mask) -> Mask:
-    """The pixels of a mask (H, W) that touch another pixel by a side; the picture's edge is no outline."""
-    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-    inner = cv2.erode(mask.astype(np.uint8), cross, borderType=cv2.BORDER_REPLICATE)
-    return mask & (np.asarray(inner) == 0)
-
-
-def _grown(mask: Mask, disk: cv2.typing.MatLike) -> Mask:
-    return np.asarray(cv2.dilate(mask.astype(np.uint8), disk)) > 0

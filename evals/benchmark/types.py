@@ -18,32 +18,41 @@ class ObjectFigures(Frozen):
 
     Attributes:
         id: its label.
-        asset: library name, or empty.
+        asset, kind: library name, and what it is; or empty.
         visible: share of it that is seen, if that is known.
         iou: intersection over union with the segment assigned to it, 0 without one.
         segment: that segment's number.
         center: distance of the centres of the measured and the true axis-aligned box.
         size: largest difference of an extent of the two.
-        position, angle: error of the pose at which its asset is placed; the angle up to the asset's symmetry.
+        stands: what stands for it in the twin: ``asset``, or ``shape`` where none does; empty where nothing does.
+        right: the asset is the true one.
+        confidence: of the match that named the asset.
+        silhouette: of what stands for it, at rest, seen by the photo's camera: intersection over union with its pixels.
+        depth_error: there, where both are seen, the 90th percentile.
+        position, angle: error of the pose at which the right asset rests; the angle up to the asset's symmetry.
         symmetric: any turn about some axis leaves the asset as it is.
-        residual: how far its points are off the asset's surface.
-        method: ``registered``, or ``box`` where the asset is laid into the measured box.
+        adds: of the right asset, mean distance of the true surface to the placed one, as a share of the diameter.
         drift: how far what stands for it moves until the twin is at rest.
         held: it would have fallen, and may stand on something that the photo does not show: in the twin it stays.
     """
 
     id: int
     asset: str = ""
+    kind: str = ""
     visible: float | None = None
     iou: float = 0.0
     segment: int | None = None
     center: float | None = None
     size: float | None = None
+    stands: str = ""
+    right: bool | None = None
+    confidence: float | None = None
+    silhouette: float | None = None
+    depth_error: float | None = None
     position: float | None = None
     angle: float | None = None
     symmetric: bool | None = None
-    residual: float | None = None
-    method: str = ""
+    adds: float | None = None
     drift: float | None = None
     held: bool | None = None
 
@@ -60,6 +69,28 @@ class FrameFigures(Frozen):
     height: float
 
 
+class RunFigures(Frozen):
+    """What a run made of a scene.
+
+    Attributes:
+        coverage, true_coverage: share of what rises above the table that objects own, as the run says; share of the
+            true objects' measured pixels that they own.
+        refused: why the run did not accept the scene; empty if it did.
+        fixed_as_objects: objects that are mostly robot or wall; ``None`` where nobody says what is.
+        right_segments, kept_segments: true objects that a segment matches, and those of them that an object of the twin
+            matches too.
+        cpu_seconds: of the whole run, offline models included.
+    """
+
+    coverage: float | None = None
+    true_coverage: float | None = None
+    refused: str = ""
+    fixed_as_objects: int | None = None
+    right_segments: int = 0
+    kept_segments: int = 0
+    cpu_seconds: float = 0.0
+
+
 class SceneFigures(Frozen):
     """The figures of one scene.
 
@@ -68,9 +99,8 @@ class SceneFigures(Frozen):
         score: of the segmentation.
         objects: one entry for each true object that counts.
         frame: without calibration, where the calibration is known.
-        twin: how the scene stands in MuJoCo, where true assets are known; its objects' pixels are the true ones.
+        run: what a whole run made of it, and twin: how that stands in MuJoCo; ``None`` where there is none.
         cpu_seconds: from the frame to the candidates, on one core, the least of several tries.
-        cpu_median: their median.
         peak_mib: memory of the process that did so, imports included.
         width, height: of the picture.
         error: why there are no segments, or no frame without calibration.
@@ -82,9 +112,9 @@ class SceneFigures(Frozen):
     score: SegmentationScore
     objects: tuple[ObjectFigures, ...] = ()
     frame: FrameFigures | None = None
+    run: RunFigures | None = None
     twin: TwinReport | None = None
     cpu_seconds: float = 0.0
-    cpu_median: float = 0.0
     peak_mib: float = 0.0
     width: int = 0
     height: int = 0
@@ -102,6 +132,7 @@ class Order(Frozen):
         model: the folder of its model, if it has one.
         without: rules of segmentation that are off.
         seed: of the search for the table.
+        settings: of the configuration of the run, ``KEY=VALUE``.
         repeats: how often the work is timed.
         content: content folders laid over the shipped ones, the one that wins first.
         fingerprint: of everything else that the figures depend on; a result with another one is measured again.
@@ -114,6 +145,7 @@ class Order(Frozen):
     model: str | None = None
     without: tuple[str, ...] = ()
     seed: int = 0
+    settings: tuple[str, ...] = ()
     repeats: int = 1
     content: tuple[str, ...] = ()
     fingerprint: str = ""
@@ -141,3 +173,8 @@ def dumped(result: Result) -> dict[str, Any]:
 def result_file(out: Path, name: str) -> Path:
     """Where the result of a scene is kept; ``NAME.png`` beside it holds the segments."""
     return out / "scenes" / f"{name}.json"
+
+
+def run_folder(out: Path, name: str) -> Path:
+    """Where the run of a scene and the pictures of its twin are kept."""
+    return out / "runs" / name

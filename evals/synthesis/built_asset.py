@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.files import write_bytes, write_text
-from grs_agents.library import COLORS, Asset, Rgba, Shape
+from grs_agents.files import write_bytes, write_json, write_text
+from grs_agents.library import COLORS, MANIFEST, Asset, Manifest, Rgba, Shape
 from grs_agents.library.formats import format_urdf_text
 
 
@@ -33,6 +33,14 @@ class BuiltAsset:
             write_text(root / name, text)
         for name, image in self.textures.items():
             write_bytes(root / name, png(image))
+
+
+def write_assets(root: Path, built: Sequence[BuiltAsset]) -> tuple[str, ...]:
+    """Write assets with a manifest into the library folder ``root``; gives their names."""
+    for one in built:
+        one.write(root)
+    write_json(root / MANIFEST, Manifest(assets=tuple(one.asset for one in built)).model_dump(mode="json"))
+    return tuple(one.asset.name for one in built)
 
 
 def build_asset(

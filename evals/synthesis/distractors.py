@@ -4,7 +4,6 @@ import colorsys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -14,8 +13,7 @@ from evals.synthesis.colliders import box
 from evals.synthesis.meshes import Mesh, annulus, loft, prism, superellipse, wedges
 from evals.synthesis.polygons import convex_pieces
 from grs_agents.base import Vec3
-from grs_agents.files import write_json
-from grs_agents.library import MANIFEST, Asset, Manifest, Rgba, Shape, quaternion_from_rpy
+from grs_agents.library import Asset, Rgba, Shape, quaternion_from_rpy
 
 Floats = npt.NDArray[np.float64]
 FOLDER = "distractor"
@@ -34,17 +32,9 @@ class ShapeDraft:
     filling: float
 
 
-def write_distractors(root: Path, count: int, rng: np.random.Generator) -> tuple[str, ...]:
-    """Write ``count`` random things with a manifest into the library folder ``root``.
-
-    Returns:
-        Their names, ``"distractor/<kind>_<number>.urdf"``.
-    """
-    built = [_build(number, rng) for number in range(count)]
-    for one in built:
-        one.write(root)
-    write_json(root / MANIFEST, Manifest(assets=tuple(one.asset for one in built)).model_dump(mode="json"))
-    return tuple(one.asset.name for one in built)
+def build_distractors(count: int, rng: np.random.Generator) -> list[BuiltAsset]:
+    """``count`` random things, named ``"distractor/<kind>_<number>.urdf"``."""
+    return [_build(number, rng) for number in range(count)]
 
 
 def _build(number: int, rng: np.random.Generator) -> BuiltAsset:

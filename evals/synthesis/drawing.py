@@ -100,6 +100,12 @@ def triangles_of(triangles: Triangles, owner: int) -> Triangles:
     return replace(triangles, owner=triangles.owner[mine], **parts)
 
 
+def join_triangles(first: Triangles, second: Triangles) -> Triangles:
+    """Both, where the second ones have no textures."""
+    names = ("corners", "normals", "uvs", "colors", "texture", "owner")
+    return replace(first, **{name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in names})
+
+
 def _rasterised(triangles: Triangles, camera: Camera) -> Buffer:
     pose = np.asarray(camera.T_robot_cam, np.float64)
     local = (triangles.corners - pose[:3, 3]) @ pose[:3, :3]

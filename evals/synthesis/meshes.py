@@ -41,6 +41,10 @@ class Mesh:
         middle = (self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2
         return Mesh(self.vertices - middle, self.faces, self.uvs, self.face_uvs)
 
+    def moved(self, offset: Vec3) -> "Mesh":
+        """The same mesh moved by ``offset`` m."""
+        return Mesh(self.vertices + np.asarray(offset), self.faces, self.uvs, self.face_uvs)
+
     def solid(self) -> trimesh.Trimesh:
         """The mesh as trimesh sees it, for volume and inertia."""
         return trimesh.Trimesh(self.vertices, self.faces, process=False)

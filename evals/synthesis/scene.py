@@ -1,8 +1,9 @@
-"""Whole scenes: things of the library and others in a heap on a table in a room, photographed by a noisy camera."""
+"""Whole scenes: things of the library and others in a heap on a table or in a bin, photographed by a noisy camera, with
+the arm in the picture or without."""
 
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -11,11 +12,14 @@ import numpy.typing as npt
 from pydantic import Field
 
 from evals.benchmark.ground_truth import TrueObject, Truth
-from evals.synthesis.built_asset import png
+from evals.synthesis.bin_walls import WALLS, write_bin_walls
+from evals.synthesis.built_asset import png, write_assets
 from evals.synthesis.camera import HIGHEST_TILT, LOWEST_TILT, random_camera
 from evals.synthesis.clutter import CENTER, RestingObject, SynthesisError, settle_heap
-from evals.synthesis.distractors import FOLDER, write_distractors
-from evals.synthesis.drawing import PerfectImage, draw_scene, triangles_of, unoccluded_mask
+from evals.synthesis.distractors import build_distractors
+from evals.synthesis.drawing import PerfectImage, draw_scene, join_triangles, triangles_of, unoccluded_mask
+from evals.synthesis.products import build_products
+from evals.synthesis.robot import free_postures, robot_triangles
 from evals.synthesis.scenery import random_scenery
 from evals.synthesis.sensors import SENSORS, SensorKind
 from evals.synthesis.sensors.common import noisy_rgb
@@ -23,6 +27,8 @@ from grs_agents.base import Frozen, Vec3
 from grs_agents.files import write_bytes, write_json, write_text
 from grs_agents.library import Library, Triangles, build_posed_triangles
 from grs_agents.perception import Aabb, Camera
+from grs_agents.sim.arms import get_arm
+from grs_agents.sim.instance import InstanceObject
 
 _SHINY = 0.15
 """Share of the things that mirror."""
@@ -34,8 +40,20 @@ depth.png       uint16, millimetres along the optical axis, 0 = no measurement, 
 depth_true.png  the same without noise
 camera.json     intrinsics, metres per depth unit, T_robot_cam (camera frame, OpenCV axes, to robot base frame)
 labels.png      uint8 object ids, 0 = background
+robot.png       255 where the robot is seen, whose joints camera.json gives; where it is in the picture
+walls.png       255 where the walls of a bin around the objects are seen; where there is one
 truth.json      what stands where: id, asset (empty: not in the library), pose, box (robot frame, m), visible pixels
 """
+_POSTURES, _VIEWS = 6, 8
+"""How many postures of the arm, and for these how many places of the camera, are tried."""
+_ROBOT_SHOWN = (0.01, 0.35)
+"""Share of the picture that shows the robot, if nothing were before it."""
+_ROBOT_HIDES = 0.45
+"""Share of the objects' pixels that the robot may be before."""
+_NEAREST = 0.1
+"""Nothing of the robot is nearer to the camera (m)."""
+LOWEST_TILT_OVER_WALLS = 40.0
+"""Degrees: from lower, walls hide what is behind them."""
 
 
 class Recipe(Frozen):
@@ -44,7 +62,10 @@ class Recipe(Frozen):
     Attributes:
         seed: of everything random.
         objects: how many things there are.
-        distractors: how many of them the library does not hold.
+        distractors: how many of them are of random shape, which the library does not hold.
+        absent: how many of them are products that look like the library's, which it does not hold either.
+        arm: the robot is in the picture, at random joints.
+        walls: a bin is around the objects.
         tilt: how far the camera looks down, degrees.
         sensor: which noise the depth has.
         width, height: of the pictures, pixels.
@@ -53,6 +74,9 @@ class Recipe(Frozen):
     seed: Annotated[int, Field(ge=0)] = 0
     objects: Annotated[int, Field(ge=1, le=40)] = 15
     distractors: Annotated[int, Field(ge=0)] = 4
+    absent: Annotated[int, Field(ge=0)] = 0
+    arm: bool = False
+    walls: bool = False
     tilt: Annotated[float, Field(ge=LOWEST_TILT, le=HIGHEST_TILT)] = 45.0
     sensor: SensorKind = "stereo"
     width: Annotated[int, Field(ge=64, le=4096)] = 640
@@ -70,6 +94,7 @@ class SynthesisedScene:
         depth: (H, W) m, 0 = not measured.
         seen: the perfect picture; its labels are the truth.
         truth: what stands where.
+        robot, walls: (H, W) where these are seen.
     """
 
     recipe: Recipe
@@ -78,6 +103,8 @@ class SynthesisedScene:
     depth: npt.NDArray[np.float64]
     seen: PerfectImage
     truth: Truth
+    robot: npt.NDArray[np.bool_]
+    walls: npt.NDArray[np.bool_]
 
     def write(self, folder: Path) -> None:
         """Write the scene folder; ``truth.json`` comes last, so that a folder which holds it is whole."""
@@ -86,7 +113,10 @@ class SynthesisedScene:
         write_bytes(folder / "depth.png", png(self._units(self.depth)))
         write_bytes(folder / "depth_true.png", png(self._units(self.seen.depth)))
         write_bytes(folder / "labels.png", png(labels))
-        write_json(folder / "camera.json", self.camera.model_dump(mode="json"))
+        for name, mask in (("robot", self.robot), ("walls", self.walls)):
+            if mask.any():
+                write_bytes(folder / f"{name}.png", png(np.where(mask, 255, 0).astype(np.uint8)))
+        write_json(folder / "camera.json", self.camera.model_dump(mode="json", exclude_none=True))
         write_text(folder / "SOURCE.txt", _SOURCE)
         write_json(folder / "truth.json", self.truth.model_dump(mode="json", exclude_none=True))
 
@@ -94,56 +124,112 @@ class SynthesisedScene:
         return np.rint(np.clip(depth / self.camera.depth_scale, 0, 65535)).astype(np.uint16)
 
 
-def recipes(
-    count: int, seed: int = 0, objects: int = 15, distractors: int = 4, size: tuple[int, int] = (640, 480)
-) -> tuple[Recipe, ...]:
-    """Recipes of different scenes: tilts spread evenly over 20 to 90 degrees in random order, the sensors in turn."""
+def recipes(count: int, seed: int = 0, like: Recipe | None = None) -> tuple[Recipe, ...]:
+    """Recipes of different scenes: tilts spread evenly over 20 (in a bin 40) to 90 degrees in random order, the sensors
+    in turn, all else as in ``like``, with no more distractors than there is place for."""
+    like = like or Recipe()
     rng = np.random.default_rng(seed)
     steps = (rng.permutation(count) + rng.random(count)) / max(count, 1)
-    tilts = LOWEST_TILT + (HIGHEST_TILT - LOWEST_TILT) * steps
+    lowest = LOWEST_TILT_OVER_WALLS if like.walls else LOWEST_TILT
+    tilts = lowest + (HIGHEST_TILT - lowest) * steps
     kinds = list(SENSORS)
     return tuple(
-        Recipe(
-            seed=1000 * seed + index,
-            objects=objects,
-            distractors=min(distractors, objects),
-            tilt=round(float(tilts[index]), 1),
-            sensor=kinds[index % len(kinds)],
-            width=size[0],
-            height=size[1],
+        like.model_copy(
+            update={
+                "seed": 1000 * seed + index,
+                "distractors": max(0, min(like.distractors, like.objects - like.absent)),
+                "tilt": round(float(tilts[index]), 1),
+                "sensor": kinds[index % len(kinds)],
+            }
         )
         for index in range(count)
     )
+
+
+@dataclass(frozen=True)
+class _Arranged:
+    """Things at rest and what they are; triangles of them, of the walls and of the robot, in this order of owners; and
+    the camera."""
+
+    resting: Sequence[RestingObject]
+    kinds: Sequence[str]
+    triangles: Triangles
+    camera: Camera
 
 
 def synthesise(recipe: Recipe, library: Library) -> SynthesisedScene:
     """Make a scene.
 
     Raises:
-        SynthesisError: there are more distractors than objects, or the heap does not come to rest.
+        SynthesisError: there are more strange things than objects, the heap does not come to rest, or the robot has no
+            room in the picture.
     """
-    if recipe.distractors > recipe.objects:
+    if recipe.distractors + recipe.absent > recipe.objects:
         raise SynthesisError(
-            f"{recipe.distractors} distractors among {recipe.objects} objects", "ask for more objects or fewer of them"
+            f"{recipe.distractors} distractors and {recipe.absent} absent products among {recipe.objects} objects",
+            "ask for more objects or fewer of them",
         )
     rng = np.random.default_rng(recipe.seed)
     with tempfile.TemporaryDirectory(prefix="grs-synth-") as folder:
-        strange = write_distractors(Path(folder), recipe.distractors, rng)
-        names = [*_chosen(recipe.objects - recipe.distractors, library, rng), *strange]
-        both = library.with_overlay(Path(folder))
-        resting = settle_heap(names, both, rng)
-        triangles = build_posed_triangles([(one.asset, one.pose) for one in resting], both)
-    camera = random_camera(recipe.tilt, _middle(resting), (recipe.width, recipe.height), rng)
+        arranged = _arranged(recipe, library, Path(folder), rng)
+    resting, triangles, camera = arranged.resting, arranged.triangles, arranged.camera
     shiny = [number for number in range(1, recipe.objects + 1) if rng.random() < _SHINY]
     seen = draw_scene(triangles, random_scenery(rng), camera, shiny)
+    walls, robot = (seen.labels == recipe.objects + number for number in (1, 2))
+    seen = replace(seen, labels=np.where(walls | robot, 0, seen.labels))
     truth = Truth(
-        objects=tuple(_true_object(number, one, triangles, seen, camera) for number, one in enumerate(resting, 1)),
+        objects=tuple(
+            _true_object(number, one, kind, one.asset in library, triangles, seen, camera)
+            for number, (one, kind) in enumerate(zip(resting, arranged.kinds, strict=True), 1)
+        ),
         sensor=recipe.sensor,
         tilt=recipe.tilt,
         seed=recipe.seed,
     )
     depth = SENSORS[recipe.sensor](seen, camera, rng)
-    return SynthesisedScene(recipe, camera, noisy_rgb(seen.rgb, rng), depth, seen, truth)
+    return SynthesisedScene(recipe, camera, noisy_rgb(seen.rgb, rng), depth, seen, truth, robot, walls)
+
+
+def _arranged(recipe: Recipe, library: Library, folder: Path, rng: np.random.Generator) -> _Arranged:
+    """Things at rest, walls around them, the arm above, and where the camera stands; ``folder`` takes their assets."""
+    strange = build_distractors(recipe.distractors, rng) + build_products(recipe.absent, library, rng)
+    names = write_assets(folder / "strange", strange)
+    both = library.with_overlay(folder / "strange")
+    known = recipe.objects - recipe.distractors - recipe.absent
+    resting = settle_heap([*_chosen(known, library, rng), *names], both, rng)
+    kinds = [both.asset(one.asset).category for one in resting]
+    posed = [(one.asset, one.pose) for one in resting]
+    triangles = build_posed_triangles(posed, both)
+    if recipe.walls:
+        flat = triangles.corners[:, :, :2]
+        around = np.stack([flat.min(axis=(0, 1)), flat.max(axis=(0, 1))])
+        posed.append((WALLS, write_bin_walls(folder / "bin", around, rng)))
+        both = both.with_overlay(folder / "bin")
+        triangles = build_posed_triangles(posed, both)
+    size = (recipe.width, recipe.height)
+    if not recipe.arm:
+        return _Arranged(resting, kinds, triangles, random_camera(recipe.tilt, _middle(resting), size, rng))
+    items = [InstanceObject(id=number, asset=asset, pose=pose) for number, (asset, pose) in enumerate(posed, 1)]
+    arm = get_arm()
+    postures = free_postures(arm, items, both, _POSTURES, rng)
+    for _ in range(_VIEWS):
+        camera = random_camera(recipe.tilt, _middle(resting), size, rng)
+        for joints in postures:
+            robot = robot_triangles(arm, joints, recipe.objects + 2)
+            if _shows_robot(robot, triangles, camera):
+                told = tuple(round(float(joint), 9) for joint in joints)
+                camera = camera.model_copy(update={"joints": told})
+                return _Arranged(resting, kinds, join_triangles(triangles, robot), camera)
+    raise SynthesisError(f"{len(postures)} postures leave the robot no room in the picture", "take another seed")
+
+
+def _shows_robot(robot: Triangles, others: Triangles, camera: Camera) -> bool:
+    """Whether something of the robot is in the picture, and most of what else is there is seen."""
+    pose = np.asarray(camera.T_robot_cam, np.float64)
+    if ((robot.corners - pose[:3, 3]) @ pose[:3, 2]).min() < _NEAREST:
+        return False
+    mine, theirs = unoccluded_mask(robot, camera), unoccluded_mask(others, camera)
+    return bool(_ROBOT_SHOWN[0] < mine.mean() < _ROBOT_SHOWN[1] and (mine & theirs).sum() < _ROBOT_HIDES * theirs.sum())
 
 
 def _chosen(count: int, library: Library, rng: np.random.Generator) -> list[str]:
@@ -164,13 +250,15 @@ def _middle(resting: Sequence[RestingObject]) -> Vec3:
 
 
 def _true_object(
-    number: int, one: RestingObject, triangles: Triangles, seen: PerfectImage, camera: Camera
+    number: int, one: RestingObject, kind: str, known: bool, triangles: Triangles, seen: PerfectImage, camera: Camera
 ) -> TrueObject:
     mine = triangles_of(triangles, number)
     low, high = mine.corners.min(axis=(0, 1)).round(5).tolist(), mine.corners.max(axis=(0, 1)).round(5).tolist()
     return TrueObject(
         id=number,
-        asset="" if one.asset.startswith(f"{FOLDER}/") else one.asset,
+        asset=one.asset if known else "",
+        absent=not known,
+        kind=kind,
         position=one.pose[0],
         orientation=one.pose[1],
         box=Aabb(low=(low[0], low[1], low[2]), high=(high[0], high[1], high[2])),

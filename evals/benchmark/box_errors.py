@@ -1,17 +1,16 @@
-"""How far measured boxes, poses and frames are off."""
+"""How far measured boxes and frames are off."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from evals.benchmark.ground_truth import LabelledScene, TrueObject
 from evals.benchmark.segmentation_metrics import MATCHED, overlaps
-from evals.benchmark.twin_run import TwinRun
 from evals.benchmark.types import FrameFigures, ObjectFigures
 from grs_agents.errors import InputError
-from grs_agents.library import Library, build_posed_triangles, matrix_from_quaternion
-from grs_agents.perception import Aabb, Candidate, TableFrame, find_asset_symmetry, find_table, fit_asset_to_box
+from grs_agents.library import Library, build_posed_triangles
+from grs_agents.perception import Aabb, Candidate, TableFrame, find_table
 
 Floats = npt.NDArray[np.float64]
 
@@ -22,7 +21,7 @@ def object_figures(
     candidates: Sequence[Candidate],
     library: Library,
     table: TableFrame | None = None,
-    stood: TwinRun | None = None,
+    stands: Mapping[int, Mapping[str, object]] | None = None,
 ) -> tuple[ObjectFigures, ...]:
     """What became of each object that counts.
 
@@ -32,25 +31,22 @@ def object_figures(
         candidates: measured in the robot frame of the scene's calibration, if it has one.
         library: where the true assets are looked up.
         table: the frame that the candidates were measured in, for a truth that is given in the camera's.
-        stood: where the assets stand; without it they are laid into the measured boxes.
+        stands: by label, the figures of what stands for the objects in the twin.
     """
     common = overlaps(found, scene.labels, scene.ignored())
     partner = {row: (int(common.segments[column]), float(common.ious[row, column])) for row, column in common.pairs()}
     known = {one.id: one for one in scene.truth.objects}
     by_number = {one.id: one for one in candidates}
-    calibrated = scene.frame.camera.T_robot_cam is not None
     figures: list[ObjectFigures] = []
     for row, (label, area) in enumerate(zip(common.truths.tolist(), common.truth_areas.tolist(), strict=True)):
         one = known.get(label, TrueObject(id=label))
         segment, iou = partner.get(row, (None, 0.0))
         visible = area / one.whole if one.whole else None
-        errors: dict[str, object] = {}
+        more = dict((stands or {}).get(label, {}))
         if segment is not None and iou >= MATCHED:
-            errors = _box_errors(_true_box(one, scene, library, table), by_number[segment])
-            if calibrated:
-                errors |= _pose_errors(one, by_number[segment], library, stood or TwinRun())
-        made = ObjectFigures(id=label, asset=one.asset, visible=visible, iou=iou, segment=segment)
-        figures.append(made.model_copy(update=errors))
+            more |= _box_errors(_true_box(one, scene, library, table), by_number[segment])
+        made = ObjectFigures(id=label, asset=one.asset, kind=one.kind, visible=visible, iou=iou, segment=segment)
+        figures.append(made.model_copy(update=more))
     return tuple(figures)
 
 
@@ -68,26 +64,6 @@ def _box_errors(box: Aabb | None, candidate: Candidate) -> dict[str, object]:
         "center": float(np.linalg.norm(np.subtract(candidate.box.center, box.center))),
         "size": float(np.abs(np.subtract(candidate.box.size, box.size)).max()),
     }
-
-
-def _pose_errors(one: TrueObject, candidate: Candidate, library: Library, stood: TwinRun) -> dict[str, object]:
-    found: dict[str, object] = {}
-    rotation = one.rotation
-    if one.asset in library and one.position is not None and rotation is not None:
-        bounds = np.array(library.load_object_model(one.asset).bounds)
-        true = matrix_from_quaternion(rotation)
-        middle = true @ bounds.mean(axis=0) + one.position
-        center, turned, _ = fit_asset_to_box(candidate.upright, library.asset(one.asset).size)
-        if (registered := stood.poses.get(candidate.id)) is not None:
-            center, turned = registered.position, registered.orientation
-            found["residual"], found["method"] = registered.residual, registered.method
-        symmetry = find_asset_symmetry(one.asset, library)
-        found["position"] = float(np.linalg.norm(np.subtract(center, middle)))
-        found["angle"] = symmetry.rotation_error_degrees(matrix_from_quaternion(turned), true)
-        found["symmetric"] = len(symmetry.axes) > 0
-    if (placed := stood.placed.get(candidate.id)) is not None:
-        found["drift"], found["held"] = placed.drift, placed.held
-    return found
 
 
 def _box_of(one: TrueObject, library: Library) -> Aabb | None:

@@ -1,0 +1,191 @@
+"""Whether the confidence of matches is the share of them that is right, on scenes that show what the library lacks."""
+
+import json
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from evals.benchmark.contact_sheet import Picture, write_picture, write_words
+from evals.benchmark.ground_truth import read_labelled
+from evals.benchmark.match_worker import first_of_same_look
+from grs_agents.errors import GrsError, InputError
+from grs_agents.library import Asset, Library
+from grs_agents.metrics import Figure
+from grs_agents.perception import Array, Candidate, MatchEvidence, RGBDFrame, find_table
+from grs_agents.perception.matching import MatchRequest, Segment, rank_assets_per_segment
+from grs_agents.perception.reading import read_scene
+from grs_agents.toolkit import ToolContext, load_tool
+
+_PRODUCTS = Path(__file__).with_name("known_products.json")
+"""Photos without a truth of their own, labelled by eye: column and row (pixels) of the objects that the shipped library
+holds, and their assets. The library lacks everything else in these photos."""
+_OWN = 0.7  # a segment shows the object to which at least this share of its pixels belongs
+_BINS = 10
+
+
+@dataclass(frozen=True)
+class NamedAsset:
+    """The best asset of one segment."""
+
+    scene: str
+    asset: str
+    inputs: tuple[float, ...]  # of its confidence
+    confidence: float
+    right: bool
+    known: bool  # the library holds what the segment shows
+
+
+class _Fewer(Library):
+    """A library that lacks some of its assets."""
+
+    def __init__(self, whole: Library, gone: Collection[str]) -> None:
+        super().__init__(*whole.roots)
+        self._gone = gone
+
+    def everyday_assets(self) -> tuple[Asset, ...]:
+        return tuple(asset for asset in super().everyday_assets() if asset.name not in self._gone)
+
+
+def name_assets(folder: Path, segment: str, context: ToolContext) -> list[NamedAsset]:
+    """Segment a scene and name the best asset of each segment: with the whole library; and, where poses and assets of
+    its objects are known, with one that lacks every second of these assets.
+
+    Raises:
+        InputError: nobody says what the scene shows.
+    """
+    labelled = (folder / "truth.json").is_file()
+    frame = read_labelled(folder).frame if labelled else read_scene(folder)
+    table = find_table(frame, np.random.default_rng(0))
+    tool, library = load_tool(segment), context.library
+    try:
+        found: Sequence[Candidate] = tool.run(tool.Request(frame=frame, table=table), context).candidates
+    except GrsError:
+        return []
+    shown = _shown_by_truth(folder, found) if labelled else _shown_by_table(folder.name, frame, found)
+    segments = [Segment(one.id, one.mask, one.upright, Path(), one.points) for one in found]
+    request, half = MatchRequest(segments, frame, table, _unasked), sorted({*shown.values()} - {""})[::2]
+    named = _name_best_assets(folder.name, request, library, shown)
+    fewer = _name_best_assets(folder.name, request, _Fewer(library, half), shown) if labelled else ()
+    return [*named, *fewer]
+
+
+def _name_best_assets(
+    scene: str, request: MatchRequest, library: Library, shown: Mapping[int, str]
+) -> Iterator[NamedAsset]:
+    """The best asset of each segment that may be an object; ``shown`` are the true ones by segment."""
+    looks, held = first_of_same_look(library), {asset.name for asset in library.everyday_assets()}
+    for number, (ranked, nothing) in rank_assets_per_segment(request, library).items():
+        if ranked.names and not nothing:
+            best, true = ranked.names[0], shown[number]
+            right = true in held and looks[best] == looks[true]
+            inputs = tuple(float(value) for value in ranked.confidence_inputs[0])
+            yield NamedAsset(scene, best, inputs, ranked.confidences[0], right, true in held)
+
+
+def _unasked(*_: object) -> MatchEvidence:
+    raise AssertionError("no model is asked")
+
+
+def _shown_by_truth(folder: Path, found: Sequence[Candidate]) -> dict[int, str]:
+    """The asset that each segment shows, by number; empty where it shows none."""
+    scene = read_labelled(folder)
+    assets = {one.id: one.asset for one in scene.truth.objects}
+    shown: dict[int, str] = {}
+    for one in found:
+        counts = np.bincount(scene.labels[one.mask])
+        label = int(counts.argmax())
+        shown[one.id] = assets.get(label, "") if counts[label] >= _OWN * counts.sum() else ""
+    return shown
+
+
+def _shown_by_table(name: str, frame: RGBDFrame, found: Sequence[Candidate]) -> dict[int, str]:
+    products: Mapping[str, Sequence[tuple[int, int, str]]] = json.loads(_PRODUCTS.read_text(encoding="utf-8"))
+    if name not in products:
+        raise InputError(f"nobody says what {name} shows", f"add a truth.json, or name it in {_PRODUCTS.name}")
+    shown = {one.id: "" for one in found}
+    for column, row, asset in products[name]:
+        shown.update({one.id: asset for one in found if one.mask[row, column]})
+    return shown
+
+
+def calibration_figures(named: Sequence[NamedAsset], least: float) -> list[Figure]:
+    """The expected calibration error (Naeini et al. 2015), and how many of those named with confidence are wrong."""
+    sure, right = _columns(named)
+    high, taken = sure >= 0.9, sure >= least
+    return [
+        Figure(name="segments", value=float(len(named))),
+        Figure(name="shown by the library", value=float(np.mean([one.known for one in named]))),
+        Figure(name="calibration error", value=_calibration_error(sure, right), target=0.08),
+        Figure(name="calibration error above 0.5", value=_calibration_error(sure[sure > 0.5], right[sure > 0.5])),
+        Figure(name="above 0.9", value=float(high.sum())),
+        Figure(name="wrong above 0.9", value=float((~right[high]).mean()) if high.any() else None, target=0.05),
+        Figure(name=f"above {least:g}", value=float(taken.sum())),
+        Figure(name=f"wrong above {least:g}", value=float((~right[taken]).mean()) if taken.any() else None),
+        Figure(name=f"of the right ones above {least:g}", value=float((right & taken).sum() / max(1, right.sum()))),
+    ]
+
+
+def _columns(named: Sequence[NamedAsset]) -> "tuple[Array, np.ndarray[Any, np.dtype[np.bool_]]]":
+    return np.array([one.confidence for one in named]), np.array([one.right for one in named], np.bool_)
+
+
+def _calibration_error(sure: Array, right: "np.ndarray[Any, np.dtype[np.bool_]]") -> float | None:
+    if not len(sure):
+        return None
+    bins = np.minimum((sure * _BINS).astype(np.int64), _BINS - 1)
+    gaps = [float(abs((sure - right)[bins == number].sum())) for number in range(_BINS)]
+    return sum(gaps) / len(sure)
+
+
+def reliability(named: Sequence[NamedAsset]) -> list[dict[str, float]]:
+    """For each tenth of confidence that occurs: its mean, the share that is right, and how many there are."""
+    sure, right = _columns(named)
+    bins = np.minimum((sure * _BINS).astype(np.int64), _BINS - 1)
+    return [
+        {
+            "confidence": round(float(sure[bins == number].mean()), 3),
+            "right": round(float(right[bins == number].mean()), 3),
+            "matches": int((bins == number).sum()),
+        }
+        for number in np.unique(bins)
+    ]
+
+
+def fit_coefficients(named: Sequence[NamedAsset]) -> list[float]:
+    """The constant and the weights of a logistic regression of "it is right" on the inputs, by Newton's method; a ridge
+    of one observation on each weight of the standardised inputs."""
+    inputs, right = np.array([one.inputs for one in named]), np.array([one.right for one in named], np.float64)
+    mean, spread = inputs.mean(axis=0), inputs.std(axis=0) + 1e-9
+    design = np.column_stack([np.ones(len(inputs)), (inputs - mean) / spread])
+    ridge, weights = np.eye(design.shape[1]), np.zeros(design.shape[1])
+    ridge[0, 0] = 1e-9
+    for _ in range(50):
+        likely = 1 / (1 + np.exp(-np.clip(design @ weights, -30, 30)))
+        slope = design.T @ (likely - right) + ridge @ weights
+        weights -= np.linalg.solve((design * (likely * (1 - likely))[:, None]).T @ design + ridge, slope)
+    scaled = weights[1:] / spread
+    return [float(weights[0] - scaled @ mean), *scaled.tolist()]
+
+
+def write_reliability_diagram(file: Path, named: Sequence[NamedAsset]) -> None:
+    """Draw the share that is right over the confidence; a disc's area tells how many there are."""
+    side, edge = 400, 45
+    picture: Picture = np.full((side + 2 * edge, side + 2 * edge, 3), 255, np.uint8)
+
+    def place(across: float, up: float) -> tuple[int, int]:
+        return edge + round(side * across), edge + round(side * (1 - up))
+
+    for share in np.linspace(0, 1, 6):
+        cv2.line(picture, place(0, share), place(1, share), (225, 225, 225), 1)
+        write_words(picture, f"{share:.1f}", (8, place(0, share)[1] + 4), 0.4)
+        write_words(picture, f"{share:.1f}", (place(share, 0)[0] - 10, side + edge + 20), 0.4)
+    cv2.line(picture, place(0, 0), place(1, 1), (150, 150, 150), 1, cv2.LINE_AA)
+    for one in reliability(named):
+        radius = max(3, round(40 * (one["matches"] / len(named)) ** 0.5))
+        cv2.circle(picture, place(one["confidence"], one["right"]), radius, (66, 133, 244), -1, cv2.LINE_AA)
+    write_words(picture, "share that is right, by confidence", (edge, 25), 0.5)
+    write_picture(file, picture)

@@ -1,0 +1,84 @@
+"""A scene comprehended as every run does it, with offline models, and pictures of its twin."""
+
+import shutil
+from collections.abc import Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from grs_agents.config import load_config, validate_config
+from grs_agents.files import write_bytes
+from grs_agents.library import Library
+from grs_agents.metrics import cpu_seconds
+from grs_agents.perception import Labels, Mask, SceneDescription, draw_twin, load_mask, read_scene_description
+from grs_agents.runs import Order, execute_run
+from grs_agents.sim.rendering import Picture, encode_png
+
+ASIDE: Final = 40.0
+"""Degrees by which the second picture's camera is turned about the objects."""
+_PIECE: Final = "a piece of"
+"""Says that a dropped segment is part of an object."""
+TWIN, TWIN_ASIDE = "twin.png", "twin_aside.png"
+
+
+@dataclass(frozen=True)
+class SceneRun:
+    """What a run made of a scene.
+
+    Attributes:
+        scene: its description.
+        library: with the shapes of its own.
+        owners: (H, W) numbers of the objects by their masks, 0 = none; the smaller one on top.
+        owned: (H, W) what the objects and their pieces own.
+        twin: as the photo's camera sees it.
+        refused: why the run did not accept it; empty if it did.
+        cpu_seconds: of the whole run, offline models included.
+    """
+
+    scene: SceneDescription
+    library: Library
+    owners: Labels
+    owned: Mask
+    twin: Picture
+    refused: str
+    cpu_seconds: float
+
+
+def comprehend_scene(source: str, folder: Path, settings: Sequence[str]) -> SceneRun:
+    """Comprehend a scene, and write its run and the pictures `TWIN` and `TWIN_ASIDE` into ``folder``.
+
+    Args:
+        source: as `grs scene` takes it.
+        folder: what is there is replaced.
+        settings: of the configuration, ``KEY=VALUE``.
+
+    Raises:
+        GrsError: the run ended with an error before it described the scene.
+    """
+    shutil.rmtree(folder, ignore_errors=True)
+    config = load_config(None, ["background.on=false", *settings]).config
+    begin = cpu_seconds()
+    ended = execute_run(
+        Order("scene", Path(source), validate_config({**config.model_dump(), "graph": "scene"}), folder),
+        lambda _folder, _log: nullcontext(),
+    )
+    seconds = cpu_seconds() - begin
+    if ended.problem is not None and not (folder / "scene.json").is_file():
+        raise ended.problem
+    refused = "" if ended.problem is None else ended.problem.message
+    scene, library, own = read_scene_description(folder / "scene.json"), Library(), folder / "assets"
+    if own.is_dir():  # there is none where an asset stands for each object
+        library = library.with_overlay(own)
+    masks = {item.id: load_mask(folder / item.mask) for item in scene.objects}
+    owners = np.zeros(next(iter(masks.values())).shape, np.int32)
+    for number in sorted(masks, key=lambda number: -int(masks[number].sum())):
+        owners[masks[number]] = number
+    pieces = [load_mask(folder / f"scene/mask_{one.id:02d}.png") for one in scene.dropped if _PIECE in one.reason]
+    owned = np.logical_or.reduce([owners > 0, *pieces])
+    twin = draw_twin(scene, library)
+    write_bytes(folder / TWIN, encode_png(twin.color))
+    write_bytes(folder / TWIN_ASIDE, encode_png(draw_twin(scene, library, np.deg2rad(ASIDE)).color))
+    return SceneRun(scene, library, owners, owned, twin, refused, seconds)

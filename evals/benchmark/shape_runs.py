@@ -1,0 +1,162 @@
+"""Shapes reconstructed from known objects and from real scenes: figures, targets and sheets."""
+
+import statistics
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from evals.benchmark.contact_sheet import write_picture
+from evals.benchmark.shape_known import known_objects, shape_score
+from evals.benchmark.shape_pictures import join_rows, shape_row
+from grs_agents.errors import InputError
+from grs_agents.library import Library, encode_png
+from grs_agents.perception import Image, find_table, measure_candidates, segment_objects_on_table
+from grs_agents.perception.proxies import mesh_to_obj_text
+from grs_agents.perception.reading import read_scene, short_scene_name
+from grs_agents.perception.shapes import ObjectShape, ObjectView, reconstruct_shape, view_object
+
+_ROWS = 60
+
+
+@dataclass(frozen=True)
+class ShapeFigures:
+    """One object; ``None`` where no shape was made, as a box stands for it, or where nothing true is known."""
+
+    name: str
+    method: str  # of the shape; ``box`` where the measured box stays
+    seconds: float  # CPU
+    kilobytes: float | None = None  # of the mesh as OBJ and its picture as PNG
+    faces: int | None = None
+    silhouette_iou: float | None = None
+    depth_error: float | None = None  # m
+    f_score: float | None = None  # of the whole surface at 6 mm
+    hidden: float | None = None  # share of the hidden side within 6 mm
+
+
+def measure_known(count: int, seed: int) -> tuple[list[ShapeFigures], list[Image]]:
+    """Reconstruct assets photographed alone."""
+    figures: list[ShapeFigures] = []
+    rows: list[Image] = []
+    for known in known_objects(count, seed, Library()):
+        one, shape = _measured(f"{Path(known.name).stem} {known.sensor}", known.view)
+        score, hidden = shape_score(known, shape)
+        figures.append(replace(one, f_score=score, hidden=hidden))
+        rows.append(_row(known.view, shape, figures[-1]))
+    return figures, rows
+
+
+def measure_real(folders: Sequence[Path]) -> tuple[list[ShapeFigures], list[Image]]:
+    """Reconstruct the objects of scene folders, by ``labels.png`` where there is one, else as GRS segments them.
+
+    Raises:
+        InputError: a folder holds no scene, or no table or object is found in it.
+    """
+    figures: list[ShapeFigures] = []
+    rows: list[Image] = []
+    for folder in folders:
+        for name, view in _views_of_scene(folder):
+            one, shape = _measured(name, view)
+            figures.append(one)
+            rows.append(_row(view, shape, one))
+    return figures, rows
+
+
+def scene_folders(places: Iterable[Path]) -> list[Path]:
+    """The scene folders among places and in them.
+
+    Raises:
+        InputError: there is none in one of the places.
+    """
+    found: list[Path] = []
+    for place in places:
+        folders = sorted(file.parent for file in [*place.glob("camera.json"), *place.glob("*/camera.json")])
+        if not folders:
+            raise InputError(f"{place} holds no scene", "name a scene folder, or a folder of scene folders")
+        found += folders
+    return found
+
+
+def _views_of_scene(folder: Path) -> Iterable[tuple[str, ObjectView]]:
+    frame = read_scene(folder)
+    table = find_table(frame, np.random.default_rng(0))
+    file = folder / "labels.png"
+    labelled = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else None
+    labels = segment_objects_on_table(frame, table) if labelled is None else np.asarray(labelled, np.int32)
+    for one in measure_candidates(frame, table, labels):
+        distance = float(np.median(frame.depth[one.mask & (frame.depth > 0)]))
+        yield f"{short_scene_name(folder)} {one.id}", view_object(frame, table, one.mask, one.upright, _noise(distance))
+
+
+def _noise(distance: float) -> float:
+    """What structured light deviates by (m): Nguyen, Izadi and Lovell, "Modeling Kinect sensor noise", 2012."""
+    return 0.0012 + 0.0019 * max(distance - 0.4, 0.0) ** 2
+
+
+def _measured(name: str, view: ObjectView) -> tuple[ShapeFigures, ObjectShape | None]:
+    cv2.setNumThreads(1)
+    start = time.process_time()
+    shape = reconstruct_shape(view)
+    seconds = time.process_time() - start
+    if shape is None:
+        return ShapeFigures(name, "box", seconds), None
+    mesh = shape.mesh
+    size = len(mesh_to_obj_text((mesh.vertices, mesh.faces), mesh.uvs)) + len(encode_png(mesh.texture))
+    method = shape.method + (" hollow" if shape.hollow else "")
+    found = (size / 1000, len(mesh.faces), shape.silhouette_iou, shape.depth_error)
+    return ShapeFigures(name, method, seconds, *found), shape
+
+
+def _row(view: ObjectView, shape: ObjectShape | None, one: ShapeFigures) -> Image:
+    words = [one.name, one.method, f"{one.seconds:.2f} s"]
+    if one.silhouette_iou is not None and one.depth_error is not None:
+        words += [f"IoU {one.silhouette_iou:.2f}", f"depth {1000 * one.depth_error:.1f} mm", f"{one.kilobytes:.0f} KB"]
+    if one.f_score is not None and one.hidden is not None:
+        words += [f"F {one.f_score:.2f}", f"hidden {one.hidden:.2f}"]
+    return shape_row(view, None if shape is None else shape.mesh, "  ".join(words))
+
+
+def write_sheets(out: Path, name: str, rows: Sequence[Image]) -> None:
+    """Write ``name_0.png`` and so on: photo, mesh, mesh from 40 and from 140 degrees aside."""
+    for number, start in enumerate(range(0, len(rows), _ROWS)):
+        write_picture(out / f"{name}_{number}.png", join_rows(rows[start : start + _ROWS], 2))
+
+
+def shape_targets(known: Sequence[ShapeFigures], real: Sequence[ShapeFigures]) -> list[dict[str, Any]]:
+    """What is asked of shapes, what was found, and whether that is enough."""
+    every = [*known, *real]
+    scores = _known_values(known, "f_score")
+    overlaps, errors = _known_values(real, "silhouette_iou"), _known_values(real, "depth_error")
+    most = [_known_values(every, name) for name in ("seconds", "kilobytes", "faces")]
+    return [
+        _target("F at 6 mm, mean", _mean(scores), least=0.9),
+        _target("F at 6 mm, least", min(scores, default=None), least=0.65),
+        _target("hidden side within 6 mm, mean", _mean(_known_values(known, "hidden"))),
+        _target("silhouette IoU, median", statistics.median(overlaps) if overlaps else None, least=0.9),
+        _target("silhouette IoU of 0.85 or more, share", _mean([float(one >= 0.85) for one in overlaps]), least=0.8),
+        _target("depth error below 8 mm, share", _mean([float(one < 0.008) for one in errors]), least=0.8),
+        _target("CPU of an object, most, s", max(most[0], default=None), most=1.0),
+        _target("mesh and picture, most, KB", max(most[1], default=None), most=150.0),
+        _target("faces, most", max(most[2], default=None), most=2000.0),
+        _target("objects that stay boxes", float(sum(one.method == "box" for one in every))),
+    ]
+
+
+def _known_values(figures: Sequence[ShapeFigures], name: str) -> list[float]:
+    return [float(value) for one in figures if (value := getattr(one, name)) is not None]
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return statistics.fmean(values) if values else None
+
+
+def _target(name: str, value: float | None, least: float | None = None, most: float | None = None) -> dict[str, Any]:
+    met = None
+    if value is not None and (least is not None or most is not None):
+        met = value >= (least or 0.0) if most is None else value <= most
+    value = None if value is None else round(value, 3)
+    return {"figure": name, "value": value, "target": most if least is None else least, "met": met}

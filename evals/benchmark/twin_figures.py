@@ -1,0 +1,145 @@
+"""What a run made of a scene, against the truth: coverage, what is no object, matches, and how the twin looks."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from evals.benchmark.ground_truth import LabelledScene, TrueObject
+from evals.benchmark.scene_run import SceneRun
+from evals.benchmark.segmentation_metrics import MOSTLY, overlaps
+from evals.benchmark.types import RunFigures
+from grs_agents.base import Pose
+from grs_agents.library import Library, matrix_from_quaternion
+from grs_agents.perception import Array, Labels, Mask, SceneObject, Tree, asset_surface_at_pose, find_asset_symmetry
+
+_SAMPLES = 400
+"""Of an asset's points, that tell its diameter."""
+
+
+def first_of_same_look(library: Library) -> dict[str, str]:
+    """For each asset the first of those that look exactly like it, which no method can tell from it."""
+    first: dict[str, str] = {}
+    found: dict[str, str] = {}
+    for asset in library.everyday_assets():
+        looks = repr(library.load_object_model(asset.name).visuals)
+        found[asset.name] = first.setdefault(looks, asset.name)
+    return found
+
+
+def run_figures(scene: LabelledScene, segments: Labels, run: SceneRun) -> RunFigures:
+    """The figures of the whole scene.
+
+    Args:
+        scene: with its truth.
+        segments: (H, W) what the segment tool found.
+        run: what became of it.
+    """
+    measured = (scene.labels > 0) & (scene.frame.depth > 0)
+    fixed = np.zeros(measured.shape, np.bool_) if scene.fixed is None else scene.fixed
+    areas = np.bincount(run.owners.ravel())
+    others = np.bincount(run.owners[fixed], minlength=len(areas))
+    before = set(overlaps(segments, scene.labels, scene.ignored()).matched().values())
+    after = set(overlaps(run.owners, scene.labels, scene.ignored()).matched().values())
+    coverage = run.scene.coverage
+    return RunFigures(
+        coverage=None if coverage is None else coverage.share,
+        true_coverage=float(run.owned[measured].mean()) if measured.any() else None,
+        refused=run.refused,
+        fixed_as_objects=None if scene.fixed is None else int((others > MOSTLY * areas)[1:].sum()),
+        right_segments=len(before),
+        kept_segments=len(before & after),
+        cpu_seconds=run.cpu_seconds,
+    )
+
+
+def twin_figures(scene: LabelledScene, run: SceneRun, library: Library) -> dict[int, dict[str, object]]:
+    """The figures, as `ObjectFigures` has them, of each true object that something stands for, by its label."""
+    partner = overlaps(run.owners, scene.labels, scene.ignored()).matched()
+    known, looks = {one.id: one for one in scene.truth.objects}, first_of_same_look(library)
+    depth, calibrated = _true_depth(scene), scene.frame.camera.T_robot_cam is not None
+    found: dict[int, dict[str, object]] = {}
+    for item in run.scene.objects:
+        if (label := partner.get(item.id)) is None:
+            continue
+        one = known.get(label, TrueObject(id=label))
+        right = _is_right(item, one, looks)
+        found[label] = {
+            "stands": "asset" if item.matched else "shape",
+            "right": right,
+            "confidence": item.match.confidence if item.matched and item.match is not None else None,
+            "drift": item.drift,
+            "held": item.held,
+            **_looks(item.id, scene, label, run, depth),
+        }
+        if right and calibrated:
+            found[label] |= _pose_errors(one, item, library)
+    return found
+
+
+def _is_right(item: SceneObject, one: TrueObject, looks: Mapping[str, str]) -> bool | None:
+    """Whether the asset is that of the object; ``None`` without an asset, or where nobody knows."""
+    if not item.matched or not (one.asset or one.absent):
+        return None
+    return bool(one.asset) and looks.get(item.asset, item.asset) == looks.get(one.asset, one.asset)
+
+
+def _true_depth(scene: LabelledScene) -> Array:
+    """(H, W) m, without noise where the scene folder holds it; 0 where nothing is known."""
+    file = Path(scene.frame.source) / "depth_true.png"
+    if not file.is_file():
+        return np.asarray(scene.frame.depth, np.float64)
+    return np.asarray(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), np.float64) * scene.frame.camera.depth_scale
+
+
+def _looks(number: int, scene: LabelledScene, label: int, run: SceneRun, depth: Array) -> dict[str, object]:
+    """How an object of the twin looks from the photo's camera: intersection over union of what is seen of it and what
+    the photo shows of it, without pixels of the robot and of walls; and the 90th percentile of the error of depth."""
+    rows, columns = run.twin.owner.shape
+    fixed = np.zeros(scene.labels.shape, np.bool_) if scene.fixed is None else scene.fixed
+    free = ~_resized(fixed, rows, columns)
+    drawn = (run.twin.owner == number) & free
+    shown = _resized(scene.labels == label, rows, columns) & free
+    both, either = drawn & shown, int((drawn | shown).sum())
+    true = np.asarray(cv2.resize(depth, (columns, rows), interpolation=cv2.INTER_NEAREST))
+    errors = np.abs(run.twin.depth[both] - true[both])[true[both] > 0]
+    return {
+        "silhouette": int(both.sum()) / either if either else 0.0,
+        "depth_error": float(np.percentile(errors, 90)) if len(errors) else None,
+    }
+
+
+def _resized(mask: Mask, rows: int, columns: int) -> Mask:
+    small = cv2.resize(mask.astype(np.uint8), (columns, rows), interpolation=cv2.INTER_NEAREST)
+    return np.asarray(small) > 0
+
+
+def _pose_errors(one: TrueObject, item: SceneObject, library: Library) -> dict[str, object]:
+    """How far an asset rests from where it truly is.
+
+    ``adds`` is ADD-S as a share of the diameter: the mean distance of the true surface's points to the placed one
+    (Hinterstoisser et al., "Model based training, detection and pose estimation of texture-less 3D objects in heavily
+    cluttered scenes", ACCV 2012).
+    """
+    rotation, (center, turned) = one.rotation, item.settled or (item.position, item.orientation)
+    if one.position is None or rotation is None:
+        return {}
+    true, symmetry = matrix_from_quaternion(rotation), find_asset_symmetry(one.asset, library)
+    x, y, z = (true @ np.mean(library.load_object_model(one.asset).bounds, axis=0) + one.position).tolist()
+    return {
+        "position": float(np.linalg.norm(np.subtract(center, (x, y, z)))),
+        "angle": symmetry.rotation_error_degrees(matrix_from_quaternion(turned), true),
+        "symmetric": len(symmetry.axes) > 0,
+        "adds": _adds(item.asset, (center, turned), ((x, y, z), rotation), library),
+    }
+
+
+def _adds(asset: str, placed: Pose, true: Pose, library: Library) -> float:
+    """ADD-S of an asset, as a share of its diameter."""
+    there, here = (asset_surface_at_pose(asset, pose, library).points for pose in (placed, true))
+    _, squares = Tree(there).find_nearest_points(here)
+    some: npt.NDArray[np.float64] = here[:: max(1, len(here) // _SAMPLES)]
+    diameter = float(np.linalg.norm(some[:, None] - some[None], axis=2).max())
+    return float(np.sqrt(np.maximum(squares, 0)).mean()) / diameter
