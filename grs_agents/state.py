@@ -21,6 +21,7 @@ class RunState(TypedDict):
     descriptions: dict[str, dict[str, Any]]  # what the describer said, by candidate id: `Description` as JSON
     matches: dict[str, dict[str, Any]]  # what stands for a candidate, by its id: `MatchEvidence` as JSON
     objects: list[dict[str, Any]]  # the objects placed so far, `SceneObject` as JSON
+    left_out: str  # the picture of what is neither table nor candidate: the robot, walls of a bin
     dropped: list[dict[str, Any]]  # the candidates that are no object, `DroppedCandidate` as JSON
     background: str  # library name of the reconstructed background; empty without one
     scene: dict[str, Any]  # `SceneDescription` as JSON

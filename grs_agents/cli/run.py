@@ -14,7 +14,7 @@ from rich.text import Text
 from grs_agents import terminal
 from grs_agents.config import Config, validate_config
 from grs_agents.errors import GrsError, InputError
-from grs_agents.perception import SceneDescription, read_scene_description, resolve_scene_path
+from grs_agents.perception import SceneDescription, describe_coverage, read_scene_description, resolve_scene_path
 from grs_agents.questions import Question, check_reply
 from grs_agents.runs import WAITING, Order, Outcome, RunRecord, UnexpectedError, Views, execute_run, read_record
 from grs_agents.terminal import print_escaped, print_json
@@ -90,7 +90,10 @@ def print_question(question: Question) -> None:
 def _print_run_summary(command: str, folder: Path, record: RunRecord) -> None:
     console = terminal.make_console()
     if command == "scene" and record.exit_status == 0:
-        console.print(build_objects_table(read_scene_description(folder / "scene.json")))
+        scene = read_scene_description(folder / "scene.json")
+        console.print(build_objects_table(scene))
+        if scene.coverage is not None:
+            console.print(Text(f"{describe_coverage(scene.coverage)} ({folder / scene.coverage.picture})"))
     else:
         console.print(summary_table(record.model_dump(mode="json")))
     console.print(Text.assemble((f"grs replay {folder}", "bold"), "   opens the trace"))

@@ -21,7 +21,7 @@ from grs_agents.foreign import read_json
 from grs_agents.runs.batch import Done, Job, run_jobs
 from grs_agents.terminal import VisibleParser, print_escaped, print_json
 
-CHECKOUT_ONLY = ("correspondence", "perception", "retrieval_scale", "routing")
+CHECKOUT_ONLY = ("confidence", "correspondence", "perception", "retrieval_scale", "routing", "shapes", "twin")
 """Experiments that measure GRS itself on scenes made for it: neither they nor what they share are in a wheel."""
 
 

@@ -299,9 +299,10 @@ class Decision(Stamped):
 class SceneStage(Stamped):
     """One stage of scene comprehension: numbers and names in ``summary``, pictures in ``files``.
 
-    ``files`` may hold ``rgb``, ``depth`` (uint16 PNG), ``masks`` (label PNG, 0 = background); ``summary`` may
-    hold ``camera`` (fx, fy, cx, cy, width, height, depth_scale, T_robot_cam), ``depth_scale`` and ``objects``
-    (id, name, box with low and high, in metres, robot frame).
+    ``files`` may hold ``rgb``, ``depth`` (uint16 PNG), ``masks`` (label PNG, 0 = background), ``coverage`` (the photo
+    with what no object owns), ``twin`` (the objects at rest as the camera sees them, with their textures); ``summary``
+    may hold ``camera`` (fx, fy, cx, cy, width, height, depth_scale, T_robot_cam), ``depth_scale``, ``objects`` (id,
+    name, box with low and high, in metres, robot frame) and ``coverage`` (share, unowned).
     """
 
     kind: Literal["scene_stage"] = "scene_stage"

@@ -5,7 +5,7 @@ twin, and the rollouts from beginning to end."""
 import base64
 import html
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import repeat
 from pathlib import Path
 from typing import Any, Literal, TypeVar, cast
@@ -14,16 +14,15 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents import trace
-from grs_agents.base import Vec3
 from grs_agents.errors import GrsError
 from grs_agents.foreign import find_member_file, read_bytes, read_picture, resolve_member_file
-from grs_agents.library import Library
+from grs_agents.library import Lens, Library
+from grs_agents.sim.rendering import render_from_camera, resize_lens, scene_props_from_instance
 from grs_agents.sim.world import FIRST_BYSTANDER
 from grs_agents.terminal import escape_control_chars
 from grs_agents.views.common import (
     Rectangle,
     Step,
-    build_twin_objects,
     format_finding_verdict,
     format_object_size,
     group_events_into_steps,
@@ -32,7 +31,6 @@ from grs_agents.views.common import (
     object_display_name,
     object_mask_label,
     read_task_instance,
-    render_from_photo_camera,
 )
 from grs_agents.views.film import Shot, render_frames
 
@@ -52,6 +50,13 @@ figure{margin:0}figcaption{font-size:.9rem;opacity:.8}img,svg{max-width:100%;hei
 .strip>*{flex:1 1 0;min-width:0}
 .good{color:var(--good)}.bad{color:var(--bad)}.add{color:var(--good)}.del{color:var(--bad)}.hunk{opacity:.6}
 .table{overflow-x:auto}
+.compare{position:relative;container-type:inline-size;line-height:0}.compare img{width:100%}
+.over{position:absolute;inset:0 auto 0 0;width:50%;min-width:1.2rem;max-width:100%;overflow:hidden;resize:horizontal;
+border-right:3px solid #fff;box-shadow:2px 0 4px #0008}.over img{width:100cqw;max-width:none;height:100%}
+.over::-webkit-resizer{background:#fff}
+@media print{figure:has(.compare){flex-basis:100%}
+.compare{display:flex;gap:1rem;container-type:normal}.compare>*{flex:1 1 0;min-width:0}
+.over{position:static;width:auto!important;border:0;box-shadow:none;order:-1}.over img{width:100%;height:auto}}
 .status{font-size:1.2rem;font-weight:600}.quiet{opacity:.75}summary{cursor:pointer}
 """
 
@@ -125,7 +130,7 @@ def render_diff(value: str) -> str:
 def render_picture(image: npt.NDArray[np.uint8], caption: str = "", marks: Sequence[tuple[str, Rectangle]] = ()) -> str:
     """An image (H, W, 3) as a JPEG inside the page, with named boxes (pixels) drawn over it."""
     height, width = image.shape[:2]
-    source = f"data:image/jpeg;base64,{base64.b64encode(_encode_jpeg(image)).decode()}"
+    source = _data_url(image)
     if marks:
         boxes = "".join(_render_labelled_box(name, box, width / 640) for name, box in marks)
         below = f'<image href="{source}" width="{width}" height="{height}"/>'
@@ -133,6 +138,11 @@ def render_picture(image: npt.NDArray[np.uint8], caption: str = "", marks: Seque
     else:
         drawn = f'<img src="{source}" width="{width}" height="{height}" alt="{escape_html(caption)}">'
     return f"<figure>{drawn}<figcaption>{escape_html(caption)}</figcaption></figure>"
+
+
+def _data_url(image: npt.NDArray[np.uint8]) -> str:
+    """An image (H, W, 3) as a JPEG that stands in the page itself."""
+    return f"data:image/jpeg;base64,{base64.b64encode(_encode_jpeg(image)).decode()}"
 
 
 def _render_labelled_box(name: str, box: Rectangle, scale: float) -> str:
@@ -152,6 +162,8 @@ def _encode_jpeg(image: npt.NDArray[np.uint8]) -> bytes:
 
 FRAMES = 6
 """Pictures of a film strip."""
+VIEW_WIDTH = 640
+"""Pixels of the view of the task."""
 
 
 @dataclass(frozen=True)
@@ -169,22 +181,22 @@ class Sources:
 
 
 def render_photo_and_objects(events: Sequence[trace.Event], sources: Sources) -> Iterator[str]:
-    """The photo with a numbered box around each object, the simulation beside it, and the objects as a table."""
+    """The photo with a numbered box around each object, photo and twin to compare, the task as the photo's camera would
+    see it, and the objects as a table."""
     files: dict[str, str] = {}
     camera: dict[str, Any] = {}
     objects: list[dict[str, Any]] = []
-    background: str | None = None
-    table: Vec3 | None = None
     for event in events:
         if isinstance(event, trace.SceneStage):
             files.update(event.files)
             camera.update(event.summary.get("camera") or {})
             objects = event.summary.get("objects") or objects
-            background = event.summary.get("background") or background
-            table = event.summary.get("table_color") or table
     sources.announce_drawing("the camera's view of the simulation")
-    photo = _render_annotated_photo(files, objects, sources.folder)
-    shown = [photo, _render_simulated_view(events, sources, objects, camera, background, table)]
+    shown = [
+        _render_annotated_photo(files, objects, sources.folder),
+        _render_photo_beside_twin(files, sources.folder),
+        _render_task_view(events, sources, camera),
+    ]
     if any(shown):
         yield f'<div class="row">{"".join(shown)}</div>'
     if objects:
@@ -226,35 +238,41 @@ def _render_annotated_photo(files: dict[str, str], objects: Sequence[dict[str, A
     return render_picture(np.asarray(image[:, :, ::-1], np.uint8), "The photo, with the objects found in it", marks)
 
 
-def _render_simulated_view(
-    events: Sequence[trace.Event],
-    sources: Sources,
-    objects: Sequence[dict[str, Any]],
-    camera: dict[str, Any],
-    background: str | None,
-    table: Vec3 | None,
-) -> str:
-    """The task as the camera of the photo would see it; of a run that came to none, the objects found."""
-    if not camera.get("T_robot_cam"):
+def _render_photo_beside_twin(files: dict[str, str], folder: Path) -> str:
+    """The photo over its twin, up to an edge that can be dragged; in print one beside the other."""
+    import cv2
+
+    found = [find_member_file(folder, files[name]) if name in files else None for name in ("rgb", "twin")]
+    if found[0] is None or found[1] is None:
         return ""
+    photo, twin = (read_picture(file, cv2.IMREAD_COLOR)[:, :, ::-1] for file in found if file is not None)
+    height, width = twin.shape[:2]
+    photo = cv2.resize(photo, (width, height), interpolation=cv2.INTER_AREA)
+    over, under = (
+        f'<img src="{_data_url(np.asarray(image, np.uint8))}" width="{width}" height="{height}" alt="{name}">'
+        for image, name in ((photo, "The photo"), (twin, "Its twin"))
+    )
+    caption = "The photo (left) and its twin in MuJoCo: drag the corner of the photo"
+    return (
+        f'<figure><div class="compare">{under}<div class="over">{over}</div></div>'
+        f"<figcaption>{escape_html(caption)}</figcaption></figure>"
+    )
+
+
+def _render_task_view(events: Sequence[trace.Event], sources: Sources, camera: dict[str, Any]) -> str:
+    """The task as the camera of the photo would see it; nothing of a run that came to none."""
     played = [event for event in last_audit_events(events, trace.Rollout) if event.instance]
+    if not played or not camera.get("T_robot_cam"):
+        return ""
     try:
-        if played:
-            instance = read_task_instance(resolve_member_file(sources.folder, played[0].instance or ""))
-            objects_shown, background = list(instance.objects), instance.background
-            table = instance.table.color[:3]
-            caption = f"The same view of the task, seed {instance.seed}, before the robot moves"
-        else:
-            objects_shown = build_twin_objects(objects, sources.library)
-            caption = "The same view of what was found: the asset that stands for each object"
-        image = (
-            render_from_photo_camera(objects_shown, sources.library, camera, background, table)
-            if objects_shown
-            else None
-        )
+        instance = read_task_instance(resolve_member_file(sources.folder, played[0].instance or ""))
+        lens = Lens(**{name: camera[name] for name in ("fx", "fy", "cx", "cy", "width", "height")})
+        small = resize_lens(lens, round(VIEW_WIDTH * lens.height / lens.width), VIEW_WIDTH)
+        props = replace(scene_props_from_instance(instance), arm=None)
+        picture = render_from_camera(props, sources.library, small, np.asarray(camera["T_robot_cam"], np.float64))
     except GrsError as error:
         return render_paragraph(f"The simulation cannot be drawn: {error}", "quiet")
-    return "" if image is None else render_picture(image, caption)
+    return render_picture(picture.color, f"The same view of the task, seed {instance.seed}, before the robot moves")
 
 
 def last_audit_events(events: Sequence[trace.Event], kind: type[AuditEvent]) -> list[AuditEvent]:

@@ -26,7 +26,6 @@ from .scene_objects import mask_bounding_boxes as mask_bounding_boxes
 from .scene_objects import modification_time_ns as modification_time_ns
 from .scene_objects import object_display_name as object_display_name
 from .scene_objects import object_mask_label as object_mask_label
-from .scene_objects import render_from_photo_camera as render_from_photo_camera
 from .step_text import find_last_failed_step as find_last_failed_step
 from .step_text import find_step_by_number as find_step_by_number
 from .step_text import iter_step_sections as iter_step_sections

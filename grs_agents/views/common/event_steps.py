@@ -146,7 +146,9 @@ def summarise_event(event: trace.Event) -> str:
 
 def _summarise_scene_stage(event: trace.SceneStage) -> str:
     objects: list[Any] | None = event.summary.get("objects")
-    return event.stage if objects is None else f"{event.stage}: {len(objects)} objects"
+    coverage: dict[str, Any] | None = event.summary.get("coverage")
+    told = f", coverage {coverage['share']:.2f}" if coverage else ""
+    return event.stage if objects is None else f"{event.stage}: {len(objects)} objects{told}"
 
 
 def group_events_into_steps(events: list[trace.Event]) -> list[Step]:

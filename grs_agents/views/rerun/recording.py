@@ -220,6 +220,8 @@ class Paths:
     DIFF = "/diff"
     REPORT = "/report"
     OBJECTS = "/objects"
+    COVERAGE = "/coverage"
+    TWIN_PICTURE = "/twin_picture"
     AUDIT = "/audit"
     METRICS = "/metrics"
     SCENE = "/scene"

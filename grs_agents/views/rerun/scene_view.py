@@ -91,22 +91,27 @@ class SceneView:
         self._depth_scale = float(scale) if scale else None
         if event.summary.get("camera"):
             self._show_camera(recording)
-        if self._is_new_file("rgb", event):
-            log_picture(recording, f"{Paths.CAMERA}/rgb", resolve_member_file(self._folder, event.files["rgb"]))
-        if self._is_new_file("depth", event):
-            self._show_depth_image(recording)
+        self._show_new_pictures(recording, event)
         self._show_point_cloud(recording)
         objects: list[dict[str, Any]] = event.summary.get("objects") or []
         if "masks" in event.files:
             self._show_masks_and_boxes(recording, objects)
         if objects:
             _show_bounding_boxes(recording, objects)
-            recording.log_markdown(Paths.OBJECTS, _format_object_table(objects))
+            recording.log_markdown(Paths.OBJECTS, _format_object_table(objects, event.summary.get("coverage")))
             self._show_twin_objects(recording, objects)
         background = event.summary.get("asset" if event.stage == "background" else "background")
         if background:
             library = library_with_run_assets(self._folder, self._library)
             log_asset_shapes(recording, Paths.SURROUNDINGS, str(background), library)
+
+    def _show_new_pictures(self, recording: Recording, event: SceneStage) -> None:
+        pictures = {"rgb": f"{Paths.CAMERA}/rgb", "coverage": Paths.COVERAGE, "twin": Paths.TWIN_PICTURE}
+        for kind, path in pictures.items():
+            if self._is_new_file(kind, event):
+                log_picture(recording, path, resolve_member_file(self._folder, event.files[kind]))
+        if self._is_new_file("depth", event):
+            self._show_depth_image(recording)
 
     def _is_new_file(self, name: str, event: SceneStage) -> bool:
         """Whether ``event`` brings a file that is not shown yet."""
@@ -212,12 +217,17 @@ def _label_color(label: int) -> tuple[int, int, int]:
     return round(255 * red), round(255 * green), round(255 * blue)
 
 
-def _format_object_table(objects: list[dict[str, Any]]) -> str:
-    """The objects as a table; its numbers are those on the photo, since names would cover one another there."""
+def _format_object_table(objects: list[dict[str, Any]], coverage: dict[str, Any] | None) -> str:
+    """The objects as a table; its numbers are those on the photo, since names would cover one another there.
+
+    Below it which share of what rises above the table they own, if it was measured.
+    """
     rows = ["### Objects in the photo", "", "| | name | size (cm) | asset |", "|---|---|---|---|"]
     for index, item in enumerate(objects):
         asset, name = to_markdown_cell(item.get("asset") or ""), to_markdown_cell(object_display_name(item))
         rows.append(f"| {object_mask_label(item, index)} | {name} | {format_object_size(item, '?')} | {asset} |")
+    if coverage:
+        rows += ["", f"coverage: {coverage['share']:.2f} of what rises above the table"]
     return to_viewer_markdown("\n".join(rows))
 
 

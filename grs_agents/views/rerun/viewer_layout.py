@@ -56,7 +56,9 @@ class _Views:
 
     def scene_tab(self) -> rrb.Vertical:
         above = rrb.Horizontal(self._photo_view(), self._depth_view(), self._twin_view())
-        below = rrb.Horizontal(self._scene_3d_view(), self._document_view("OBJECTS"), column_shares=[3, 2])
+        coverage = rrb.Spatial2DView(origin=self._prefixed_path(Paths.COVERAGE), name="Coverage")
+        beside = rrb.Tabs(self._document_view("OBJECTS"), coverage)
+        below = rrb.Horizontal(self._scene_3d_view(), beside, column_shares=[3, 2])
         return rrb.Vertical(above, below, row_shares=[4, 5], name="1 Scene")
 
     def programs_tab(self) -> rrb.Vertical:
