@@ -10,7 +10,7 @@ import pytest
 
 from grs_agents import content
 from grs_agents.config import Config
-from grs_agents.perception.proxies import write_proxy
+from grs_agents.perception.proxies import primitive_proxy, write_proxy
 from grs_agents.runs import RunRecord
 from grs_agents.sim import find_task_class, instantiate
 from tests.cli.command import grs
@@ -187,7 +187,12 @@ def test_check_says_what_was_assumed(tmp_path: Path) -> None:
 
 def test_check_knows_the_assets_of_a_run(tmp_path: Path) -> None:
     run = tmp_path / "run"
-    name = write_proxy(run / "assets", "crate_1", "box", (0.05, 0.05, 0.05), (0.8, 0.1, 0.1), "a crate").name
+    name = write_proxy(
+        run / "assets",
+        "crate_1",
+        primitive_proxy("box", (0.05, 0.05, 0.05), (0.8, 0.1, 0.1)),
+        "a crate",
+    ).name
     RunRecord(
         id="run",
         status="accepted",
@@ -298,7 +303,7 @@ def test_names_stay_whole_in_a_terminal_of_80_columns(
     lines = grs(*arguments, folder=tmp_path).stdout.splitlines()
     assert max(map(len, lines)) <= 80
     names = [word for line in lines for word in line.split() if "/" in word and "." in word]
-    assert len(names) >= 8 and all(name.endswith(".urdf") for name in names if not name.startswith("runs/"))
+    assert len(names) >= 8 and all(name.endswith(".urdf") for name in names if not name.startswith(("runs/", "(")))
 
 
 def test_check_tells_tests_by_name_in_80_columns(

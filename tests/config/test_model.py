@@ -17,7 +17,10 @@ def test_every_role_is_served_out_of_the_box() -> None:
 
 
 def test_every_role_but_the_default_has_a_prompt() -> None:
-    assert set(PromptsConfig.model_fields) == set(ROLES) - {"default"}
+    assert set(PromptsConfig.model_fields) == set(ROLES) - {
+        "default",
+        "rival",
+    }  # the rival reads the prompt of simulation
 
 
 def test_aliases_lead_to_roles_and_hide_none() -> None:

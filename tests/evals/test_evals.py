@@ -3,6 +3,8 @@
 import json
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from grs_agents import content
@@ -64,7 +66,7 @@ def test_perception_of_labelled_scenes(sample_scene: Path, tmp_path: Path, capsy
     figures = json.loads(capsys.readouterr().out)
     assert figures["rows"][0]["scene"] == "groceries"
     assert figures["rows"][0]["F1@.5"] == "1.000"
-    names = "errors.png figures.json figures.md objects.csv scenes scenes.csv scores.png sheet.png"
+    names = "errors.png figures.json figures.md objects.csv runs scenes scenes.csv scores.png sheet-01.png"
     assert sorted(file.name for file in tmp_path.iterdir()) == names.split()
     assert len((tmp_path / "objects.csv").read_text().splitlines()) == 12
     assert main(arguments) == 0  # nothing is measured again: even the time it took is the same
@@ -76,6 +78,21 @@ def test_perception_of_a_synthesised_scene(tmp_path: Path, capsys: pytest.Captur
     assert content.load_module("evals", "perception").main([*arguments, "--out", str(tmp_path)]) == 0
     assert "synth_2000" in capsys.readouterr().out
     assert len(list((tmp_path / "synthesised").glob("*/*/truth.json"))) == 1
+
+
+def test_a_sheet_shows_photo_and_twin_of_each_scene(tmp_path: Path, small_scene: Path) -> None:
+    main = content.load_module("evals", "twin").main
+    assert main([str(small_scene.parent), "--out", str(tmp_path / "out")]) == 0
+    sheet = cv2.imread(str(tmp_path / "out" / "sheet-01.png"))
+    assert sheet is not None
+    assert sheet.shape == (24 + 360 + 6, 3 * 480, 3)
+    photo, twin = sheet[24:-6, :480].astype(int), sheet[24:-6, 480:960].astype(int)
+    assert 0 < np.abs(photo - twin).mean() < 80
+
+
+def test_a_sheet_of_no_scene_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError):
+        content.load_module("evals", "twin").main([str(tmp_path / "none"), "--out", str(tmp_path / "out")])
 
 
 def test_perception_without_a_labelled_scene_is_refused(tmp_path: Path) -> None:

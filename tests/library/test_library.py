@@ -7,7 +7,7 @@ import pytest
 from grs_agents import content
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.library import Library
-from grs_agents.perception.proxies import write_proxy
+from grs_agents.perception.proxies import primitive_proxy, write_proxy
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def test_negative_dimensions_are_refused(library: Library) -> None:
 
 
 def test_an_overlay_adds_and_wins(library: Library, tmp_path: Path) -> None:
-    asset = write_proxy(tmp_path, "mug_1", "cylinder", (0.08, 0.08, 0.1), (0.8, 0.1, 0.1), "a red mug")
+    asset = write_proxy(tmp_path, "mug_1", primitive_proxy("cylinder", (0.08, 0.08, 0.1), (0.8, 0.1, 0.1)), "a red mug")
     both = library.with_overlay(tmp_path)
     assert both.asset("proxy/mug_1.urdf") == asset
     assert both.asset_path("proxy/mug_1.urdf").is_relative_to(tmp_path)
@@ -58,7 +58,7 @@ def test_an_overlay_adds_and_wins(library: Library, tmp_path: Path) -> None:
     assert "proxy/mug_1.urdf" not in library
     again = Library(*map(Path, map(str, both.roots)))
     assert again.asset_names() == both.asset_names()
-    write_proxy(tmp_path, "mug_1", "box", (0.1, 0.1, 0.1), (0.1, 0.1, 0.8), "a blue box")
+    write_proxy(tmp_path, "mug_1", primitive_proxy("box", (0.1, 0.1, 0.1), (0.1, 0.1, 0.8)), "a blue box")
     assert library.with_overlay(tmp_path).asset("proxy/mug_1.urdf").color == "blue"
     assert library.with_overlay(tmp_path).with_overlay(library.roots[0]).roots[-1] == library.roots[0]
 

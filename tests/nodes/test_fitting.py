@@ -83,7 +83,7 @@ def test_what_is_certain_may_be_larger_than_what_is_seen(seen: tuple[Photo, Cand
     for other in (
         one,
         known.model_copy(update={"residual": 0.004}),
-        known.model_copy(update={"match": sure.model_copy(update={"confidence": 0.9})}),
+        known.model_copy(update={"match": sure.model_copy(update={"confidence": 0.6})}),
         known.model_copy(update={"match": sure.model_copy(update={"confidence": None})}),
     ):
         ((found,), _) = replace_misfit_assets([other], {record.id: record}, [], photo, services_in(tmp_path))

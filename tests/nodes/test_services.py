@@ -7,7 +7,7 @@ import pytest
 
 from grs_agents.config import Config
 from grs_agents.nodes import Services
-from grs_agents.perception.proxies import write_proxy
+from grs_agents.perception.proxies import primitive_proxy, write_proxy
 
 GRAY = (0.5, 0.5, 0.5)
 
@@ -22,7 +22,7 @@ def services(tmp_path: Path) -> Services:
 def test_the_library_is_read_once(services: Services) -> None:
     shipped = services.library
     assert services.library is shipped and "HOPE/Milk.urdf" in shipped
-    write_proxy(services.folder / "assets", "mug", "box", (0.08, 0.08, 0.1), GRAY, "a mug")
+    write_proxy(services.folder / "assets", "mug", primitive_proxy("box", (0.08, 0.08, 0.1), GRAY), "a mug")
     laid = services.library
     assert laid is not shipped and services.library is laid
     assert "proxy/mug.urdf" in laid and "proxy/mug.urdf" not in shipped
@@ -30,6 +30,6 @@ def test_the_library_is_read_once(services: Services) -> None:
 
 def test_a_proxy_that_is_written_again_is_read_again(services: Services) -> None:
     for height in (0.1, 0.2):  # texts of one length
-        write_proxy(services.folder / "assets", "mug", "box", (0.08, 0.08, height), GRAY, "a mug")
+        write_proxy(services.folder / "assets", "mug", primitive_proxy("box", (0.08, 0.08, height), GRAY), "a mug")
         assert services.library.load_object_model("proxy/mug.urdf").size[2] == pytest.approx(height)
         assert services.library.asset("proxy/mug.urdf").size[2] == pytest.approx(height)

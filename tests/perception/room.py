@@ -35,9 +35,8 @@ def camera(yaw: float = 0.0, width: int = 320, height: int = 240) -> Camera:
     pose[:3, 3] = np.array([0.5, 0.0, 0.1]) - 1.1 * forward
     focal = 0.75 * width
     matrix = tuple(tuple(float(value) for value in row) for row in pose)
-    center = {"cx": (width - 1) / 2, "cy": (height - 1) / 2}
-    size = {"width": width, "height": height}
-    return Camera(fx=focal, fy=focal, **center, **size, depth_scale=0.0005, T_robot_cam=matrix)
+    cx, cy = (width - 1) / 2, (height - 1) / 2
+    return Camera(fx=focal, fy=focal, cx=cx, cy=cy, width=width, height=height, depth_scale=0.0005, T_robot_cam=matrix)
 
 
 def photo(
@@ -63,7 +62,7 @@ def photo(
     depth[owner < 0] = 0
     points = eye + rays * depth[..., None]
     shaken = depth + noise * depth**2 * np.random.default_rng(0).normal(size=depth.shape)
-    rgb = np.array(_COLORS, np.uint8)[owner]
+    rgb = np.array(_COLORS, np.uint8)[np.where(owner < 0, -1, owner % (len(_COLORS) - 1))]
     frame = RGBDFrame(rgb, np.where(owner < 0, 0, shaken).astype(np.float32), seen_by, Path("room"))
     return frame, np.asarray(points, np.float64), owner
 

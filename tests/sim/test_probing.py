@@ -3,7 +3,16 @@
 import numpy as np
 
 from grs_agents.library import Library
-from grs_agents.sim import Environment, EpisodeMemory, Probe, Task, TaskInstance, instantiate, run_oracle
+from grs_agents.sim import (
+    Environment,
+    EpisodeMemory,
+    EpisodeReplay,
+    Probe,
+    Task,
+    TaskInstance,
+    instantiate,
+    run_oracle,
+)
 from grs_agents.sim.world import state_mass_and_friction
 
 FLAT = (0.0, 0.0, 0.0, 1.0)
@@ -52,3 +61,19 @@ def test_another_scene_is_told_from_the_audited_one() -> None:
     probe = Probe(other, None, 1, False, EpisodeMemory())
     play(instance, probe)
     assert probe.describe() == {"solved": 0, "difference": "objects", "replaced": "", "held": False}
+
+
+def test_tests_that_play_the_same_episode_simulate_it_once() -> None:
+    instance, replay = instantiate(TwoBlocks(), 3, Library()), EpisodeReplay(EpisodeMemory())
+    plain, seen = play(instance), list[Environment]()
+    Environment.witness = replay
+    try:
+        for _ in range(2):
+            task = TwoBlocks()
+            seen.append(Environment(task=task, seed=instance.seed))
+            seen[-1].reset()
+            run_oracle(seen[-1], task)
+    finally:
+        Environment.witness = None
+    assert [env.current_episode for env in seen] == [plain.current_episode] * 2
+    assert [env.budget.left for env in seen] == [plain.budget.left] * 2

@@ -115,7 +115,9 @@ def test_an_instance_that_differs_when_it_is_drawn_again_does_not_count(
     name: str, context: ToolContext, simulation: str
 ) -> None:
     unsteady = f"        {UNSTEADY[name]}\n"
-    moved = "        env.add_object('block/green_block.urdf', ((0.4, -0.3 + now % 97 / 970, 0.02), (0, 0, 0, 1)))\n"
+    moved = (
+        "        env.add_object('block/green_block.urdf', ((0.4, -0.3 + now % 99991 / 999910, 0.02), (0, 0, 0, 1)))\n"
+    )
     result = draw(context, simulation + unsteady + moved, (0, 1))
     assert not result.instances
     assert [failure.outcome for failure in result.failures] == ["not_repeatable"] * 2

@@ -3,7 +3,9 @@
 import contextlib
 import importlib
 import json
+import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -15,16 +17,17 @@ from grs_agents import content
 from grs_agents.errors import ConfigError, InputError
 from grs_agents.perception import find_table
 from grs_agents.toolkit import ToolContext
-from tests.needs import require
+from tests.needs import needs, require
 from tests.perception.conftest import THINGS, render
+from tests.perception.segmentation.test_sam2_models import write_color_segmenter
 
 FRAME = render(THINGS, calibrated=True).frame
 TABLE = find_table(FRAME, np.random.default_rng(0))
 
 
-def ask(model: str | None, context: ToolContext) -> Any:
+def ask(model: str | None, context: ToolContext, **options: Any) -> Any:
     tool = content.load_module("tools", "segment_sam2")
-    return tool.run(tool.Request(frame=FRAME, table=TABLE, model=model), context)
+    return tool.run(tool.Request(frame=FRAME, table=TABLE, model=model, **options), context)
 
 
 def installed(monkeypatch: pytest.MonkeyPatch, **matchable_assets: Any) -> None:
@@ -134,23 +137,31 @@ def real() -> Any:
     return transformers
 
 
-def test_a_real_model_is_loaded_and_asked(tmp_path: Path, real: Any, context: ToolContext) -> None:
+def test_a_real_model_is_loaded_and_asked_and_its_cost_is_told(tmp_path: Path, real: Any, context: ToolContext) -> None:
     tiny(real, sure=True).save_pretrained(tmp_path)
-    found: list[Any] = []
-    for _ in range(2):
-        try:
-            found.append(ask(str(tmp_path), context).candidates)
-        except InputError as error:  # what random weights see need not be a thing
-            assert "on the table" in str(error) or "fills the table" in str(error)
-            found.append(())
-    assert len(found[0]) == len(found[1])
-    assert all((one.mask == other.mask).all() for one, other in zip(*found, strict=True))
+    told: list[str] = []
+    listening = replace(context, say=told.append)
+    one, other = (ask(str(tmp_path), listening, batch=batch).candidates for batch in (16, 5))
+    assert len(one) == len(other) > 0
+    assert all((left.mask == right.mask).mean() > 0.999 for left, right in zip(one, other, strict=True))
+    assert re.fullmatch(r"asks SAM 2 at \d+ points, which takes 75 to 170 CPU seconds a photo", told[0])
 
 
-def test_masks_that_the_model_is_not_sure_of_are_left_out(tmp_path: Path, real: Any, context: ToolContext) -> None:
+def test_what_the_model_is_not_sure_of_is_segmented_by_depth_alone(
+    tmp_path: Path, real: Any, context: ToolContext
+) -> None:
     tiny(real, sure=False).save_pretrained(tmp_path)
-    with pytest.raises(InputError, match="found nothing on the table"):
-        ask(str(tmp_path), context)
+    found = ask(str(tmp_path), context).candidates
+    by_depth = content.load_module("tools", "segment_rgbd")
+    expected = by_depth.run(by_depth.Request(frame=FRAME, table=TABLE), context).candidates
+    assert len(found) == len(expected) == len(THINGS)
+    assert all((one.mask == other.mask).all() for one, other in zip(found, expected, strict=True))
+
+
+@needs("onnx", "onnxruntime")
+def test_a_model_in_onnx_finds_what_is_of_one_colour(tmp_path: Path, context: ToolContext) -> None:
+    write_color_segmenter(tmp_path)
+    assert len(ask(str(tmp_path), context).candidates) == len(THINGS)
 
 
 def test_a_torn_model_is_refused(tmp_path: Path, real: Any, context: ToolContext) -> None:

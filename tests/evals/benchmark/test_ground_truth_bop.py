@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
+from evals.benchmark.box_errors import object_figures
 from evals.benchmark.ground_truth import read_labelled
 from evals.benchmark.ground_truth_bop import bop_sources
-from evals.benchmark.pose_errors import object_figures
 from evals.synthesis import Recipe, SynthesisedScene, synthesise
 from grs_agents.errors import InputError
 from grs_agents.library import IDENTITY_PLACEMENT, Library, build_posed_triangles, matrix_from_quaternion

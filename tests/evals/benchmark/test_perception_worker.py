@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evals.benchmark.figures import COLUMNS, perception_targets, scene_row, total_rows
+from evals.benchmark.box_errors import frame_figures, object_figures
+from evals.benchmark.figures import COLUMNS, calibration_error, perception_targets, scene_row, total_rows
 from evals.benchmark.ground_truth import read_labelled
 from evals.benchmark.perception_worker import measure_scene
-from evals.benchmark.pose_errors import frame_figures, object_figures
-from evals.benchmark.types import Order, Result, result_file
+from evals.benchmark.scene_run import TWIN, TWIN_ASIDE
+from evals.benchmark.types import Order, Result, result_file, run_folder
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.library import Library
 from grs_agents.perception import find_table, measure_candidates
@@ -32,7 +33,21 @@ def test_the_sample_scene_is_measured_whole(measured: tuple[Result, Path]) -> No
     assert abs(figures.frame.height) < 0.005
     assert np.median([one.center for one in figures.objects if one.center is not None]) < 0.01
     assert np.median([one.size for one in figures.objects if one.size is not None]) < 0.015
-    assert all(one.position is not None and one.angle is not None for one in figures.objects)
+
+
+def test_the_run_of_the_sample_scene_is_compared_with_the_truth(measured: tuple[Result, Path]) -> None:
+    figures, out = measured[0].figures, measured[1]
+    assert figures.run is not None
+    assert figures.twin is not None
+    assert figures.run.true_coverage is not None
+    assert 0.9 < figures.run.true_coverage <= 1
+    assert (figures.run.right_segments, figures.run.kept_segments) == (11, 11)
+    right = [one for one in figures.objects if one.right]
+    assert len(right) >= 9
+    assert all(one.stands == "asset" and one.adds is not None and one.adds < 0.1 for one in right)
+    assert np.median([one.silhouette for one in figures.objects if one.silhouette is not None]) > 0.85
+    assert all(one.depth_error is not None and one.depth_error < 0.02 for one in right)
+    assert all((run_folder(out, "groceries") / name).is_file() for name in (TWIN, TWIN_ASIDE))
 
 
 def test_a_result_is_read_back_as_it_was(measured: tuple[Result, Path]) -> None:
@@ -94,6 +109,13 @@ def test_a_row_has_every_column_and_targets_are_kept(measured: tuple[Result, Pat
     assert by_name["F1 at IoU 0.5"].is_target_met
     assert by_name["CPU up to 1920x1080, largest"].is_target_met is None
     json.dumps(scene_row(figures), allow_nan=False)
+
+
+def test_confidence_is_calibrated_where_it_says_how_often_it_is_right() -> None:
+    assert calibration_error([]) is None
+    assert calibration_error([(0.75, True), (0.75, True), (0.75, True), (0.75, False)]) == pytest.approx(0)
+    assert calibration_error([(0.95, False), (0.95, False)]) == pytest.approx(0.95)
+    assert calibration_error([(0.95, False), (0.95, False), (0.25, True), (0.25, False)]) == pytest.approx(0.6)
 
 
 def test_what_cannot_be_measured_is_refused(tmp_path: Path, sample_scene: Path) -> None:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from evals.benchmark.segmentation_metrics import outline, overlaps, score_segmentation, sum_scores
+from evals.benchmark.segmentation_metrics import overlaps, score_segmentation, sum_scores
 
 LABELS = arrays(np.int32, (12, 16), elements=st.integers(0, 4))
 
@@ -27,7 +27,6 @@ def test_the_truth_itself_is_perfect(truth: np.ndarray) -> None:
     made = score_segmentation(truth, truth)
     assert made.f1 == (1.0, 1.0)
     assert (made.split, made.merged) == (0, 0)
-    assert made.boundary_f == 1.0
     assert np.isnan(made.mean_iou) if not truth.any() else made.mean_iou == 1.0
 
 
@@ -35,7 +34,6 @@ def test_the_truth_itself_is_perfect(truth: np.ndarray) -> None:
 def test_scores_keep_their_bounds(found: np.ndarray, truth: np.ndarray) -> None:
     made = score_segmentation(found, truth)
     assert 0 <= made.f1[1] <= made.f1[0] <= 1
-    assert 0 <= made.boundary_f <= 1
     assert 0 <= made.over_segmentation <= 1
     assert 0 <= made.under_segmentation <= 1
     assert np.isnan(made.mean_iou) or 0.5 <= made.mean_iou <= 1
@@ -91,22 +89,6 @@ def test_ignored_objects_and_what_lies_in_them_do_not_count() -> None:
     assert score_segmentation(pictures(LEFT, RIGHT), truth, frozenset({2})).f1 == (1.0, 1.0)
     assert score_segmentation(pictures(LEFT), truth, frozenset({2})).f1 == (1.0, 1.0)
     assert score_segmentation(pictures(LEFT, (45, 55, 40, 60)), truth, frozenset({2})).f1[0] == pytest.approx(2 / 3)
-
-
-def test_outlines_a_pixel_off_agree_and_far_off_do_not() -> None:
-    truth = pictures(LEFT)
-    near, far = (
-        score_segmentation(pictures((11, 40, 10, 30)), truth),
-        score_segmentation(pictures((20, 40, 10, 30)), truth),
-    )
-    assert near.boundary_f == 1.0
-    assert far.boundary_f < 0.8
-
-
-def test_the_pictures_edge_is_no_outline() -> None:
-    mask = np.zeros((6, 6), np.bool_)
-    mask[:, :3] = True
-    assert outline(mask).sum() == 6
 
 
 def test_totals_add_up() -> None:

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.perception.proxies import write_proxy
+from grs_agents.perception import Solid
+from grs_agents.perception.proxies import primitive_proxy, write_proxy
 
 EXTENTS = st.tuples(*[st.floats(0.005, 1.0)] * 3)
 COLORS = st.tuples(*[st.floats(0, 1)] * 3)
@@ -18,10 +19,10 @@ COLORS = st.tuples(*[st.floats(0, 1)] * 3)
 @settings(max_examples=50, deadline=None)
 @given(st.sampled_from(["box", "cylinder"]), EXTENTS, COLORS)
 def test_a_proxy_has_the_measured_size(
-    tmp_path_factory: pytest.TempPathFactory, shape: str, size: Vec3, color: Vec3
+    tmp_path_factory: pytest.TempPathFactory, shape: Solid, size: Vec3, color: Vec3
 ) -> None:
     root = tmp_path_factory.mktemp("proxies")
-    asset = write_proxy(root, "thing", "box" if shape == "box" else "cylinder", size, color, "a thing")
+    asset = write_proxy(root, "thing", primitive_proxy(shape, size, color), "a thing")
     model = Library(root).load_object_model("proxy/thing.urdf")
     assert model.size == pytest.approx(asset.size, abs=1e-4)
     assert asset.size[2] == pytest.approx(size[2], abs=1e-4)
@@ -35,7 +36,7 @@ def test_a_proxy_has_the_measured_size(
 
 def test_proxies_gather_in_one_manifest(tmp_path: Path) -> None:
     for slug in ("one", "two", "one"):
-        write_proxy(tmp_path, slug, "box", (0.1, 0.1, 0.1), (0.5, 0.5, 0.5), "a thing")
+        write_proxy(tmp_path, slug, primitive_proxy("box", (0.1, 0.1, 0.1), (0.5, 0.5, 0.5)), "a thing")
     assert Library(tmp_path).asset_names() == ["proxy/one.urdf", "proxy/two.urdf"]
 
 
@@ -52,5 +53,5 @@ def test_proxies_gather_in_one_manifest(tmp_path: Path) -> None:
 )
 def test_what_makes_no_proxy_is_named(tmp_path: Path, slug: str, size: Vec3, color: Vec3, named: str) -> None:
     with pytest.raises(InputError, match=named):
-        write_proxy(tmp_path, slug, "box", size, color, "a thing")
+        write_proxy(tmp_path, slug, primitive_proxy("box", size, color), "a thing")
     assert not list(tmp_path.iterdir())

@@ -9,7 +9,7 @@ import pytest
 from grs_agents.base import Quat
 from grs_agents.library import Library, matrix_from_quaternion, quaternion_from_rpy
 from grs_agents.perception import Mask, UprightBox, find_asset_symmetry, register_asset
-from grs_agents.perception.proxies import write_proxy
+from grs_agents.perception.proxies import primitive_proxy, write_proxy
 from grs_agents.perception.settling import PlacedObject
 from tests.perception.settling.photo import photo_of
 
@@ -69,7 +69,12 @@ def test_another_asset_is_no_fit() -> None:
 
 def test_a_taller_can_is_not_sunk_into_the_table_to_fit_a_lower_one(tmp_path: Path) -> None:
     for name, height in (("low", 0.05), ("tall", 0.07)):
-        write_proxy(tmp_path, name, "cylinder", (0.08, 0.08, height), (0.5, 0.5, 0.5), f"a {name} can")
+        write_proxy(
+            tmp_path,
+            name,
+            primitive_proxy("cylinder", (0.08, 0.08, height), (0.5, 0.5, 0.5)),
+            f"a {name} can",
+        )
     library = LIBRARY.with_overlay(tmp_path)
     frame, table, mask = photo_of([PlacedObject("proxy/low.urdf", ((0.5, 0.0, 0.025), (0.0, 0.0, 0.0, 1.0)))], library)
     box = UprightBox(center=(0.504, 0.003, 0.025), size=(0.08, 0.08, 0.05), yaw=0.0)

@@ -95,8 +95,20 @@ def test_without_depth_on_anything_nothing_is_found(rendered: Rendered) -> None:
     assert _segment(replace(rendered.frame, depth=depth), *_wholes(rendered)).max() == 0
 
 
-def test_without_proposals_nothing_is_found(rendered: Rendered) -> None:
-    assert _segment(rendered.frame).max() == 0
+def test_what_no_proposal_covers_is_segmented_by_its_depth(rendered: Rendered) -> None:
+    assert _agree(_segment(rendered.frame), rendered)
+    assert _agree(_segment(rendered.frame, *_wholes(rendered)[1:]), rendered)
+
+
+def test_boxes_are_filled_by_depth(stacked: Rendered) -> None:
+    """What a box holds of its neighbours is not its object's."""
+    boxes: list[Proposal] = []
+    for one in _wholes(stacked, 0.3):
+        rows, columns = np.nonzero(one.mask)
+        box = np.zeros_like(one.mask)
+        box[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1] = True
+        boxes.append(replace(one, mask=box, is_box=True))
+    assert _agree(_segment(stacked.frame, *boxes), stacked)
 
 
 @pytest.mark.parametrize("order", [1, -1])

@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from grs_agents.perception import RGBDFrame
+from grs_agents.perception import DEFAULT, RGBDFrame
 from grs_agents.perception.segmentation import (
     compute_concavity_map,
     cut_smooth_patches,
     grow_labels,
+    join_enclosed_fragments,
     smooth_frame_depth,
 )
 from tests.perception.conftest import Rendered
@@ -53,3 +54,19 @@ def test_growing_stops_at_a_jump_and_at_the_foreground() -> None:
     assert (result[:, 1:6] == 1).all()
     assert not result[:, 0].any()
     assert not result[:, 6:].any()
+
+
+def test_a_fragment_belongs_to_what_encloses_it_but_not_over_a_crease_or_along_one_side() -> None:
+    """A 6 x 6 piece in a face of 40 x 40, and one beside it: borders of 24 and of 6 pixels."""
+    config = DEFAULT.segmentation.patches
+    labels = np.ones((40, 46), np.int32)
+    labels[:, 40:] = 0
+    labels[10:16, 10:16], labels[10:16, 40:] = 2, 3
+    length = np.zeros((4, 4))
+    length[1, 2] = length[2, 1] = 24
+    length[1, 3] = length[3, 1] = 6
+    for strength, count in ((config.fold - 0.01, 2), (config.fold + 0.01, 3)):
+        joined = join_enclosed_fragments(labels, length, strength * length, config)
+        assert len(np.unique(joined[labels > 0])) == count
+        assert (joined[labels == 3] != joined[0, 0]).all(), "it touches one side of the face"
+        assert not joined[labels == 0].any()

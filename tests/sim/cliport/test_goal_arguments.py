@@ -59,7 +59,7 @@ def test_shapes_that_published_programs_pass_are_understood(changes, field, valu
     assert getattr(goal(**changes), field) == value
 
 
-@pytest.mark.parametrize("matches", [None, [1, 1], [[1], [1]], np.ones((2, 2)), np.ones((5, 1))])
+@pytest.mark.parametrize("matches", [None, [1, 1], [[1], [1]], np.ones((2, 2)), np.ones((5, 1)), np.ones((1, 1))])
 def test_matches_in_other_shapes_are_understood(matches) -> None:
     assert goal(matches=matches).matches == ((1,), (1,))
 
@@ -67,7 +67,7 @@ def test_matches_in_other_shapes_are_understood(matches) -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"matches": np.ones((1, 1))}, ["(1, 1)", "2 objects", "np.ones((2, 1))"]),
+        ({"matches": np.ones((0, 1))}, ["(0, 1)", "2 objects", "np.ones((2, 1))"]),
         ({"metric": "near"}, ["'near'", "'pose' or 'zone'"]),
         ({"metric": "zone"}, ["params", "zone_pose"]),
         ({"objs": [None, 2]}, ["None", "env.add_object"]),

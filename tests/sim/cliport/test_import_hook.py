@@ -45,7 +45,47 @@ def test_installed_packages_are_never_imported(tmp_path) -> None:
     (tmp_path / "pybullet.py").write_text("raise SystemExit('the real one')")
     done = ask(INSTALL + IMPORTS, str(tmp_path))
     assert done.returncode == 0, done.stderr
-    for name in ("cliport.tasks.stack", "pybullet_data"):
+    for name in ("cliport.tasks.stack", "pybullet_data", "cliport.tasks.put_block_in_bowl.deeper"):
         done = ask(f"{INSTALL}import {name}", str(tmp_path))
         assert f"ModuleNotFoundError: there is no {name} in this simulation" in done.stderr
         assert "cliport.tasks.task" in done.stderr
+
+
+def test_published_tasks_may_be_imported_and_are_refused_by_name_when_they_run() -> None:
+    done = ask(
+        INSTALL
+        + """
+import pybullet_utils
+from cliport.environments.environment import Environment
+from cliport.tasks.put_block_in_bowl import PutBlockInBowlSeenColors
+from cliport.tasks.task import Task
+class Mine(PutBlockInBowlSeenColors): pass
+assert issubclass(Mine, Task)
+env = Environment(task=Mine())
+assert env.get_task_name() == "Mine"
+env.reset()
+"""
+    )
+    assert "UnsupportedError: Mine is a task of cliport.tasks.put_block_in_bowl, whose" in done.stderr
+    done = ask(INSTALL + "from cliport.tasks.put_block_in_bowl import TEMPLATES")
+    assert "ImportError" in done.stderr
+
+
+def test_a_filled_template_is_removed_without_a_file_and_nothing_else_is_spared(tmp_path) -> None:
+    (tmp_path / "mine.txt").write_text("")
+    done = ask(
+        INSTALL
+        + f"""
+import os
+from grs_agents.sim import Task
+name = Task().fill_template("box/box-template.urdf", {{"DIM": (0.1, 0.1, 0.1)}})
+os.remove(name)
+os.remove({str(tmp_path / "mine.txt")!r})
+try:
+    os.remove(name + "x")
+except FileNotFoundError:
+    print("refused")
+"""
+    )
+    assert done.stdout.strip() == "refused", done.stderr
+    assert not (tmp_path / "mine.txt").exists()

@@ -171,3 +171,86 @@ def test_objects_are_found_by_what_they_are_made_of() -> None:
     assert env.find(task.fill_template(BOX, {"DIM": (0.06, 0.05, 0.05), "COLOR": (1, 0, 0)})) == [3]
     with pytest.raises(UnknownNameError, match=r"block/red_block\.urdf"):
         env.find("block/red_blok.urdf")
+
+
+def test_what_is_appended_to_the_lists_of_a_goal_until_reset_ends_counts() -> None:
+    def scene(task, env) -> None:
+        blocks: list[int] = []
+        targets: list[object] = []
+        matches = np.zeros((2, 2))
+        task.add_goal(objs=blocks, matches=matches, targ_poses=targets, step_max_reward=1.0)
+        for number, y in enumerate((-0.2, 0.2)):
+            blocks.append(env.add_object(BLOCK, at(0.4, y, 0.02)))
+            targets.append(at(0.6, y, 0.02))
+            matches[number, number] = 1
+
+    (stated,) = drawn(scene).goals
+    assert stated.objects == (1, 2)
+    assert [target[0] for target in stated.targets] == [(0.6, -0.2, 0.02), (0.6, 0.2, 0.02)]
+    assert stated.matches == ((1, 0), (0, 1))
+
+
+def test_one_row_of_matches_serves_for_all_objects_and_is_said() -> None:
+    def scene(task, env) -> None:
+        blocks = [env.add_object(BLOCK, at(0.4, y, 0.02)) for y in (-0.3, -0.1, 0.1, 0.3)]
+        task.add_goal(objs=blocks, matches=np.ones((1, 1)), targ_poses=[at(0.6, 0.0, 0.02)], replace=True)
+
+    instance = drawn(scene)
+    assert instance.goals[0].matches == ((1,),) * 4
+    assert "matches of shape (1, 1) was taken for 4 objects" in instance.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("size", "height"), [((0.04, 0.05, 0.06), 0.06), ((0.04,) * 6, 0.04), ((0.04, 0.05), 0.1), (0.05, 0.05)]
+)
+def test_a_random_pose_is_for_a_size_of_any_length(size, height: float) -> None:
+    found: list[float] = []
+
+    def scene(task, env) -> None:
+        found.append(task.get_random_pose(env, size, on="table")[0][2])
+        goal(task, env)
+
+    assert "task.get_random_pose has no argument on" in drawn(scene).warnings[0]
+    assert found[0] == pytest.approx(height / 2)
+
+
+def test_random_numbers_before_the_first_reset_are_those_of_the_seed() -> None:
+    assert Task().rng.uniform() == Task().rng.uniform()
+
+
+def test_a_reward_of_the_programs_own_is_named_and_what_it_parked_is_brought_back() -> None:
+    class Parking(Scripted):
+        def reward(self):
+            return 1.0, {}
+
+    def scene(task, env) -> None:
+        goal(task, env)
+        env.set_object_pose(1, at(0.5, -10.0, 0.02))
+        task.spawn_box()
+
+    instance = instantiate(Parking(scene), 0)
+    assert [warning for warning in instance.warnings if "the program's own reward() is no part of the task" in warning]
+    assert abs(instance.objects[0].pose[0][1]) <= 0.5
+    assert rollout(instance).episode.strict == pytest.approx(1.0)
+
+
+def test_a_random_colour_fills_a_template_and_a_template_may_name_its_placeholders() -> None:
+    def scene(task, env) -> None:
+        goal(task, env)
+        name = task.fill_template("box/box-template_DIM_COLOR.urdf", {"DIM": (0.05,) * 3, "COLOR": [[0.5, 0.25, 1.0]]})
+        env.add_object(name, at(0.4, 0.3, 0.05))
+
+    assert drawn(scene).objects[1].fill["COLOR"][:3] == pytest.approx((0.5, 0.25, 1.0))
+
+
+def test_a_random_pose_keeps_to_the_bound_that_it_is_given() -> None:
+    found: list[float] = []
+
+    def scene(task, env) -> None:
+        bound = np.array([[0.3, 0.4], [0.2, 0.4], [0.0, 0.3]])
+        found.extend(task.get_random_pose(env, (0.02, 0.02, 0.02), bound=bound)[0])
+        goal(task, env)
+
+    drawn(scene)
+    assert 0.3 <= found[0] <= 0.4
+    assert 0.2 <= found[1] <= 0.4

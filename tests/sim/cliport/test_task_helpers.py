@@ -101,3 +101,19 @@ def test_target_points_spread_over_a_shape_as_seen_from_above_and_its_seed_draws
     again = played(lambda task, env: None)
     same = task_of(again).get_target_sample_surface_points("kitting/00.obj", (0.006, 0.006, 0.00001), pose, 50)
     np.testing.assert_array_equal(points, np.array([point for point, _ in same]))
+
+
+def test_a_pile_takes_a_list_of_colours_in_turn() -> None:
+    def scene(task, env) -> None:
+        task.num_blocks = 4
+        task.make_piles(env, block_color=["red", (0.0, 0.0, 1.0)])
+
+    shown = [item.color for item in played(scene).objects]
+    assert shown[0] == shown[2] != shown[1] == shown[3] == (0.0, 0.0, 1.0, 1.0)
+
+
+def test_ids_get_their_symmetries_unless_they_have_them() -> None:
+    task = Task()
+    assert task.zip_obj_ids([3, 4], [0.5, 1.0]) == [(3, (0.5, None)), (4, (1.0, None))]
+    assert task.zip_obj_ids([3], None) == [(3, (0.0, None))]
+    assert task.zip_obj_ids([(3, (0.5, None))], [1.0]) == [(3, (0.5, None))]

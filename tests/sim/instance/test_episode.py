@@ -69,3 +69,21 @@ def test_the_last_episode_in_which_something_acted_outlives_a_mere_reset() -> No
     clear_last_episode()
     Environment(task=Scripted(corn_and_mug)).reset()
     assert last_episode() is None
+
+
+def test_where_the_published_rule_is_content_with_less_it_is_said() -> None:
+    def scene(task, env) -> None:
+        for y, reward in ((-0.2, 0.995), (0.0, 0.005)):
+            pose_goal(task, env.add_object("HOPE/Corn.urdf", at(0.42, y, 0.029)), at(0.55, y, 0.029), reward)
+
+    def played(steps: int) -> str:
+        task = Scripted(scene)
+        env = Environment(task=task)
+        env.reset()
+        agent = task.oracle(env)
+        for _ in range(steps):
+            env.step(agent.act())
+        return env.current_episode.detail
+
+    assert "done by the published rule" in played(1)
+    assert "published rule" not in played(2)

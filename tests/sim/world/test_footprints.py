@@ -1,5 +1,5 @@
 import numpy as np
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from grs_agents.library import Library
@@ -47,6 +47,21 @@ def test_the_outline_of_a_can_on_the_table_reaches_from_the_table_to_its_top() -
     )
     assert abs(outline.low) < 1e-6
     assert abs(outline.high - height) < 1e-6
+
+
+@given(st.lists(st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(-3, 3)), min_size=1, max_size=5))
+def test_a_body_rests_on_the_highest_of_what_is_nearer_than_the_gap(places) -> None:
+    body = footprints.Prism(footprints.rectangle_outline((0, 0), (0.2, 0.1), 0.4), 0, 0.1)
+    others = [
+        footprints.Prism(footprints.rectangle_outline((x, y), (0.1, 0.3), yaw), 0, 0.1 + index)
+        for index, (x, y, yaw) in enumerate(places)
+    ]
+    offsets, gaps = np.array([[0.0, 0.0], [0.3, -0.1], [-0.4, 0.2]]), (0.0211, -0.0019)
+    apart = np.array([footprints.signed_outline_gaps(body.outline, other.outline, offsets) for other in others])
+    assume(np.abs(apart[..., None] - gaps).min() > 1e-9)
+    heights = np.array([other.high for other in others])[:, None]
+    expected = [np.where(apart < gap, heights, 0.0).max(axis=0) for gap in gaps]
+    np.testing.assert_array_equal(footprints.rest_heights_for_gaps(body, others, offsets, gaps), expected)
 
 
 def test_a_body_rests_on_what_lies_below_it_and_on_the_table_elsewhere() -> None:

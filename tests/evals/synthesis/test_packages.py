@@ -1,8 +1,8 @@
-"""Groceries of every form."""
+"""Packages of every form."""
 
 import pytest
 
-from scripts.assets.groceries import FORMS, build_grocery
+from evals.synthesis.packages import FORMS, build_package
 from scripts.assets.grocery_table import GROCERIES
 
 
@@ -14,7 +14,7 @@ def test_there_are_28_kinds_with_their_own_names() -> None:
 @pytest.mark.parametrize("form", FORMS)
 def test_each_form_builds_the_same_asset_twice(form: str) -> None:
     grocery = next(grocery for grocery in GROCERIES if grocery.form == form)
-    first, second = build_grocery(grocery), build_grocery(grocery)
+    first, second = build_package(grocery), build_package(grocery)
     assert (first.asset, first.urdf, first.meshes) == (second.asset, second.urdf, second.meshes)
     assert all((first.textures[name] == second.textures[name]).all() for name in first.textures)
     assert grocery.kind in first.asset.name

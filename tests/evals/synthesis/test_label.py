@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from scripts.assets.grocery_table import GROCERIES, Grocery
-from scripts.assets.label import SIDE, bgr, label_texture
+from evals.synthesis.label import SIDE, bgr, label_texture
+from evals.synthesis.packages import Package
+from scripts.assets.grocery_table import GROCERIES
 
 
 @pytest.mark.parametrize("grocery", GROCERIES[::5], ids=lambda grocery: grocery.kind)
-def test_a_label_shows_its_colours(grocery: Grocery) -> None:
+def test_a_label_shows_its_colours(grocery: Package) -> None:
     image = label_texture(grocery.label, (0.06, 0.06), grocery.size[2], printed_cap=False)
     assert image.shape == (SIDE, SIDE, 3)
     for color in (grocery.label.base, grocery.label.band):

@@ -1,0 +1,102 @@
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from grs_agents.perception.shapes import reconstruct_shape
+from tests.perception.shapes.photo import cup, on_table, photograph
+
+
+def solid_of(shape):
+    return trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False)
+
+
+def test_box_stays_a_primitive():
+    box = on_table(trimesh.creation.box((0.08, 0.06, 0.1)))
+
+    assert reconstruct_shape(photograph(box)) is None
+
+
+def test_no_shape_where_most_depth_is_missing():
+    view = photograph(cup())
+    view.depth[:, ::2] = 0
+    view.depth[::2] = 0
+
+    assert reconstruct_shape(view) is None
+
+
+@settings(max_examples=4, deadline=None)
+@given(radius=st.floats(0.03, 0.05), height=st.floats(0.07, 0.12), seed=st.integers(0, 99))
+def test_one_can_put_something_into_a_cup(radius, height, seed):
+    view = photograph(cup(radius, height), noise=0.001, rng=np.random.default_rng(seed))
+
+    shape = reconstruct_shape(view)
+
+    assert shape is not None
+    assert shape.method == "lathe"
+    assert shape.hollow
+    assert shape.walls is not None
+    inner, outer, heights = shape.walls.T
+    assert np.abs(outer - radius).max() < 0.005
+    assert (inner < outer - 0.002).all()
+    assert abs(heights[-1] - height) < 0.005
+    solid = solid_of(shape)
+    assert solid.is_watertight
+    assert solid.volume < 0.45 * np.pi * radius**2 * height
+
+
+def test_mirror_image_closes_the_back_of_a_lying_cylinder():
+    lying = trimesh.creation.cylinder(0.03, 0.14)
+    lying.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0)))
+    lying = on_table(lying)
+
+    shape = reconstruct_shape(photograph(lying, tilt=0.6))
+
+    assert shape is not None
+    solid = solid_of(shape)
+    assert solid.is_watertight
+    assert len(solid.faces) <= 2000
+    assert solid.volume == pytest.approx(lying.volume, rel=0.2)
+    assert shape.silhouette_iou > 0.9
+    assert shape.depth_error < 0.005
+
+
+def test_texture_shows_no_table():
+    shape = reconstruct_shape(photograph(on_table(trimesh.creation.icosphere(radius=0.05))))
+
+    assert shape is not None
+    assert (shape.mesh.texture.reshape(-1, 3) == (30, 60, 200)).all()
+    assert shape.mesh.uvs.min() >= 0
+    assert shape.mesh.uvs.max() <= 1
+
+
+def test_what_something_nearer_hides_is_not_cut_away():
+    ball = on_table(trimesh.creation.icosphere(radius=0.05))
+    post = trimesh.creation.box((0.02, 0.03, 0.06))
+    post.apply_translation((-0.12, 0.0, 0.03))
+
+    shape = reconstruct_shape(photograph(ball, tilt=0.5, before=post))
+
+    assert shape is not None
+    assert solid_of(shape).volume > 0.8 * ball.volume
+
+
+def test_mug_has_a_handle():
+    body = cup(0.04, 0.1)
+    ring = trimesh.creation.torus(0.025, 0.006)
+    ring.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (0, 1, 0)))
+    ring.apply_translation((0.0, 0.058, 0.05))
+    ring.update_faces((ring.vertices[ring.faces][:, :, 1] > 0.037).all(axis=1))  # outside the cavity
+    mug = trimesh.util.concatenate([body, ring])
+
+    shape = reconstruct_shape(photograph(mug, tilt=0.6))
+
+    assert shape is not None
+    assert shape.method == "lathe"
+    assert shape.hollow
+    assert solid_of(shape).is_watertight
+    assert shape.mesh.vertices[:, 1].max() == pytest.approx(0.089, abs=0.006)
+    assert -shape.mesh.vertices[:, 1].min() == pytest.approx(0.04, abs=0.004)
+    beside = shape.mesh.vertices[shape.mesh.vertices[:, 1] > 0.06]
+    assert np.abs(beside[:, 0]).max() < 0.015

@@ -1,0 +1,100 @@
+"""Coverage: which part of what rises above the table belongs to objects."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from grs_agents.perception import (
+    Mask,
+    RGBDFrame,
+    TableFrame,
+    describe_coverage,
+    find_table,
+    measure_coverage,
+    pixels_above_table,
+    read_scene,
+    segment_objects_on_table,
+)
+from tests.needs import REAL_SCENES, needs
+from tests.perception import room
+
+THING, OTHER = room.THINGS
+
+
+Seen = tuple[RGBDFrame, TableFrame, np.ndarray, np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def seen() -> Seen:
+    """A room with two things on a table, the table in it, what each pixel shows, and the segments."""
+    frame, _, owner = room.photo(room.camera(width=640, height=480), noise=0.001)
+    table = find_table(frame, np.random.default_rng(0))
+    return frame, table, owner, segment_objects_on_table(frame, table)
+
+
+def segments_of(seen: Seen, things: tuple[int, ...]) -> Mask:
+    """The pixels of the segments of some things."""
+    _, _, owner, labels = seen
+    return np.isin(labels, np.unique(labels[np.isin(owner, things) & (labels > 0)]))
+
+
+def test_what_rises_is_what_stands_on_the_table(seen: Seen) -> None:
+    frame, table, owner, _ = seen
+    above, things = pixels_above_table(frame, table), np.isin(owner, room.THINGS)
+    assert np.count_nonzero(above & things) > 0.96 * np.count_nonzero(things)
+    assert np.count_nonzero(above & ~things) < 0.02 * np.count_nonzero(things)
+    assert not (pixels_above_table(frame, table, left_out=owner == THING) & (owner == THING)).any()
+
+
+@pytest.mark.parametrize("things", [(), (THING,), (OTHER,), room.THINGS])
+def test_the_share_is_the_true_one(seen: Seen, things: tuple[int, ...]) -> None:
+    frame, table, owner, _ = seen
+    mask, true = segments_of(seen, things), np.isin(owner, room.THINGS)
+    found = measure_coverage(frame, table, pixels_above_table(frame, table), mask)
+    assert found.share == pytest.approx(np.count_nonzero(mask & true) / np.count_nonzero(true), abs=0.03)
+    missing = [number for number in room.THINGS if number not in things]
+    assert sum(region.share > 0.1 for _, region in found.regions) == len(missing)
+
+
+def test_what_no_object_owns_is_told_with_place_and_reason(seen: Seen, tmp_path: Path) -> None:
+    frame, table, owner, _ = seen
+    rejected: list[tuple[Mask, str]] = [(owner == THING, "described as no object: a stain")]
+    found = measure_coverage(frame, table, pixels_above_table(frame, table), segments_of(seen, (OTHER,)), rejected)
+    coverage = found.write(frame, tmp_path)
+    largest = coverage.unowned[0]
+    assert largest.reason == "dropped: described as no object: a stain"
+    low, high = room.BOXES[THING]
+    assert (low - 0.02 < largest.box.center).all() and (largest.box.center < high + 0.02).all()
+    assert "described as no object" in describe_coverage(coverage)
+    assert f"{coverage.share:.2f}" in describe_coverage(coverage)
+    drawn = cv2.imread(str(tmp_path / coverage.picture))
+    assert drawn is not None and drawn.shape[1] == 1024
+
+
+def test_a_side_without_depth_still_rises(seen: Seen) -> None:
+    frame, table, owner, _ = seen
+    inside = cv2.erode((owner == THING).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    depth = np.where(inside, 0, frame.depth).astype(np.float32)
+    blind = RGBDFrame(frame.rgb, depth, frame.camera, frame.source)
+    assert pixels_above_table(blind, table)[inside].all()
+    found = measure_coverage(
+        blind, table, pixels_above_table(blind, table), (owner == OTHER) | (owner == THING) & ~inside
+    )
+    assert found.regions[0][1].reason == "no depth"
+
+
+REAL = ("osd_test20", "osd_test45", "osd_test55", "osd_test61")
+
+
+@needs("real scenes")
+@pytest.mark.parametrize("name", REAL)
+def test_the_share_is_right_within_three_points_on_real_photos(name: str) -> None:
+    frame = read_scene(REAL_SCENES / name)
+    table = find_table(frame, np.random.default_rng(0))
+    truth = np.asarray(cv2.imread(str(REAL_SCENES / name / "labels.png"), cv2.IMREAD_UNCHANGED)) > 0
+    labels = segment_objects_on_table(frame, table)
+    owned = (labels > 0) & (labels != 1)
+    found = measure_coverage(frame, table, pixels_above_table(frame, table), owned)
+    assert found.share == pytest.approx(np.count_nonzero(owned & truth) / np.count_nonzero(truth), abs=0.03)

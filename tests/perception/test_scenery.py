@@ -1,0 +1,101 @@
+"""What is no object: the robot, the walls of a bin, what lies behind the base or beyond the workspace."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from grs_agents.errors import InputError
+from grs_agents.library import Library
+from grs_agents.perception import (
+    RGBDFrame,
+    check_joints,
+    find_table,
+    leave_out_scenery,
+    measure_candidates,
+    robot_pixel_mask,
+)
+from grs_agents.sim.arms import get_arm
+from grs_agents.sim.rendering import VisibleScene, render_along_rays
+from tests.perception import room
+
+HOME = tuple(float(joint) for joint in get_arm().home_joints)
+WALLS = ((0.3, -0.3, 0.72, -0.29), (0.3, 0.29, 0.72, 0.3), (0.3, -0.29, 0.31, 0.29), (0.71, -0.29, 0.72, 0.29))
+"""Lowest and highest x and y of the walls of a bin, m."""
+
+
+def photo_of_arm(joints: tuple[float, ...] | None) -> tuple[RGBDFrame, np.ndarray]:
+    """The room with the arm at home in it, and where the arm is seen, whatever joints the camera tells."""
+    camera = room.camera().model_copy(update={"joints": joints})
+    frame, _, _ = room.photo(camera)
+    pose = np.asarray(camera.T_robot_cam)
+    rows, columns = np.indices(frame.depth.shape)
+    local = np.stack([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(rows.shape)], axis=-1)
+    rays = np.asarray(local @ pose[:3, :3].T, np.float64)
+    drawn = render_along_rays(VisibleScene((), Library(), np.array(HOME)), pose[:3, 3].copy(), rays)
+    on_arm = (drawn.depth > 0) & (pose[2, 3] + drawn.depth * rays[..., 2] > 0.002)
+    on_arm &= (drawn.depth < frame.depth) | (frame.depth <= 0)
+    depth = np.where(on_arm, drawn.depth, frame.depth).astype(np.float32)
+    return RGBDFrame(frame.rgb, depth, camera, Path("arm")), on_arm
+
+
+def test_the_arm_is_seen_where_its_joints_put_it() -> None:
+    frame, arm = photo_of_arm(HOME)
+    found = robot_pixel_mask(frame, "ur5e", Library())
+    assert np.count_nonzero(found & arm) > 0.98 * np.count_nonzero(arm) > 1000
+    assert np.count_nonzero(found & ~arm) < 0.3 * np.count_nonzero(arm)
+    nearer = RGBDFrame(frame.rgb, np.where(arm, frame.depth - 0.1, frame.depth), frame.camera, frame.source)
+    assert np.count_nonzero(robot_pixel_mask(nearer, "ur5e", Library()) & arm) < 0.2 * np.count_nonzero(arm)
+
+
+def test_without_joints_or_calibration_nothing_is_known_of_the_arm() -> None:
+    frame, _ = photo_of_arm(None)
+    assert not robot_pixel_mask(frame, "ur5e", Library()).any()
+    lost = frame.camera.model_copy(update={"T_robot_cam": None, "joints": HOME})
+    assert not robot_pixel_mask(RGBDFrame(frame.rgb, frame.depth, lost, frame.source), "ur5e", Library()).any()
+
+
+@pytest.mark.parametrize("joints", [HOME[:5], (*HOME, 0.0), (*HOME[:5], 90.0)])
+def test_joints_that_the_arm_cannot_have_are_refused(joints: tuple[float, ...]) -> None:
+    check_joints(HOME, "ur5e")
+    with pytest.raises(InputError, match="joint") as caught:
+        check_joints(joints, "ur5e")
+    assert "leave joints out" in caught.value.remedy
+
+
+def sorted_out(boxes: np.ndarray, parts: list[tuple[int, ...]]) -> tuple[list[int], tuple[str, ...]]:
+    """Which of the segments, each of some boxes of the room, stay objects; and the reasons why others do not."""
+    frame, _, owner = room.photo(room.camera(width=640, height=480), boxes=boxes)
+    table = find_table(frame, np.random.default_rng(0))
+    labels = np.zeros(owner.shape, np.int32)
+    for number, part in enumerate(parts, 1):
+        labels[np.isin(owner, part)] = number
+    found = leave_out_scenery(measure_candidates(frame, table, labels), np.zeros(owner.shape, bool), frame, table)
+    kept = [int(np.bincount(labels[one.mask]).argmax()) for one in found.objects]
+    assert [one.id for one in found.objects] == list(range(1, len(kept) + 1))
+    assert not any((one.mask & found.left_out).any() for one in found.objects)
+    return kept, found.reasons
+
+
+def with_boxes(*boxes: tuple[tuple[float, float, float], tuple[float, float, float]]) -> np.ndarray:
+    """The room's boxes and others."""
+    return np.concatenate([room.BOXES, np.array(boxes)])
+
+
+def test_walls_of_a_bin_are_no_object() -> None:
+    walls = [((x, y, 0.0), (far, wide, 0.08)) for x, y, far, wide in WALLS]
+    kept, reasons = sorted_out(with_boxes(*walls), [(4,), (5,), (6, 7, 8, 9)])
+    assert kept == [1, 2]
+    assert len(reasons) == 1 and "bin" in reasons[0]
+
+
+def test_a_thing_that_others_stand_beside_is_an_object() -> None:
+    kept, reasons = sorted_out(with_boxes(((0.38, -0.02, 0.0), (0.5, 0.05, 0.05))), [(4,), (5,), (6,)])
+    assert (kept, reasons) == ([1, 2, 3], ())
+
+
+def test_what_lies_beyond_the_workspace_is_no_object() -> None:
+    far = ((0.6, 0.76, 0.0), (0.68, 0.84, 0.1))
+    kept, reasons = sorted_out(with_boxes(far), [(4,), (5,), (6,)])
+    assert kept == [1, 2]
+    assert len(reasons) == 1 and "beyond the workspace" in reasons[0]
