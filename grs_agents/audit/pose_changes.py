@@ -11,7 +11,7 @@ from grs_agents.sim import InstanceObject, TaskInstance
 SAME_PLACE = 0.03
 """An object within this many metres of its place in the photo has kept it."""
 SAME_TILT = math.radians(15)
-"""And within this angle of how it stands there; its turn about the vertical does not count."""
+"""And within this angle of how it stands there; the turn about the vertical of what is round does not count."""
 
 
 def find_pose_changes(instances: Sequence[TaskInstance], scene: SceneDescription) -> list[Change]:
@@ -57,11 +57,18 @@ def is_covered(place: SceneObject, scene: SceneDescription) -> bool:
 
 def _has_photo_pose(item: InstanceObject, place: SceneObject) -> bool:
     """Whether an object stands as the photo shows it, or as that comes to rest, which is what the authors are told."""
-    return any(_is_same_pose(item.pose, pose) for pose in ((place.position, place.orientation), place.settled) if pose)
+    shown = [pose for pose in ((place.position, place.orientation), place.settled) if pose]
+    return any(_is_same_pose(item.pose, pose, place.round) for pose in shown)
 
 
-def _is_same_pose(one: Pose, other: Pose) -> bool:
-    return math.dist(one[0], other[0]) <= SAME_PLACE and not is_tilted(one, other)
+def _is_same_pose(one: Pose, other: Pose, any_yaw: bool) -> bool:
+    turned = is_tilted(one, other) if any_yaw else _angle_between(one[1], other[1]) > SAME_TILT
+    return math.dist(one[0], other[0]) <= SAME_PLACE and not turned
+
+
+def _angle_between(one: Quat, other: Quat) -> float:
+    """The angle of the rotation from one orientation to another, rad."""
+    return 2 * math.acos(min(1.0, abs(sum(a * b for a, b in zip(one, other, strict=True)))))
 
 
 def is_tilted(one: Pose, other: Pose) -> bool:

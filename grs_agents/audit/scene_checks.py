@@ -19,6 +19,8 @@ LEVEL: Final = 0.75
 """Share of an object's weight that must rest on contacts that are nearly level; honest tasks have 0.97 or more."""
 SQUEEZE: Final = 0.75
 """Sideways forces over the weight: less than 0.3 in honest tasks, 1.1 to 6 for what is wedged in a bowl."""
+OPAQUE, BURIED = 0.5, 0.0005
+"""Objects of a task are at least so opaque, and marks no deeper (m) under the table top: people must see them."""
 DISTURBED: Final = 0.01
 """Metres that a bystander may move."""
 
@@ -64,15 +66,28 @@ def _check_start(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> Finding:
 
 
 def _find_start_faults(instance: TaskInstance, rollout: Rollout) -> Iterator[str]:
-    tied = {frozenset((tie.parent, tie.child)) for tie in instance.ties}
+    bystanders = {item.id for item in instance.objects if item.role == "bystander"}
+    excused = [{tie.parent, tie.child} for tie in instance.ties]
     for one in rollout.overlaps:
-        if one.depth > DEPTH and frozenset((one.first, one.second)) not in tied:
+        pair = {one.first, one.second}
+        # How two bystanders stand is the photo's doing, not the program's; if it moves them, that is a fault.
+        if one.depth > DEPTH and not pair <= bystanders and pair not in excused:
             names = f"{label_object(instance, one.first)} and {label_object(instance, one.second)}"
             yield f"{names} reach {one.depth * 1000:.0f} mm into each other"
+    yield from (
+        f"{label_object(instance, item.id)} cannot be seen" for item in instance.task_objects if _is_unseen(item)
+    )
     for item in instance.objects:
         if item.id in rollout.initial and _has_settled_elsewhere(item, rollout):
             away = math.dist(item.pose[0], rollout.initial[item.id][0])
             yield f"settling moves {label_object(instance, item.id)} by {away * 100:.1f} cm or tips it"
+
+
+def _is_unseen(item: InstanceObject) -> bool:
+    """Whether an object is transparent, or a mark that lies under the table top."""
+    colors = (item.color or (), item.fill.get("COLOR", ()))
+    transparent = any(len(color) > 3 and float(color[3]) < OPAQUE for color in colors)
+    return transparent or (item.asset.startswith("zone/") and item.pose[0][2] < -BURIED)
 
 
 def _has_settled_elsewhere(item: InstanceObject, rollout: Rollout) -> bool:

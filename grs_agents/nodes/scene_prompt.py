@@ -5,14 +5,19 @@ from typing import Any
 
 import numpy as np
 
+from grs_agents.base import Pose
 from grs_agents.library import Asset, Library, matrix_from_quaternion
 from grs_agents.perception import SceneDescription, SceneObject, types
+from grs_agents.perception.proxies import inside_colliders_mask
 from grs_agents.sim.world import measure_inner_size
 
 WORKSPACE = {"x": list(types.X), "y": list(types.Y), "radius": types.FARTHEST}
 """Where the arm works: metres in the robot frame, radius from its base."""
 _UPRIGHT = 0.95
 """Cosine of the tilt from which on an object that is open at the top holds things."""
+_TOP, _FLAT = 0.006, 0.5
+"""What is nearer to the highest point (m) is the top; on one of less than this share of the footprint things tip: a
+cylinder's has 0.79."""
 _TURNED = 0.005
 """An object whose extents along the robot's axes differ by more than this (m) from those along its own has both."""
 
@@ -21,7 +26,7 @@ def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any
     """The objects as they stand at rest, with their relations, and the workspace (metres, robot frame, table at z = 0).
 
     What goes without saying is left out: ``own_size`` where it is ``size``, ``reachable`` unless it is false, and
-    ``hollow`` and ``floats`` unless they are true.
+    ``hollow``, ``floats`` and ``uneven_top`` unless they are true; library assets tell their tops by their names.
     """
     objects = [_object_fields(item, library) for item in scene.objects]
     by_name = {told["name"]: told for told in objects}
@@ -69,7 +74,23 @@ def _object_fields(item: SceneObject, library: Library) -> dict[str, Any]:
         told["reachable"] = False
     if item.held:
         told["floats"] = True
+    if asset.category == "proxy" and not asset.hollow and _flat_share_of_top(asset, pose, library) < _FLAT:
+        told["uneven_top"] = True
     return told | (_hollow_fields(asset, library) if upright else {})
+
+
+def _flat_share_of_top(asset: Asset, pose: Pose, library: Library) -> float:
+    """Which share of an object's footprint, as it stands, is as high as its box: of a tilted one next to nothing."""
+    model, turn = library.load_object_model(asset.name), matrix_from_quaternion(pose[1])
+    low, high = np.array(model.bounds)
+    half = np.abs(turn) @ (high - low) / 2
+    across = np.linspace(-0.97, 0.97, 12)
+    columns = np.stack(np.meshgrid(across * half[0], across * half[1]), axis=-1).reshape(-1, 2)
+    covered = np.zeros(len(columns), np.bool_)
+    for depth in (0.0005, _TOP / 2, _TOP):
+        points = np.column_stack([columns, np.full(len(columns), half[2] - depth)]) @ turn + (low + high) / 2
+        covered |= inside_colliders_mask(model, library, points)
+    return float(covered.mean())
 
 
 def _hollow_fields(asset: Asset, library: Library) -> dict[str, Any]:

@@ -47,6 +47,21 @@ def instance(seed: int, *assets: str, moved_by: float = 0.0) -> TaskInstance:
     )
 
 
+def altered(asset: str, **changes: Any) -> list[TaskInstance]:
+    """The instances, with other values of the object of an asset."""
+    good = [instance(seed, MILK, CAN, ZONE) for seed in range(3)]
+    return [
+        one.model_copy(
+            update={
+                "objects": tuple(
+                    item.model_copy(update=changes) if item.asset == asset else item for item in one.objects
+                )
+            }
+        )
+        for one in good
+    ]
+
+
 def rollout(
     seed: int,
     reward: float = 1.0,
@@ -133,6 +148,28 @@ def failed(report: AuditReport) -> set[str]:
     return {finding.check for finding in report.findings if not finding.passed}
 
 
+def test_the_turn_of_what_is_round_says_nothing() -> None:
+    turned = altered(CAN, pose=(PLACES[CAN], (0.0, 0.0, 0.2588, 0.9659)))
+    shown = scene(MILK, CAN)
+    round_can = tuple(item.model_copy(update={"round": True}) if item.asset == CAN else item for item in shown.objects)
+    assert "photo_poses" in failed(judge(instances=turned))
+    assert judge(instances=turned, scene=shown.model_copy(update={"objects": round_can})).accepted
+
+
+def test_how_two_bystanders_stand_is_not_the_programs_doing() -> None:
+    beside = [
+        {"id": number, "asset": CAN, "pose": ((0.3, y, 0.029), UPRIGHT), "role": "bystander"}
+        for number, y in ((8, 0.3), (9, 0.33))
+    ]
+    crowded = [
+        TaskInstance.model_validate({**one.model_dump(), "objects": [*one.model_dump()["objects"], *beside]})
+        for one in altered(MILK)
+    ]
+    among = {"first": 8, "second": 9, "depth": 0.01}
+    assert "clear_start" not in failed(judge(instances=crowded, rollouts=rollouts(overlaps=[among])))
+    assert "clear_start" in failed(judge(instances=crowded, rollouts=rollouts(overlaps=[{**among, "first": 0}])))
+
+
 def test_a_good_task_is_accepted() -> None:
     report = judge()
     assert report.accepted
@@ -157,6 +194,10 @@ def test_a_good_task_is_accepted() -> None:
         ({"rollouts": rollouts(overlaps=[{"first": 0, "second": 1, "depth": 0.006}])}, {"clear_start"}),
         ({"rollouts": rollouts(supports=[{"object": 0, "carried": 0.5, "squeeze": 0.2}])}, {"rests_at_end"}),
         ({"rollouts": rollouts(supports=[{"object": 1, "carried": 1.0, "squeeze": 1.1}])}, {"rests_at_end"}),
+        ({"instances": altered(MILK, pose=(PLACES[MILK], (0.0, 0.0, 0.2588, 0.9659)))}, {"photo_poses"}),
+        ({"instances": altered(ZONE, pose=((0.5, -0.1, -0.001), UPRIGHT))}, {"clear_start"}),
+        ({"instances": altered(ZONE, color=(0.2, 0.8, 0.2, 0.1))}, {"clear_start"}),
+        ({"instances": altered(ZONE, fill={"COLOR": (0.2, 0.8, 0.2, 0.1)})}, {"clear_start", "as_in_library"}),
         (
             {"instances": [instance(seed, MILK, CAN, ZONE, moved_by=0.04) for seed in range(3)]},
             {"photo_poses", "clear_start"},
@@ -184,6 +225,10 @@ def test_a_good_task_is_accepted() -> None:
         "overlap",
         "hangs",
         "wedged",
+        "turned",
+        "under the table",
+        "transparent",
+        "filled transparent",
         "not where the photo shows it",
         "idle",
         "one moved",

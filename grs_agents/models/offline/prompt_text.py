@@ -141,6 +141,7 @@ class SceneObject:
     reachable: bool  # whether the arm can pick it there
     hollow: bool  # whether other objects can be put inside or on it
     floats: bool = False  # whether it is held where it is, since it stands on what the photo does not show
+    uneven_top: bool = False  # whether other objects would tip on it
     relocated: bool = False  # whether the program puts it elsewhere than the photo
 
     @property
@@ -172,7 +173,7 @@ class SceneObject:
     def is_flat_topped(self) -> bool:
         """Whether another object would rest on it."""
         kinds = {*split_words(self.category), *split_words(self.asset.rsplit("/", 1)[-1]), *split_words(self.name)}
-        return not self.hollow and not kinds & ROUND_WORDS
+        return not self.hollow and not self.uneven_top and not kinds & ROUND_WORDS
 
     def relocate_to(self, x: float, y: float) -> "SceneObject":
         """The same object standing elsewhere on the table."""
@@ -203,6 +204,7 @@ def _parse_scene_object(entry: Json) -> SceneObject | None:
         reachable=bool(entry.get("reachable", True)),
         hollow=bool(entry.get("hollow")) or _has_hollow_name(asset, category),
         floats=bool(entry.get("floats")),
+        uneven_top=bool(entry.get("uneven_top")),
     )
 
 
