@@ -74,13 +74,15 @@ def _find_start_faults(instance: TaskInstance, rollout: Rollout) -> Iterator[str
         if one.depth > DEPTH and not pair <= bystanders and pair not in excused:
             names = f"{label_object(instance, one.first)} and {label_object(instance, one.second)}"
             yield f"{names} reach {one.depth * 1000:.0f} mm into each other"
-    yield from (
-        f"{label_object(instance, item.id)} cannot be seen" for item in instance.task_objects if _is_unseen(item)
-    )
+    yield from _find_unseen(instance)
     for item in instance.objects:
         if item.id in rollout.initial and _has_settled_elsewhere(item, rollout):
             away = math.dist(item.pose[0], rollout.initial[item.id][0])
             yield f"settling moves {label_object(instance, item.id)} by {away * 100:.1f} cm or tips it"
+
+
+def _find_unseen(instance: TaskInstance) -> Iterator[str]:
+    return (f"{label_object(instance, item.id)} cannot be seen" for item in instance.task_objects if _is_unseen(item))
 
 
 def _is_unseen(item: InstanceObject) -> bool:

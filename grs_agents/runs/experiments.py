@@ -13,13 +13,13 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents import content, terminal
-from grs_agents.version import __version__
 from grs_agents.config import load_config
 from grs_agents.errors import InputError
 from grs_agents.files import write_json, write_text
 from grs_agents.foreign import read_json
 from grs_agents.runs.batch import Done, Job, run_jobs
 from grs_agents.terminal import VisibleParser, print_escaped, print_json
+from grs_agents.version import __version__
 
 CHECKOUT_ONLY = ("confidence", "correspondence", "perception", "retrieval_scale", "routing", "shapes", "twin")
 """Experiments that measure GRS itself on scenes made for it: neither they nor what they share are in a wheel."""

@@ -103,8 +103,8 @@ def prepare_check(
     """What to check, while its folder for what is written exists.
 
     Args:
-        program: its file, or the folder of a run that ended with it; then tests, task and scene are the run's where none
-            are named.
+        program: its file, or the folder of a run that ended with it; then tests, task and scene are the run's where
+            none are named.
         scene: a ``scene.json``, the folder of a run, or a photo, which is comprehended first.
         views: what people look at while a photo is comprehended.
 

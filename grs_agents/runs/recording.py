@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-from grs_agents.version import __version__
 from grs_agents.agents import Cassette, collect_exchanges, read_cassette
 from grs_agents.config import Config, flatten_tree
 from grs_agents.files import resolve_output_file, write_bytes
@@ -14,6 +13,7 @@ from grs_agents.perception import short_scene_name
 from grs_agents.runs.record import RunRecord
 from grs_agents.runs.sharing import make_scrubber
 from grs_agents.trace import read_events
+from grs_agents.version import __version__
 
 _OF_THE_MACHINE = frozenset({"sandbox", "workers", "record", "cassette"})
 _MADE = ("task.json", "simulation.py", "test_simulation.py", "instances/*.json")
