@@ -85,7 +85,7 @@ def _flat_share_of_top(asset: Asset, pose: Pose, library: Library) -> float:
     low, high = np.array(model.bounds)
     half = np.abs(turn) @ (high - low) / 2
     across = np.linspace(-0.97, 0.97, 12)
-    columns = np.stack(np.meshgrid(across * half[0], across * half[1]), axis=-1).reshape(-1, 2)
+    columns = np.array([(x, y) for x in across * half[0] for y in across * half[1]])
     covered = np.zeros(len(columns), np.bool_)
     for depth in (0.0005, _TOP / 2, _TOP):
         points = np.column_stack([columns, np.full(len(columns), half[2] - depth)]) @ turn + (low + high) / 2
