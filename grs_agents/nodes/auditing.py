@@ -6,7 +6,7 @@ from grs_agents.agents import NoReply, WordsJudgement, roles
 from grs_agents.audit import AuditReport, Finding, audit_task, pair_with_rollouts, tell_task
 from grs_agents.models import is_offline
 from grs_agents.nodes.services import Services
-from grs_agents.nodes.task_instances import AuditedPrograms, solve_task_instances
+from grs_agents.nodes.task_instances import AuditedPrograms, SolvedInstances, solve_task_instances
 from grs_agents.nodes.test_probing import probe_tests
 from grs_agents.sim import Rollout, TaskInstance
 from grs_agents.trace import Note
@@ -24,6 +24,16 @@ def audit_programs(audited: AuditedPrograms, services: Services) -> AuditReport:
     The tests are probed only where all before holds, since their mutants are made from what the oracle solved; and
     the words are judged last, since that may cost a model's reply.
     """
+    measured, report = audit_instances(audited, services)
+    if report.accepted:
+        report = _add_findings(report, probe_tests(audited, measured, services))
+    if report.accepted:
+        report = _add_findings(report, _judge_words(audited, measured.instances, measured.rollouts, services))
+    return _say_what_is_left_out(report, audited, services)
+
+
+def audit_instances(audited: AuditedPrograms, services: Services) -> tuple[SolvedInstances, AuditReport]:
+    """What trusted code measures of a program's task instances, and what the checks say of that alone."""
     measured = solve_task_instances(audited.simulation, services, audited.scene)
     report = audit_task(
         measured.instances,
@@ -35,11 +45,7 @@ def audit_programs(audited: AuditedPrograms, services: Services) -> AuditReport:
         audited.scene,
         audited.original,
     )
-    if report.accepted:
-        report = _add_findings(report, probe_tests(audited, measured, services))
-    if report.accepted:
-        report = _add_findings(report, _judge_words(audited, measured.instances, measured.rollouts, services))
-    return _say_what_is_left_out(report, audited, services)
+    return measured, report
 
 
 def _add_findings(report: AuditReport, further: Sequence[Finding]) -> AuditReport:

@@ -3,12 +3,12 @@
 from typing import Literal
 
 from grs_agents.agents import NoReply
-from grs_agents.audit import audit_task
 from grs_agents.base import Frozen
 from grs_agents.files import write_text
+from grs_agents.nodes.auditing import audit_instances
 from grs_agents.nodes.authoring import save_program_version, scene_from_state, task_from_state, write_simulation
 from grs_agents.nodes.services import Services, Update, logged_node
-from grs_agents.nodes.task_instances import solve_task_instances
+from grs_agents.nodes.task_instances import AuditedPrograms
 from grs_agents.state import RunState
 from grs_agents.trace import Note
 
@@ -61,17 +61,8 @@ def _write_draft(author: Author, state: RunState, services: Services) -> Update:
 
 def _score_draft(draft: Draft, state: RunState, services: Services) -> tuple[bool, int, float]:
     """Whether its instances are accepted, how many checks hold, and the mean of the oracle's rewards."""
-    scene = scene_from_state(state)
-    measured = solve_task_instances(draft.source, services, scene)
-    report = audit_task(
-        measured.instances,
-        measured.failures,
-        measured.rollouts,
-        services.config.audit,
-        services.library,
-        task_from_state(state),
-        scene,
-    )
+    audited = AuditedPrograms(draft.source, task=task_from_state(state), scene=scene_from_state(state))
+    _, report = audit_instances(audited, services)
     held = sum(finding.passed for finding in report.findings)
     reward = sum(report.rewards) / services.config.audit.seeds
     verdict = f"{held} of {len(report.findings)} checks hold, mean reward {reward:.2f}"

@@ -36,10 +36,6 @@ class EstimatedVolume:
     points: Array  # (N, 3) measured, m, robot frame
     hollow: bool = False
 
-    def points_inside_mask(self, points: Array) -> Mask:
-        """Which of (N, 3) points lie in it, deeper than `SLACK`."""
-        return _inside_volume_mask(self, _transform_to_box_frame(self.box, points))
-
     def raise_above_occupied_space(self, occupied: Callable[[Array], Mask]) -> "EstimatedVolume":
         """It on what known objects fill of the lowest part of its box: ``occupied`` says which points they do."""
         if self.hollow or not len(self.points):

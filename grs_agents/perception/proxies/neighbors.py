@@ -7,18 +7,16 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.library import Library, matrix_from_quaternion
-from grs_agents.perception.proxies.box_clipping import EstimatedVolume
 from grs_agents.perception.proxies.meshes import inside_colliders_mask
 from grs_agents.perception.types import Array, Mask
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Known objects where they stand, and the space that others of unknown shape are thought to fill."""
+    """Known objects where they stand."""
 
     # names of assets, each with the pose of the centre of its bounding box (m, xyzw), robot frame
     known: Sequence[tuple[str, Pose]]
-    claims: Sequence[EstimatedVolume]  # of the others
     library: Library  # where the assets are looked up
 
     def occupied_points_mask(self, points: Array, margin: float = 0.0) -> Mask:
@@ -31,6 +29,4 @@ class Surroundings:
             if len(near):
                 local = (points[near] - position) @ matrix_from_quaternion(orientation) + (low + high) / 2
                 taken[near] |= inside_colliders_mask(model, self.library, local, margin)
-        for claim in self.claims:
-            taken |= claim.points_inside_mask(points)
         return taken

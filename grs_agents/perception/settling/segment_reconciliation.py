@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grs_agents.base import Pose
 from grs_agents.library import Library
 from grs_agents.perception.asset_surfaces import Surface, asset_surface_at_pose
 from grs_agents.perception.proxies import EstimatedVolume, Surroundings, clip_boxes
@@ -38,14 +37,6 @@ class Reconciled:
 
     pieces: dict[int, int]  # which are pieces of which others, whose assets explain their points
     claims: dict[int, EstimatedVolume]  # the space that each of the others without an asset fills
-    # assets of the objects of known shape that are no pieces, with their poses as in `PlacedObject`
-    known: tuple[tuple[str, Pose], ...]
-    library: Library  # where their assets are looked up
-
-    def surroundings_of_segment(self, index: int) -> Surroundings:
-        """What stands around the object whose claim has that index."""
-        others = [claim for number, claim in self.claims.items() if number != index]
-        return Surroundings(self.known, others, self.library)
 
 
 def reconcile_segments(
@@ -57,11 +48,11 @@ def reconcile_segments(
     found = match_pieces_to_objects(clouds, surfaces)
     pieces = {piece: whole for piece, whole in found.items() if not segments[piece].given}
     known = {index: one.known for index, one in enumerate(segments) if one.known is not None and index not in pieces}
-    around = Surroundings([(one.asset, one.pose) for one in known.values()], (), library)
+    around = Surroundings([(one.asset, one.pose) for one in known.values()], library)
     boxes = _estimate_unknown_volumes(segments, clouds, pieces, around)
     obstacles = [surface.points for index in known if (surface := surfaces[index]) is not None]
     clipped = clip_boxes(list(boxes.values()), np.concatenate([np.zeros((0, 3)), *obstacles]))
-    return Reconciled(pieces, dict(zip(boxes, clipped, strict=True)), tuple(around.known), library)
+    return Reconciled(pieces, dict(zip(boxes, clipped, strict=True)))
 
 
 def _estimate_unknown_volumes(

@@ -39,10 +39,6 @@ def test_what_is_not_on_the_surface_of_a_known_thing_stays_an_object() -> None:
         segments = [Segment(mask & ~block, around, "box", known), Segment(block, box, "box", None)]
         agreed = reconcile_segments(segments, frame, table, LIBRARY)
         assert not agreed.pieces and 1 in agreed.claims
-    surroundings = reconcile_segments(
-        [Segment(mask & ~block, around, "box", MILK), Segment(block, inner, "box", None)], frame, table, LIBRARY
-    ).surroundings_of_segment(1)
-    assert surroundings.occupied_points_mask(np.array([MILK.pose[0], BLOCK.pose[0]])).tolist() == [True, False]
 
 
 def test_what_the_user_says_is_one_object_is_no_piece_of_a_known_one() -> None:
