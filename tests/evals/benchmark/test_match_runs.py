@@ -19,8 +19,8 @@ def test_orders_are_for_each_method_model_and_run(sample_scene: Path) -> None:
     assert len({one.stem for one in orders}) == len(orders)
 
 
-def test_a_scene_is_matched_once(sample_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    orders = match_orders(orders_of([str(sample_scene)], MeasurementOptions(""), 1), ["hybrid"], ["offline"], 1, [])
+def test_a_scene_is_matched_once(small_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    orders = match_orders(orders_of([str(small_scene)], MeasurementOptions(""), 1), ["hybrid"], ["offline"], 1, [])
     assert run_match_orders(orders, tmp_path, 1, ["offline=1,2"], as_json=True) == 0
     figures = json.loads(capsys.readouterr().out)
     assert json.loads((tmp_path / "figures.json").read_text()) == figures
