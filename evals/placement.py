@@ -18,7 +18,7 @@ from grs_agents.terminal import VisibleParser
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Check every ``scene.json`` below a folder, as `grs eval real` and `grs scene` leave them.
+    """Check every ``scene.json`` below a folder, as `grs batch` and `grs scene` leave them.
 
     Returns:
         0 if every asset and proxy agrees with the measured box, 1 if not.
@@ -32,7 +32,7 @@ def main(arguments: Sequence[str]) -> int:
     options = parser.parse_args(arguments)
     files = sorted(options.folder.rglob("scene.json"))
     if not files:
-        raise InputError(f"{options.folder} holds no scene.json", "make some with `grs eval real` or `grs scene`")
+        raise InputError(f"{options.folder} holds no scene.json", "make some with `grs batch` or `grs scene`")
     rows: list[dict[str, Any]] = []
     for file in files:
         library, proxies = Library(), file.parent / "assets"

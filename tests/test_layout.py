@@ -38,7 +38,7 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"policies", "state", "demos"}),
     frozenset({"nodes", "grading"}),
     frozenset({"runs", "graphs/", "views"}),
-    frozenset({"api"}),
+    frozenset({"api", "batch"}),
     frozenset({"serving"}),
     frozenset({"cli"}),
     frozenset({"evals/", "__main__"}),

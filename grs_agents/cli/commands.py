@@ -9,24 +9,41 @@ import typer
 from grs_agents import content
 from grs_agents.cli.assets import assets_app
 from grs_agents.cli.options import (
+    Address,
+    BatchEngine,
+    BatchOut,
+    Cameras,
     Cassette,
     ConfigFile,
+    Demonstrations,
+    DemosOut,
     Distractors,
+    Episodes,
+    FilmOut,
     Friction,
+    InstanceSeed,
+    InstancesOut,
     Jitter,
     Json,
     Light,
     Mass,
     Models,
+    OfScene,
     Otel,
     Out,
     Record,
+    Reports,
     Resume,
+    RolloutSeed,
     Seed,
     Settings,
+    Tasks,
     Texture,
+    Timeout,
+    Trials,
     Unsafe,
     View,
+    Where,
     Workers,
     Yaw,
     add_model_setting,
@@ -78,6 +95,7 @@ _SCENE = (
 )
 _REPLY = "The reply; without it the question is printed, and asked on a terminal."
 _ZIP = "The zip file, - for standard output; beside the run folder by default."
+_SCENES = "Scenes, folders of scenes, .npz files, bop:ROOT/SPLIT, sample scenes, or globs of these in quotes."
 _CONTENT = "Your own graphs, tools, prompts and assets; their code is executed."
 
 
@@ -176,15 +194,43 @@ def verify(run: RunFolder, json: Json = False, unsafe: Unsafe = False) -> None:
     sys.exit(verify_run_folder(run, load_effective_config(None, None, unsafe=unsafe).config, json))
 
 
+@app.command()
+def batch(
+    scenes: Annotated[list[str] | None, typer.Argument(help=_SCENES)] = None,
+    tasks: Tasks = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    models: Models = None,
+    seed: Seed = None,
+    out: BatchOut = Path("runs/batch"),
+    engine: BatchEngine = "local",
+    address: Address = None,
+    workers: Workers = 2,
+    timeout: Timeout = 600,
+    where: Where = None,
+    reports: Reports = False,
+    json: Json = False,
+) -> None:
+    """Run many scenes, each in its own process; without SCENES list those of --out again.
+
+    The same command goes on where it was interrupted. Exit status 1: a run has no verdict, or a task is wanting.
+    """
+    from grs_agents.cli.batch import list_batch, order_batch
+
+    if not scenes:
+        sys.exit(list_batch(out, where, json))
+    settings = add_model_setting(settings, models)
+    limits = {"workers": workers, "timeout": timeout, "engine": engine, "address": address}
+    sys.exit(order_batch(scenes, out, tasks, seed, config, settings, where, reports, json, **limits))
+
+
 @app.command("runs")
 def list_run_folders(
     folder: Annotated[Path, typer.Argument(help="What the run folders lie in.")] = Path("runs"),
     status: Annotated[
         RunStatus | None, typer.Option("--status", help="Only those that ended so, or wait or run still.")
     ] = None,
-    scene: Annotated[
-        str | None, typer.Option("--of", help="Only those whose scene has this in its path.", metavar="TEXT")
-    ] = None,
+    scene: OfScene = None,
     json: Json = False,
 ) -> None:
     """List runs, the newest first."""
@@ -198,7 +244,7 @@ def compare(
     run: RunFolder, other: Annotated[Path, typer.Argument(help="Another run folder.")], json: Json = False
 ) -> None:
     """Say what differs between two runs: outcome, settings, task, counts, seconds, programs."""
-    from grs_agents.cli.compare import compare_runs
+    from grs_agents.cli.runs import compare_runs
 
     compare_runs(run, other, json)
 
@@ -277,12 +323,8 @@ def report(
 @app.command()
 def play(
     run: RunFolder,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Write a film instead of opening a window.", metavar="FILE.mp4|.gif")
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option("--seed", help="Of the rollout to play; the first one by default.", metavar="N")
-    ] = None,
+    out: FilmOut = None,
+    seed: RolloutSeed = None,
 ) -> None:
     """Play a run's task, as the oracle solved it, in MuJoCo's window or into an mp4 or gif file."""
     from grs_agents.cli.run_outputs import play_rollout
@@ -301,9 +343,7 @@ def instances(
     light: Light = False,
     texture: Texture = False,
     distractors: Distractors = 0,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="The folder; <run>-instances beside the run.", metavar="DIR")
-    ] = None,
+    out: InstancesOut = None,
     workers: Workers = 2,
     json: Json = False,
 ) -> None:
@@ -317,13 +357,9 @@ def instances(
 @app.command()
 def demos(
     run: Annotated[Path, typer.Argument(help="An accepted run, or a folder of grs instances.")],
-    episodes: Annotated[
-        int, typer.Option("--episodes", help="How many are wanted.", metavar="N", min=1, max=1_000_000)
-    ] = 200,
+    episodes: Episodes = 200,
     kind: Annotated[str, typer.Option("--format", help="lerobot, robomimic or minari.")] = "lerobot",
-    cameras: Annotated[
-        str, typer.Option("--camera", help="Whose pictures: photo, front, wrist.", metavar="NAME,NAME")
-    ] = "",
+    cameras: Cameras = "",
     size: Annotated[str, typer.Option("--size", help="Of the pictures.", metavar="ROWSxCOLUMNS")] = "96x128",
     seed: Annotated[int, typer.Option("--seed", help="Of the variations.", metavar="N", min=0, max=2**32 - 1)] = 0,
     jitter: Jitter = 0.03,
@@ -333,9 +369,7 @@ def demos(
     light: Light = False,
     texture: Texture = False,
     distractors: Distractors = 0,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="The data set; <run>-demos beside the run.", metavar="DIR")
-    ] = None,
+    out: DemosOut = None,
     json: Json = False,
 ) -> None:
     """Demonstrations of the expert as a data set to learn from, each replayed through the environment at 25 Hz.
@@ -357,12 +391,8 @@ def demos(
 def grade(
     run: RunFolder,
     episodes: Annotated[int, typer.Option("--episodes", help="Of each policy.", metavar="N", min=1, max=10_000)] = 30,
-    demonstrations: Annotated[
-        int, typer.Option("--demonstrations", help="That the learned policy has.", metavar="N", min=1, max=10_000)
-    ] = 60,
-    trials: Annotated[
-        int, typer.Option("--trials", help="Of the expert at each miss of its hand.", metavar="N", min=1, max=10_000)
-    ] = 12,
+    demonstrations: Demonstrations = 60,
+    trials: Trials = 12,
     seed: Seed = None,
     workers: Workers = 2,
     json: Json = False,
@@ -391,9 +421,7 @@ def export(
     run: Annotated[Path, typer.Argument(help="An accepted run, or a folder of `grs instances`.")],
     to: Annotated[Literal["mjcf"], typer.Option("--format", help="What to write.")] = "mjcf",
     portable: Annotated[bool, typer.Option("--portable", help=_PORTABLE)] = False,
-    seed: Annotated[
-        int | None, typer.Option("--seed", help="Of the task instance; the first one by default.", metavar="N")
-    ] = None,
+    seed: InstanceSeed = None,
     out: Annotated[Path | None, typer.Option("--out", help=_FOLDER, metavar="DIR")] = None,
     json: Json = False,
 ) -> None:

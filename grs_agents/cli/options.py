@@ -3,7 +3,7 @@
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -36,9 +36,18 @@ Cassette = Annotated[
 ]
 View = Annotated[bool, typer.Option("--view", help="Open the rerun viewer and watch the run live.")]
 Otel = Annotated[bool, typer.Option("--otel", help="Send OpenTelemetry spans to where the OTEL_* variables say.")]
-Workers = Annotated[
-    int, typer.Option("--workers", help="Processes that simulate at a time.", metavar="N", min=1, max=256)
-]
+Workers = Annotated[int, typer.Option("--workers", help="Processes at a time.", metavar="N", min=1, max=256)]
+_TASKS = typer.Option("--tasks", "-n", help="Different tasks wanted of each scene.", metavar="N", min=1, max=1000)
+Tasks = Annotated[int | None, _TASKS]
+BatchOut = Annotated[Path, typer.Option("--out", help="Where runs and results go.", metavar="DIR")]
+_ENGINE = typer.Option("--engine", help="Processes on this machine, or tasks of a Ray cluster.")
+BatchEngine = Annotated[Literal["local", "ray"], _ENGINE]
+_ADDRESS = typer.Option("--address", help="Of the Ray cluster; without it Ray starts on this machine.", metavar="A")
+Address = Annotated[str | None, _ADDRESS]
+Timeout = Annotated[float, typer.Option("--timeout", help="Seconds before a run is killed.", metavar="S", min=1)]
+_WHERE = typer.Option("--where", help="List only these runs, as in 'status == \"accepted\"'.", metavar="CONDITION")
+Where = Annotated[str | None, _WHERE]
+Reports = Annotated[bool, typer.Option("--reports", help="Write the report of each run, too.")]
 Unsafe = Annotated[bool, typer.Option("--unsafe-no-sandbox", help="Run generated code without isolation.")]
 
 Jitter = Annotated[float, typer.Option("--jitter", help="Metres along x and y.", min=0, max=0.5)]
@@ -49,6 +58,33 @@ Light = Annotated[bool, typer.Option("--light", help="Vary where the light is, a
 Texture = Annotated[bool, typer.Option("--texture", help="Vary the table's pattern and colours.")]
 _DISTRACTORS = typer.Option("--distractors", help="Objects of the library to put about.", metavar="N", min=0, max=50)
 Distractors = Annotated[int, _DISTRACTORS]
+
+Episodes = Annotated[int, typer.Option("--episodes", help="How many are wanted.", metavar="N", min=1, max=1_000_000)]
+Cameras = Annotated[str, typer.Option("--camera", help="Whose pictures: photo, front, wrist.", metavar="NAME,NAME")]
+InstancesOut = Annotated[
+    Path | None, typer.Option("--out", help="The folder; <run>-instances beside the run.", metavar="DIR")
+]
+Demonstrations = Annotated[
+    int, typer.Option("--demonstrations", help="That the learned policy has.", metavar="N", min=1, max=10_000)
+]
+Trials = Annotated[
+    int, typer.Option("--trials", help="Of the expert at each miss of its hand.", metavar="N", min=1, max=10_000)
+]
+FilmOut = Annotated[
+    Path | None, typer.Option("--out", help="Write a film instead of opening a window.", metavar="FILE.mp4|.gif")
+]
+RolloutSeed = Annotated[
+    int | None, typer.Option("--seed", help="Of the rollout to play; the first one by default.", metavar="N")
+]
+DemosOut = Annotated[
+    Path | None, typer.Option("--out", help="The data set; <run>-demos beside the run.", metavar="DIR")
+]
+InstanceSeed = Annotated[
+    int | None, typer.Option("--seed", help="Of the task instance; the first one by default.", metavar="N")
+]
+OfScene = Annotated[
+    str | None, typer.Option("--of", help="Only those whose scene has this in its path.", metavar="TEXT")
+]
 
 
 def make_variation(

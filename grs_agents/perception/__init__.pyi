@@ -46,6 +46,7 @@ from .proxies.box_clipping import EstimatedVolume as EstimatedVolume
 from .proxies.box_clipping import clip_boxes as clip_boxes
 from .proxies.free_space import observed_free_points_mask as observed_free_points_mask
 from .proxies.neighbors import Surroundings as Surroundings
+from .reading.bop import is_bop_source as is_bop_source
 from .reading.camera import CameraFile as CameraFile
 from .reading.camera import read_camera_file as read_camera_file
 from .reading.masks import read_masks as read_masks

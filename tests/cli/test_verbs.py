@@ -235,8 +235,8 @@ def test_a_sample_scene_is_found_by_its_name(tmp_path: Path) -> None:
 
 
 def test_an_experiment_shows_its_own_options(tmp_path: Path) -> None:
-    done = grs("eval", "seeds", "--help", folder=tmp_path)
-    assert done.returncode == 0 and "usage: grs eval seeds" in done.stdout and "--workers" in done.stdout
+    done = grs("eval", "perception", "--help", folder=tmp_path)
+    assert done.returncode == 0 and "usage: grs eval perception" in done.stdout and "--workers" in done.stdout
     assert "eval [OPTIONS]" in grs("eval", "--help", folder=tmp_path).stdout
 
 

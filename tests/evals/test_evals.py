@@ -1,4 +1,4 @@
-"""Every experiment can be asked what it does; the two of many runs make their figures."""
+"""Every experiment can be asked what it does; those with scenes make their figures."""
 
 import json
 from pathlib import Path
@@ -20,43 +20,6 @@ def test_every_experiment_explains_itself(name: str, capsys: pytest.CaptureFixtu
         module.main(["--help"])
     assert caught.value.code == 0
     assert name in capsys.readouterr().out
-
-
-def test_seeds_of_a_scene_are_not_mixed_with_others(
-    small_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    main = content.load_module("evals", "seeds").main
-    arguments = [str(small_scene), "--seeds", "1", "--out", str(tmp_path / "out"), "--json"]
-    status = main(arguments)
-    figures = json.loads(capsys.readouterr().out)
-    assert (status, figures["summary"]["verdicts"]) == (0, 1)
-    assert json.loads((tmp_path / "out" / "figures.json").read_text()) == figures
-    assert "seed 0" in (tmp_path / "out" / "figures.md").read_text()
-    assert main(arguments) == 0  # the same experiment goes on: no run is made again
-    assert json.loads(capsys.readouterr().out) == figures
-    with pytest.raises(InputError, match="other config"):
-        main([*arguments, "--set", "policy=rules"])
-    (tmp_path / "out" / "experiment.json").write_text("[")
-    with pytest.raises(InputError, match=r"experiment\.json"):
-        main(arguments)
-
-
-def test_an_experiment_whose_runs_fail_is_none(tmp_path: Path) -> None:
-    scene = tmp_path / "scenes" / "bad"
-    scene.mkdir(parents=True)
-    (scene / "camera.json").write_text("{}")
-    assert content.load_module("evals", "real").main([str(tmp_path / "scenes"), "--out", str(tmp_path / "out")]) == 1
-
-
-def test_no_seeds_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(SystemExit) as caught:
-        content.load_module("evals", "seeds").main(["--seeds", "0", "--out", str(tmp_path / "out")])
-    assert caught.value.code == 2
-
-
-def test_a_folder_without_scenes_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="holds no scene"):
-        content.load_module("evals", "real").main([str(tmp_path)])
 
 
 def test_perception_of_labelled_scenes(small_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,148 @@
+"""Runs of many scenes in one folder, which can be interrupted, gone on with and extended."""
+
+import json
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from grs_agents import content
+from grs_agents.batch.diversity import describe_diversity, mark_repeats
+from grs_agents.batch.jobs import Engine, run_jobs
+from grs_agents.batch.page import render_page
+from grs_agents.batch.results import BatchResults, write_results
+from grs_agents.batch.row import BatchRow, make_row
+from grs_agents.batch.run_process import RunEnd, RunJob
+from grs_agents.config import load_config
+from grs_agents.errors import InputError
+from grs_agents.files import write_json, write_text
+from grs_agents.perception import short_scene_name
+from grs_agents.version import __version__
+
+_ORDER: Final = "batch.json"
+_SEEDS_PER_TASK: Final = 4
+"""So many seeds are tried for each task that is wanted: the offline author repeats itself in about one of three, and a
+scene with few objects holds few tasks."""
+_WRITTEN_EVERY: Final = 2.0
+"""Seconds: the files grow with the batch, and what a killed batch did not write is read from its runs again."""
+Watcher = Callable[[BatchRow], None]
+
+
+@dataclass(frozen=True)
+class BatchOrder:
+    """What is to be run."""
+
+    scenes: tuple[str, ...]  # as `grs run` takes them
+    out: Path
+    tasks: int | None = None  # different tasks of each scene that are wanted; `None`: one run of each
+    seed: int = 0  # of the first run of each scene
+    config: Path | None = None
+    settings: tuple[str, ...] = ()
+    workers: int = 2
+    timeout: float = 600  # seconds before a run is killed
+    engine: Engine = "local"
+    address: str | None = None  # of a Ray cluster
+
+
+def run_batch(order: BatchOrder, watch: Watcher = lambda _: None) -> BatchResults:
+    """Make the runs below ``order.out``; ``watch`` hears of each as it ends.
+
+    Where ``order.tasks`` is given, seeds are tried until so many accepted tasks differ in name and goals, at most four
+    for each. The same order goes on where it was interrupted; one with more scenes or tasks adds runs.
+
+    Raises:
+        InputError: the folder holds a batch with another configuration, or no cluster answers.
+    """
+    _claim_folder(order)
+    names = _name_scenes(order.scenes)
+    rows: dict[str, BatchRow] = {}
+    for round_ in range(_SEEDS_PER_TASK if order.tasks else 1):
+        jobs = [job for scene in order.scenes for job in _jobs_of_scene(order, scene, names[scene], round_, rows)]
+        if jobs:
+            _run_round(order, jobs, rows, watch)
+    results = summarise(list(rows.values()))
+    _write(order.out, results)
+    return results
+
+
+def _run_round(order: BatchOrder, jobs: Sequence[RunJob], rows: dict[str, BatchRow], watch: Watcher) -> None:
+    ended: dict[str, BatchRow] = {}
+    written = 0.0
+
+    def keep(end: RunEnd) -> None:
+        nonlocal written
+        row = make_row(end)
+        ended[row.run] = row
+        if time.monotonic() > written + _WRITTEN_EVERY:
+            _write(order.out, summarise([*rows.values(), *ended.values()]))
+            written = time.monotonic()
+        watch(row)
+
+    run_jobs(jobs, keep, workers=order.workers, timeout=order.timeout, engine=order.engine, address=order.address)
+    rows.update((job.name, ended[job.name]) for job in jobs)
+
+
+def _jobs_of_scene(
+    order: BatchOrder, scene: str, name: str, round_: int, rows: dict[str, BatchRow]
+) -> Iterator[RunJob]:
+    """The runs of one scene in one round: as many as tasks are still wanting."""
+    made = [row for row in rows.values() if row.scene == scene]
+    found = sum(row.status == "accepted" and not row.repeats for row in mark_repeats(made))
+    options = [part for setting in order.settings for part in ("--set", setting)]
+    if order.config is not None:
+        options += ["--config", str(order.config.resolve())]
+    for number in range(len(made), len(made) + (order.tasks or 1) - found):
+        seed = order.seed + number
+        folder = f"{name}-{seed}"
+        yield RunJob(folder, scene, seed, order.out.resolve() / folder, tuple(options))
+
+
+def summarise(rows: Sequence[BatchRow]) -> BatchResults:
+    """The rows, repeats marked, with what they come to."""
+    marked = mark_repeats(rows)
+    summary: dict[str, Any] = {
+        "runs": len(marked),
+        "status": dict(Counter(row.status for row in marked)),
+        **describe_diversity(marked),
+        "fixes": sum(row.code_fixes + row.test_fixes + row.task_fixes for row in marked),
+        "cost": round(sum(row.cost for row in marked), 4),
+        "seconds": round(sum(row.seconds for row in marked), 1),
+    }
+    return BatchResults(summary=summary, rows=tuple(marked))
+
+
+def _write(out: Path, results: BatchResults) -> None:
+    write_results(out, results)
+    write_text(out / "index.html", render_page(out, results))
+
+
+def _name_scenes(scenes: Sequence[str]) -> dict[str, str]:
+    """A short name for each scene, numbered where two share one."""
+    seen: Counter[str] = Counter()
+    names: dict[str, str] = {}
+    for scene in scenes:
+        short = short_scene_name(Path(scene))
+        seen[short] += 1
+        names[scene] = short if seen[short] == 1 else f"{short}.{seen[short]}"
+    return names
+
+
+def _claim_folder(order: BatchOrder) -> None:
+    """Write into ``batch.json`` what runs depend on, so that runs of two configurations are never mixed."""
+    file = order.out / _ORDER
+    ours: dict[str, Any] = {
+        "config": load_config(order.config, order.settings).config.model_dump(mode="json"),
+        "seed": order.seed,
+        "content": [str(root) for root in content.content_search_roots()[:-1]],
+        "grs-agents": __version__,
+    }
+    try:
+        earlier = json.loads(file.read_text(encoding="utf-8")) if file.exists() else ours
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot read {file}: {error}", "name another folder with --out") from error
+    if earlier != ours:
+        differ = [key for key in ours if not isinstance(earlier, dict) or earlier.get(key) != ours[key]]
+        raise InputError(f"{order.out} holds a batch with another {', '.join(differ)}", "name another --out")
+    write_json(file, ours)

@@ -1,0 +1,52 @@
+"""Many runs, here or on a cluster."""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from typing import Final, Literal
+
+from grs_agents.batch.run_process import RunEnd, RunJob, Watcher, run_job
+
+Engine = Literal["local", "ray"]
+ENGINES: Final[tuple[Engine, ...]] = ("local", "ray")
+
+
+def run_jobs(
+    jobs: Sequence[RunJob],
+    watch: Watcher = lambda _: None,
+    *,
+    workers: int = 2,
+    timeout: float = 600,
+    engine: Engine = "local",
+    address: str | None = None,
+) -> list[RunEnd]:
+    """Make the runs, ``workers`` at a time, each killed after ``timeout`` seconds; ``watch`` hears of each end.
+
+    A run whose folder holds a verdict is not made again; one that was interrupted is resumed.
+
+    Args:
+        engine: ``local`` starts processes here, ``ray`` on the cluster at ``address`` (its own on this machine
+            where that is ``None``); there ``workers`` is what the cluster's CPUs allow.
+
+    Raises:
+        InputError: Ray is not installed, or there is no cluster at ``address``.
+    """
+    ends: dict[str, RunEnd] = {}
+
+    def keep(end: RunEnd) -> None:
+        ends[end.job.name] = end
+        watch(end)
+
+    if engine == "ray":
+        from grs_agents.batch.ray_engine import run_on_cluster
+
+        run_on_cluster(jobs, keep, timeout, address)
+    else:
+        with ThreadPoolExecutor(max_workers=workers) as pool:
+            futures = [pool.submit(run_job, job, timeout) for job in jobs]
+            try:
+                for future in as_completed(futures):
+                    keep(future.result())
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+    return [ends[job.name] for job in jobs]

@@ -1,0 +1,64 @@
+"""Runs as tasks of a Ray cluster (docs.ray.io): a task starts one run as a process on the node it lands on.
+
+All nodes need this package in the same place, and the folder of the batch on storage that they share.
+"""
+
+import importlib
+import os
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from grs_agents.batch.run_process import RunEnd, RunJob, Watcher, run_job
+from grs_agents.errors import InputError
+
+_CPUS_OF_RUN = 1
+"""A run is one process that computes, with a sandbox that waits for it or is waited for."""
+_RETRIES = 3
+"""How often a run is made again whose worker or node was lost; its folder says how far it came."""
+
+
+def run_on_cluster(jobs: Sequence[RunJob], watch: Watcher, timeout: float, address: str | None) -> None:
+    """Make the runs as tasks, and tell ``watch`` of each end. Raises InputError: no Ray, or no cluster there."""
+    try:
+        ray: Any = importlib.import_module("ray")
+    except ImportError as error:
+        raise InputError("engine ray needs the package ray", "pip install 'grs-agents[ray]'") from error
+    ours = not ray.is_initialized()
+    if ours:
+        _connect(ray, address)
+    try:
+        _run_tasks(ray, jobs, watch, timeout)
+    finally:
+        if ours:
+            ray.shutdown()
+
+
+def _connect(ray: Any, address: str | None) -> None:
+    try:
+        ray.init(address=address, log_to_driver=False, include_dashboard=False, configure_logging=False)
+    except (ConnectionError, ValueError) as error:
+        raise InputError(f"there is no Ray cluster at {address}: {error}", "ray start --head, or --address") from error
+
+
+def _run_tasks(ray: Any, jobs: Sequence[RunJob], watch: Watcher, timeout: float) -> None:
+    task: Any = ray.remote(num_cpus=_CPUS_OF_RUN, max_retries=_RETRIES)(_with_environment(dict(os.environ)))
+    under_way = {task.remote(job, timeout): job for job in jobs}
+    while under_way:
+        (ended,), _ = ray.wait(list(under_way), num_returns=1)
+        job = under_way.pop(ended)
+        try:
+            end: RunEnd = ray.get(ended)
+        except ray.exceptions.RayError as error:
+            end = RunEnd(job, None, f"its worker was lost {_RETRIES + 1} times: {type(error).__name__}")
+        watch(end)
+
+
+def _with_environment(environment: dict[str, str]) -> Callable[[RunJob, float], RunEnd]:
+    """`run_job` with the variables of the one who ordered it: a model may need its key."""
+
+    def work(job: RunJob, timeout: float) -> RunEnd:
+        for name, value in environment.items():
+            os.environ.setdefault(name, value)
+        return run_job(job, timeout)
+
+    return work

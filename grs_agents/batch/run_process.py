@@ -1,0 +1,74 @@
+"""One run in a process of its own, so that a crash or a hang costs it alone."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from grs_agents import content
+from grs_agents.errors import InputError
+from grs_agents.runs import RunRecord, read_record
+
+ENDED: Final = ("accepted", "rejected", "waiting")
+"""What is not run again: verdicts, and what waits for a person."""
+
+
+@dataclass(frozen=True)
+class RunJob:
+    """One run to make."""
+
+    name: str  # its folder's name, and how tables call it
+    scene: str  # as `grs run` takes it
+    seed: int
+    folder: Path
+    options: tuple[str, ...] = ()  # further options of `grs run`
+
+
+@dataclass(frozen=True)
+class RunEnd:
+    """How the process of a run ended."""
+
+    job: RunJob
+    exit_status: int | None  # of the command; `None` if it had to be killed
+    error: str = ""  # the last line it wrote on stderr, if it came to no verdict
+
+
+Watcher = Callable[[RunEnd], None]
+
+
+def run_job(job: RunJob, timeout: float) -> RunEnd:
+    """Make or resume one run in a process of its own, and wait for its end."""
+    earlier = read_record_if_any(job.folder)
+    if earlier is not None and earlier.status in ENDED:
+        return RunEnd(job, earlier.exit_status)
+    overlays = [part for root in reversed(content.content_search_roots()[:-1]) for part in ("--content", str(root))]
+    options = ("--resume",) if earlier is not None else ("--seed", str(job.seed), *job.options)
+    command = [*overlays, "run", job.scene, "--out", str(job.folder), "--json", *options]
+    # The environment is the user's own: a model may need its key.
+    starter = [sys.executable, "-m", "grs_agents.batch.child", str(os.getpid())]
+    job.folder.parent.mkdir(parents=True, exist_ok=True)
+    log = job.folder.with_name(f"{job.name}.log")  # no pipe: it would break with us, while the run still speaks
+    with log.open("w", encoding="utf-8") as errors:
+        try:
+            done = subprocess.run(
+                [*starter, *command], stdout=subprocess.DEVNULL, stderr=errors, timeout=timeout, check=False
+            )
+        except subprocess.TimeoutExpired:
+            return RunEnd(job, None, f"killed after {timeout:.0f} s")
+    return RunEnd(job, done.returncode, _read_last_line(log) if done.returncode > 1 else "")
+
+
+def _read_last_line(log: Path) -> str:
+    lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+    return lines[-1] if lines else ""
+
+
+def read_record_if_any(folder: Path) -> RunRecord | None:
+    """The record of the run in ``folder``, if there is a sound one."""
+    try:
+        return read_record(folder)
+    except InputError:
+        return None
