@@ -93,3 +93,14 @@ def _between(ranks: Floats, group: npt.NDArray[np.int64]) -> float:
 def _ranks(values: Floats) -> Floats:
     """Ranks from 1; equal values share the mean of theirs."""
     return np.asarray(scipy_module("scipy.stats").rankdata(values), np.float64)
+
+
+def mann_whitney(one: Sequence[float], other: Sequence[float]) -> float:
+    """The probability (two-sided) that samples differ so much by chance; 1 if all values are alike.
+
+    Raises:
+        InputError: SciPy is not installed.
+    """
+    if np.ptp(np.asarray([*one, *other], np.float64)) == 0:
+        return 1.0
+    return float(scipy_module("scipy.stats").mannwhitneyu(one, other).pvalue)

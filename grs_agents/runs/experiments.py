@@ -12,7 +12,16 @@ from rich.text import Text
 from grs_agents import content
 from grs_agents.errors import InputError
 
-CHECKOUT_ONLY = ("confidence", "correspondence", "perception", "retrieval_scale", "routing", "shapes", "twin")
+CHECKOUT_ONLY = (
+    "ablation",
+    "confidence",
+    "correspondence",
+    "perception",
+    "retrieval_scale",
+    "routing",
+    "shapes",
+    "twin",
+)
 """Experiments that measure GRS itself on scenes made for it: neither they nor what they share are in a wheel."""
 
 

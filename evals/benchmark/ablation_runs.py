@@ -1,0 +1,128 @@
+"""The runs of the ablation, and a trusted rollout of every program that they end with."""
+
+import argparse
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from evals.synthesis import Recipe, synthesise
+from grs_agents.base import Frozen
+from grs_agents.batch import RunEnd, RunJob, make_row, run_jobs
+from grs_agents.errors import GrsError
+from grs_agents.files import write_text
+from grs_agents.foreign import read_json
+from grs_agents.library import Library
+from grs_agents.perception import short_scene_name
+from grs_agents.terminal import print_escaped
+from grs_agents.trace import read_events
+
+_REMEDY = "name another --out"
+
+
+class Measured(Frozen):
+    """One run of one graph, and what the trusted oracle earns with the program it ended with."""
+
+    graph: str
+    scene: str
+    seed: int
+    status: str
+    task: str
+    published: float | None  # mean over the audit's seeds; `None` where no seed gave a task instance
+    strict: float | None
+    code_fixes: int
+    test_fixes: int
+    task_fixes: int
+    hangs: int  # runs of tests that had to be stopped
+    tokens: int
+    cost: float
+    seconds: float
+
+
+def make_scenes(wanted: Sequence[Recipe], folder: Path) -> list[Path]:
+    """Synthesise the scenes that are not there yet."""
+    made: list[Path] = []
+    for number, recipe in enumerate(wanted):
+        scene = folder / f"made-{number}"
+        if not (scene / "truth.json").is_file():
+            synthesise(recipe, Library()).write(scene)
+        made.append(scene)
+    return made
+
+
+def make_runs(scenes: Sequence[str], graphs: Sequence[str], options: argparse.Namespace) -> list[Measured]:
+    """Make what is not made yet. Scene and seed give the offline author's task, so graphs meet the same tasks."""
+    common = [part for setting in options.settings for part in ("--set", setting)]
+    if options.config is not None:
+        common += ["--config", str(options.config.resolve())]
+    jobs: dict[str, tuple[str, RunJob]] = {}
+    for seed in range(options.runs):
+        for scene in scenes:
+            for graph in graphs:
+                name = f"{graph}-{short_scene_name(Path(scene))}-{seed}"
+                arguments = (*common, "--set", f"graph={graph}")
+                jobs[name] = graph, RunJob(name, scene, seed, options.out.resolve() / name, arguments)
+    measured: dict[str, Measured] = {}
+
+    def watch(end: RunEnd) -> None:
+        one = measured[end.job.name] = _measure(jobs[end.job.name][0], end)
+        reward = "no reward" if one.published is None else f"reward {one.published:.2f}, strict {one.strict:.2f}"
+        print_escaped(f"{len(measured)}/{len(jobs)} {end.job.name}: {one.status}, {reward}", error=True)
+
+    run_jobs([job for _, job in jobs.values()], watch, workers=options.workers, timeout=options.timeout)
+    return [measured[name] for name in jobs]
+
+
+def _measure(graph: str, end: RunEnd) -> Measured:
+    row, folder = make_row(end), end.job.folder
+    rollouts = [rollout["episode"] for rollout in _read_rollouts(folder)]
+    published, strict = ([float(episode[kind]) for episode in rollouts] for kind in ("reward", "strict"))
+    return Measured(
+        graph=graph,
+        scene=short_scene_name(Path(row.scene)),
+        seed=row.seed,
+        status=row.status,
+        task=row.task,
+        published=sum(published) / len(published) if published else None,
+        strict=sum(strict) / len(strict) if strict else None,
+        code_fixes=row.code_fixes,
+        test_fixes=row.test_fixes,
+        task_fixes=row.task_fixes,
+        hangs=_count_hangs(folder),
+        tokens=row.input_tokens + row.output_tokens,
+        cost=row.cost,
+        seconds=row.seconds,
+    )
+
+
+def _count_hangs(folder: Path) -> int:
+    try:
+        events = read_events(folder / "events.jsonl")
+    except GrsError:  # the run did not begin
+        return 0
+    return sum(event.kind == "tests_run" and event.report.get("outcome") == "timeout" for event in events)
+
+
+def _read_rollouts(folder: Path) -> list[dict[str, Any]]:
+    """The rollouts of the run's audit; where its tests failed, and it had none, those of a check of its program."""
+    audit = folder / "audit.json"
+    if not audit.is_file():
+        audit = folder.with_name(f"{folder.name}.check.json")
+        if not audit.is_file() and (folder / "simulation.py").is_file():
+            _check(folder, audit)
+    if not audit.is_file():
+        return []
+    found = read_json(audit, _REMEDY)
+    return list(found.get("audit", found).get("rollouts", []))
+
+
+def _check(folder: Path, out: Path) -> None:
+    """Write what ``grs check`` finds of the program that a run ended with."""
+    command = [sys.executable, "-m", "grs_agents", "check", str(folder), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode not in (0, 1):
+        print_escaped(f"{folder.name}: {done.stderr.strip()[-300:]}", error=True)
+        return
+    write_text(out, json.dumps(json.loads(done.stdout)))
