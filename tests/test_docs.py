@@ -4,6 +4,7 @@ import contextlib
 import json
 import re
 import runpy
+import shlex
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, get_args
@@ -244,3 +245,16 @@ def test_the_page_on_simulation_drives_its_program(
     with contextlib.chdir(tmp_path):
         runpy.run_path("drive.py")
     assert capsys.readouterr().out.split()[:3] == ["success", "1.0", "1.0"]
+
+
+def test_the_first_run_goes_as_its_page_says(small_scene: Path, tmp_path: Path) -> None:
+    blocks = re.findall(r"```sh\n(.*?)```", page("first_run.md"), re.DOTALL)
+    lines = [shlex.split(line)[1:] for block in blocks for line in block.splitlines()]
+    assert lines[0][:2] == ["run", "groceries"]
+    for line in lines:
+        arguments = [str(small_scene) if word == "groceries" else word for word in line]
+        done = grs(*arguments, folder=tmp_path)
+        assert done.returncode == 0, (line, done.stdout, done.stderr)
+    assert (tmp_path / "mine.html").stat().st_size
+    assert len(list((tmp_path / "runs" / "mine-instances").rglob("*.json"))) >= 2
+    assert (tmp_path / "runs" / "mine-mjcf").is_dir()
