@@ -3,6 +3,7 @@ from .hulls import hull_half_spaces as hull_half_spaces
 from .raster import Buffer as Buffer
 from .raster import barycentric_coordinates as barycentric_coordinates
 from .raster import rasterise_triangles as rasterise_triangles
+from .spheres import icosphere as icosphere
 from .transforms import FloatArray as FloatArray
 from .transforms import matrix_to_quaternion as matrix_to_quaternion
 from .transforms import pose_matrix as pose_matrix

@@ -110,15 +110,18 @@ def _resolve_obj_index(word: str, count: int) -> int:
 
 
 _SECTIONS, _RINGS = 48, 24
-_BOX = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-"""Corners of each side, counter-clockwise from outside; corner number 4x + 2y + z of the unit cube."""
+_BOX = (
+    *((1, 3, 0), (4, 1, 0), (0, 3, 2), (2, 4, 0), (1, 7, 3), (5, 1, 4)),
+    *((5, 7, 1), (3, 7, 2), (6, 4, 2), (2, 7, 6), (6, 5, 4), (7, 5, 6)),
+)
+"""Corners of each triangle, counter-clockwise from outside; corner number 4x + 2y + z of the unit cube."""
 
 
 def triangulate_primitive(shape: Shape) -> Surface:
     """The triangles of a primitive in its own frame (m), without texture coordinates."""
     if shape.kind == "box":
         cube = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-        corners = _triangulate_quads(cube * np.asarray(shape.size), np.array(_BOX))
+        corners = (cube * np.asarray(shape.size))[np.array(_BOX)]
     elif shape.kind == "cylinder":
         radius, length = shape.size
         corners = _revolve_profile([(0.0, -length / 2), (radius, -length / 2), (radius, length / 2), (0.0, length / 2)])

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from grs_agents.errors import InputError
 from grs_agents.library.library import Library
-from grs_agents.library.mesh_files import read_surface
+from grs_agents.library.mesh_files import read_surface, triangulate_primitive
 from grs_agents.library.shapes import Placement, Shape, matrix_from_quaternion
 
 Floats = npt.NDArray[np.float64]
@@ -93,13 +93,5 @@ def _triangulate_shape(shape: Shape, library: Library) -> tuple[Floats, Floats]:
     if shape.kind == "mesh":
         surface = read_surface(library.mesh_or_texture_path(shape.mesh or ""))
         return surface.corners * np.asarray(shape.size), surface.uvs
-    import trimesh  # half a second, which a run that ends before its first mesh need not take
-
-    if shape.kind == "box":
-        mesh = trimesh.creation.box(shape.size)
-    elif shape.kind == "cylinder":
-        mesh = trimesh.creation.cylinder(shape.size[0], shape.size[1], sections=48)
-    else:
-        mesh = trimesh.creation.icosphere(3, shape.size[0])
-    corners = np.asarray(mesh.vertices, dtype=np.float64)[np.asarray(mesh.faces)]
-    return corners, np.zeros((len(corners), 3, 2))
+    surface = triangulate_primitive(shape)
+    return surface.corners, surface.uvs

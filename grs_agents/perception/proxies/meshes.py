@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
+from grs_agents.geometry import icosphere
 from grs_agents.library import Library, ObjectModel, Shape, matrix_from_quaternion, mesh_files, read_vertices
 
 Floats = npt.NDArray[np.float64]
@@ -40,14 +41,14 @@ def revolved_mesh(profile: Sequence[tuple[float, float]]) -> Faceted:
 
 def hull_mesh(points: Floats) -> Faceted:
     """About the convex hull of points (N, 3): their farthest point in each of many directions."""
-    directions, faces = _icosphere_mesh()
+    directions, faces = icosphere(3)
     kept, number = np.unique(np.argmax(directions @ points.T, axis=1), return_inverse=True)
     return points[kept], number[faces]
 
 
 def signed_distance_from_hull(points: Floats, queries: Floats) -> Floats:
     """(M,) signed distance (m, negative inside) of queries (M, 3) from about the convex hull of points (N, 3)."""
-    directions, _ = _icosphere_mesh()
+    directions, _ = icosphere(3)
     reach = (directions @ points.T).max(axis=1)
     return np.asarray((queries @ directions.T - reach).max(axis=1), np.float64)
 
@@ -73,13 +74,6 @@ def _triangulate_grid(rows: int, columns: int) -> Ints:
     start = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     a, b, c, d = start, start + columns, start + columns + 1, start + 1
     return np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
-
-
-def _icosphere_mesh() -> Faceted:
-    import trimesh
-
-    ball = trimesh.creation.icosphere(3)
-    return np.asarray(ball.vertices, np.float64), np.asarray(ball.faces, np.int64)
 
 
 Bools = npt.NDArray[np.bool_]

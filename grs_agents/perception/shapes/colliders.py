@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry import to_vec3
+from grs_agents.geometry import icosphere, to_vec3
 from grs_agents.library import Shape, mesh_volume, shape_volume
 from grs_agents.perception.shapes.configuration import DEFAULT
 from grs_agents.perception.shapes.types import ObjectShape
@@ -322,9 +322,7 @@ def reduce_to_corners(points: Array) -> Array:
 @cache
 def _even_axes(fineness: int) -> Array:
     """(K, 3) unit vectors, evenly spread, one of each two opposites."""
-    import trimesh
-
-    every = np.asarray(trimesh.creation.icosphere(fineness).vertices, np.float64).round(9)
+    every = icosphere(fineness)[0].round(9)
     return np.array([axis for axis in every if tuple(axis[::-1]) > (0.0, 0.0, 0.0)])
 
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat
 from grs_agents.geometry import FloatArray, transforms
+from grs_agents.library import read_surface
 from grs_agents.sim.cliport import cameras
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.goals import TaskAccounting
@@ -270,13 +271,9 @@ class TaskKit:
         self, model: str, scale: Sequence[float], pose: Pose, num_points: int = 50
     ) -> list[tuple[tuple[float, float, float], Quat]]:
         """``num_points`` poses spread over a library mesh (``kitting/03.obj``), scaled, placed, seen from above."""
-        import trimesh
-
         library, name = self.grs.env.library, "/".join(PurePosixPath(model.replace("\\", "/")).parts[-2:])
-        mesh: Any = trimesh.load_mesh(library.mesh_or_texture_path(name))
-        points = _sample_upward_surface(
-            np.asarray(mesh.triangles, dtype=np.float64) * np.asarray(scale), num_points, self.rng
-        )
+        surface = read_surface(library.mesh_or_texture_path(name))
+        points = _sample_upward_surface(surface.corners * np.asarray(scale), num_points, self.rng)
         return [
             (transforms.to_vec3(point), transforms.IDENTITY) for point in transforms.transform_points(pose, points.T).T
         ]

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import rerun as rr
-import trimesh
 
 from grs_agents.base import Pose
 from grs_agents.errors import InputError
@@ -33,6 +32,8 @@ TEXTURE_EDGE = 256
 """Pixels; larger textures are shown smaller to keep recordings small."""
 _GREY = (0.7, 0.7, 0.72, 1.0)
 Rgba = tuple[float, float, float, float]
+Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.float32]
 
 
 def log_asset_shapes(recording: Recording, path: str, name: str, library: Library) -> None:
@@ -63,19 +64,18 @@ def _build_mesh(
     path: Path, texture_path: Path | None, scale: tuple[float, ...], pose: Pose, color: Rgba | None
 ) -> rr.Mesh3D:
     """Kept, since an object's mesh is shown in the twin and in the rollouts; ``color`` is for what has no texture."""
-    mesh = _load_mesh(path)
+    (vertices, uv), faces, normals = _load_mesh(path)
     turn = matrix_from_quaternion(pose[1])
-    vertices = np.asarray(mesh.vertices) * scale @ turn.T + pose[0]
-    uv: npt.NDArray[np.float64] | None = getattr(mesh.visual, "uv", None)
+    vertices = vertices * scale @ turn.T + pose[0]
     texture = texcoords = None
-    if texture_path and uv is not None:
+    if texture_path and uv.any():
         texture = _load_texture(texture_path)
         texcoords = np.column_stack([uv[:, 0], 1 - uv[:, 1]])  # rerun's origin is the top left corner
     rgba = [round(255 * channel) for channel in (color if texture is None else None) or (1,) * 4]
     return rr.Mesh3D(
         vertex_positions=vertices,
-        triangle_indices=np.asarray(mesh.faces),
-        vertex_normals=_vertex_normals(mesh) @ turn.T,
+        triangle_indices=faces,
+        vertex_normals=normals @ turn.T,
         vertex_texcoords=texcoords if texture is not None else None,
         albedo_texture=texture,
         albedo_factor=rgba,
@@ -83,21 +83,20 @@ def _build_mesh(
 
 
 @lru_cache(maxsize=128)
-def _load_mesh(path: Path) -> Any:
-    """The mesh of an OBJ file, one vertex for each of its texture coordinates."""
-    read_surface(path)  # its errors are named, trimesh's are of many kinds
-    return trimesh.load_mesh(path, process=False, skip_materials=True)
-
-
-def _vertex_normals(mesh: Any) -> npt.NDArray[np.float64]:
-    """(N, 3) unit normals, weighted by area; trimesh's own want scipy."""
-    faces = np.asarray(mesh.faces)
-    corners = np.asarray(mesh.vertices, dtype=np.float64)[faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.zeros((len(mesh.vertices), 3))
+def _load_mesh(path: Path) -> tuple[tuple[Array, Array], npt.NDArray[np.int64], Array]:
+    """Of an OBJ file: vertices (V, 3) with their texture coordinates (V, 2), faces (F, 3), and unit normals (V, 3),
+    weighted by area."""
+    surface = read_surface(path)
+    corners = np.concatenate([surface.corners, surface.uvs], axis=2).reshape(-1, 5)
+    vertices, index = np.unique(corners, axis=0, return_inverse=True)
+    faces = index.reshape(-1, 3)
+    first, second, third = surface.corners.swapaxes(0, 1)
+    across = np.cross(second - first, third - first)
+    normals = np.zeros((len(vertices), 3))
     for corner in range(3):
         np.add.at(normals, faces[:, corner], across)
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return (vertices[:, :3], vertices[:, 3:]), faces, normals
 
 
 @lru_cache(maxsize=128)
@@ -113,8 +112,6 @@ def _load_texture(path: Path) -> Any:
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
-Array = npt.NDArray[np.float64]
-Rows = npt.NDArray[np.float32]
 FRAMES_PER_SECOND = 25.0
 _TABLE = ((0.5, 0.0, -0.011), (0.62, 1.1, 0.02))  # centre, size
 _WHITE, _MUTED, _ORANGE, _YELLOW, _GREEN = (
