@@ -1,28 +1,33 @@
-"""Run pairs of programs with planted faults, ask a routing policy whose fault each is, and compare with the truth."""
+"""Plant faults in right programs or their tests, ask a routing policy whose fault each is, and fix as a run does."""
 
-import json
+import argparse
 import re
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from langgraph.graph import START
 from langgraph.runtime import Runtime
 
 from evals.faults.planting import PlantedFault, plant_mistakes, read_fault_folders
 from grs_agents import content, nodes
 from grs_agents.agents import Agents
 from grs_agents.base import Frozen
-from grs_agents.config import load_config
+from grs_agents.config import Config, load_config
 from grs_agents.nodes import Services
-from grs_agents.policies import load_policy
-from grs_agents.runs import open_sandbox
-from grs_agents.terminal import VisibleParser
+from grs_agents.policies import Policy, RoutingContext, RoutingDecision, load_policy
+from grs_agents.runs import open_kept_rows, open_sandbox, positive_int
+from grs_agents.sandbox import TestReport
+from grs_agents.terminal import VisibleParser, print_escaped, print_json
 from grs_agents.trace import EventLog
 
 SCENE = "groceries"
 TARGET = 0.85
 """The least share of the faults that is to be routed rightly."""
+MOST_WRONG = 0.02
+"""The largest share of the faults that may end in an accepted program which is not right."""
 
 
 class RoutedFault(Frozen):
@@ -33,9 +38,14 @@ class RoutedFault(Frozen):
     truth: str
     right_tests: bool
     verdict: str  # empty where tests and audit pass: a fault that does no harm
+    other_order: str  # the verdict with the options in reverse
     cause: str
     sure: bool
     explanation: str
+    fixes: int  # made until the run ended
+    accepted: bool
+    reason: str  # how the run ended
+    wrong: str  # why an accepted program is not right: what the tests of the right pair say; empty where it is
 
     @property
     def mark(self) -> str:
@@ -44,64 +54,121 @@ class RoutedFault(Frozen):
 
     def __str__(self) -> str:
         verdict = f"{self.truth:9} {self.verdict:9} {self.mark:9} {self.cause:18} {'sure' if self.sure else '':5}"
-        return f"{self.name:36} {verdict} {self.explanation[:240]}"
+        end = f"{self.fixes} fixes, {'accepted' if self.accepted else 'rejected'}{' WRONGLY' if self.wrong else ''}"
+        return f"{self.name:44} {verdict} {end:27} {self.explanation[:240]}; {self.wrong or self.reason[:240]}"
 
 
-def route_faults(faults: Sequence[PlantedFault], settings: Sequence[str]) -> Iterator[RoutedFault]:
-    """Run the programs of each fault as a run does, and route where tests or audit fail."""
-    config = load_config(None, settings).config
+@dataclass
+class _BothOrders:
+    """A policy that notes its first decision, and what it would be with the options in reverse."""
+
+    policy: Policy
+    first: RoutingDecision | None = None
+    reverse: RoutingDecision | None = None
+
+    def decide(self, context: RoutingContext) -> RoutingDecision:
+        decision = self.policy.decide(context)
+        if self.first is None:
+            self.first = decision
+            self.reverse = self.policy.decide(replace(context, verdicts=context.verdicts[::-1]))
+        return decision
+
+
+def route_faults(
+    faults: Sequence[PlantedFault], config: Config, fixes: int, known: Mapping[str, RoutedFault]
+) -> Iterator[RoutedFault]:
+    """Run the programs of each fault that is not ``known``; route where they fail, and fix ``fixes`` times."""
     scene = content.content_path("assets", "scenes") / SCENE
     with tempfile.TemporaryDirectory() as temporary, open_sandbox(config) as sandbox:
         folder = Path(temporary)
         with EventLog(folder / "events.jsonl") as log:
             agents = Agents(config=config, log=log, folder=folder)
             services = Services(config, log, agents, load_policy(config.policy), sandbox, folder)
-            graph = content.load_module("graphs", "scene").build().compile()
-            begin: dict[str, Any] = {"scene_path": str(scene), "max_fixes": 1, "fixes": 0, "history": []}
-            state = graph.invoke(begin, context=services)
+            state: dict[str, Any] = {}
             for fault in faults:
-                yield _route_fault(fault, state, services)
+                if fault.name not in known and not state:
+                    begin: dict[str, Any] = {"scene_path": str(scene), "max_fixes": fixes, "fixes": 0, "history": []}
+                    state = content.load_module("graphs", "scene").build().compile().invoke(begin, context=services)
+                yield known[fault.name] if fault.name in known else _route_fault(fault, state, services)
+
+
+def _fix_graph() -> Any:
+    graph = nodes.empty_graph()
+    graph.add_edge(START, "run_tests")
+    nodes.add_judging(graph, fix=nodes.add_fix_loop(graph, then="audit"))
+    return graph.compile()
 
 
 def _route_fault(fault: PlantedFault, scene: dict[str, Any], services: Services) -> RoutedFault:
-    runtime = Runtime(context=services)
-    state: Any = {**scene, "task": fault.task, "simulation": fault.simulation, "tests": fault.tests}
-    state |= nodes.run_tests(state, runtime=runtime)
-    if nodes.next_step_after_tests(state) == "audit":
-        state |= nodes.audit_task(state, runtime=runtime)
-    decision: dict[str, Any] = {}
-    if not state["audit"] or not state["audit"]["accepted"]:
-        decision = nodes.decide_what_to_fix(state, runtime=runtime)["decision"]
+    policy = _BothOrders(services.policy)
+    services = replace(services, policy=policy)
+    versions = {"simulation_version": 1, "tests_version": 1}
+    begin: dict[str, Any] = {"task": fault.task, "simulation": fault.simulation, "tests": fault.tests, **versions}
+    end = _fix_graph().invoke({**scene, **begin}, {"recursion_limit": 1000}, context=services)
+    accepted = end["status"] == "accepted"
+    first, reverse = policy.first, policy.reverse
     return RoutedFault(
         name=fault.name,
         kind=fault.kind,
         truth=fault.truth,
         right_tests=fault.right_tests,
-        verdict=decision.get("verdict", ""),
-        cause=decision.get("cause", ""),
-        sure=decision.get("sure", False),
-        explanation=decision.get("explanation", "tests and audit pass"),
+        verdict=first.verdict if first else "",
+        other_order=reverse.verdict if reverse else "",
+        cause=first.cause if first else "",
+        sure=first is not None and first.sure,
+        explanation=first.explanation if first else "tests and audit pass",
+        fixes=end.get("fixes", 0),
+        accepted=accepted,
+        reason=end["reason"],
+        wrong=_find_what_is_wrong(fault, end, services) if accepted else "",
     )
 
 
+def _find_what_is_wrong(fault: PlantedFault, end: dict[str, Any], services: Services) -> str:
+    """What the tests of the right pair find in an accepted program; a class of another name is none of it."""
+    imports = r"(?<=from task_code import )\w+"
+    was, now = re.search(imports, fault.base_tests), re.search(imports, end["tests"])
+    tests = re.sub(rf"\b{was[0]}\b", now[0], fault.base_tests) if was and now else fault.base_tests
+    judged: Any = {**end, "tests": tests}
+    report = TestReport.model_validate(nodes.run_tests(judged, runtime=Runtime(context=services))["report"])
+    failing = [f"{case.id}: {case.message}" for case in report.cases if case.outcome != "passed"]
+    return "" if report.all_passed else "; ".join(failing)[:300] or report.message or report.outcome
+
+
 def summarise_routing(rows: Sequence[RoutedFault]) -> dict[str, str]:
-    """How many of the faults that do harm were routed rightly, and how many of either program blamed the other."""
+    """How the faults were routed, whether the runs recovered from them, and how often both orders agree."""
     shown = [row for row in rows if row.verdict]
-    code = [row for row in shown if row.truth == "fix_code"]
-    tests = [row for row in shown if row.truth == "fix_test"]
+    sure = [row for row in shown if row.sure]
+    by_truth = {truth: [row for row in shown if row.truth == truth] for truth in ("fix_code", "fix_test")}
     return {
         "faults": str(len(rows)),
         "harmless": str(len(rows) - len(shown)),
-        "routed rightly": _format_share(shown, "right"),
-        "code taken for tests": _format_share(code, "WRONG"),
-        "tests taken for code": _format_share(tests, "WRONG"),
-        "right test, wrong program": _format_share([row for row in shown if row.right_tests], "right"),
-        "sure": f"{sum(row.sure for row in shown)}, wrongly {sum(row.sure and row.mark == 'WRONG' for row in shown)}",
+        "routed rightly": _format_share(shown, _is_right),
+        "code taken for tests": _format_share(by_truth["fix_code"], _is_misrouted),
+        "tests taken for code": _format_share(by_truth["fix_test"], _is_misrouted),
+        "right test, wrong program": _format_share([row for row in shown if row.right_tests], _is_right),
+        "sure": f"{len(sure)}, wrongly {sum(map(_is_misrouted, sure))}",
+        "same in the other order": _format_share(shown, lambda row: row.verdict == row.other_order),
+        "recovered": _format_share(shown, _is_recovered),
+        "recovered with one fix": _format_share(shown, lambda row: _is_recovered(row) and row.fixes == 1),
+        "accepted but wrong": _format_share(rows, lambda row: bool(row.wrong)),
     }
 
 
-def _format_share(rows: Sequence[RoutedFault], mark: str) -> str:
-    count = sum(row.mark == mark for row in rows)
+def _is_right(row: RoutedFault) -> bool:
+    return row.mark == "right"
+
+
+def _is_misrouted(row: RoutedFault) -> bool:
+    return row.mark == "WRONG"
+
+
+def _is_recovered(row: RoutedFault) -> bool:
+    return row.accepted and not row.wrong
+
+
+def _format_share(rows: Sequence[RoutedFault], holds: Callable[[RoutedFault], bool]) -> str:
+    count = sum(map(holds, rows))
     return f"{count} of {len(rows)}" + (f" ({100 * count / len(rows):.0f} %)" if rows else "")
 
 
@@ -109,26 +176,43 @@ def main(arguments: Sequence[str]) -> int:
     """Route the faults and print them with the shares.
 
     Returns:
-        0 if ``TARGET`` of the faults that do harm are routed rightly, 1 if not.
+        0 if ``TARGET`` of the faults that do harm are routed rightly and at most ``MOST_WRONG`` of all end in an
+        accepted program that is not right, 1 if not.
     """
+    options = _parse(arguments)
+    planted = read_fault_folders(options.folder) if options.folder else plant_mistakes(options.half, options.seed)
+    faults = list(filter(lambda fault: re.search(options.only, fault.name), planted))
+    config = load_config(
+        options.config, [f"policy={options.policy}", "limits.cpu_seconds=10", *options.settings]
+    ).config
+    of = {"config": config, "fixes": options.fixes, "folder": options.folder, "seed": options.seed}
+    kept = open_kept_rows(options.out, RoutedFault, of)
+    rows: list[RoutedFault] = []
+    for row in route_faults(faults, config, options.fixes, kept.rows):
+        rows.append(row)
+        kept.keep(row.name, row)
+        print_escaped(f"{len(rows)}/{len(faults)} {row}", error=True)
+    summary = summarise_routing(rows)
+    if options.json:
+        print_json({"summary": summary, "rows": [row.model_dump() for row in rows]})
+    else:
+        for key, value in summary.items():
+            print_escaped(f"{key}: {value}")
+    shown = [row.mark for row in rows if row.verdict]
+    wrong = sum(bool(row.wrong) for row in rows)
+    return 0 if shown.count("right") >= TARGET * len(shown) and wrong <= MOST_WRONG * len(rows) else 1
+
+
+def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser = VisibleParser(prog="grs eval routing", description=__doc__)
     parser.add_argument("folder", type=Path, nargs="?", help="faults in folders; without one, mistakes are made")
     parser.add_argument("--half", type=int, choices=(0, 1), default=1, help="which half of the made mistakes (1)")
     parser.add_argument("--seed", type=int, default=0, help="of the made mistakes")
     parser.add_argument("--policy", default="rules")
+    parser.add_argument("--fixes", type=positive_int, default=3, metavar="N", help="at most for each fault (3)")
     parser.add_argument("--only", default="", help="a regular expression that names of faults match")
+    parser.add_argument("--out", type=Path, default=Path("runs/eval-routing"), help="where rows are kept")
+    parser.add_argument("--config", type=Path, default=None, metavar="FILE", help="a TOML configuration file")
     parser.add_argument("--set", action="append", default=[], dest="settings", metavar="KEY=VALUE")
-    parser.add_argument("--json", action="store_true")
-    chosen = parser.parse_args(arguments)
-    planted = read_fault_folders(chosen.folder) if chosen.folder else plant_mistakes(chosen.half, chosen.seed)
-    faults = list(filter(lambda fault: re.search(chosen.only, fault.name), planted))
-    settings = [f"policy={chosen.policy}", "limits.cpu_seconds=10", *chosen.settings]
-    rows = list(route_faults(faults, settings))
-    summary = summarise_routing(rows)
-    if chosen.json:
-        print(json.dumps({"summary": summary, "rows": [row.model_dump() for row in rows]}, indent=2))
-    else:
-        print(*map(str, rows), sep="\n")
-        print(*(f"{key}: {value}" for key, value in summary.items()), sep="\n")
-    shown = [row.mark for row in rows if row.verdict]
-    return 0 if shown.count("right") >= TARGET * len(shown) else 1
+    parser.add_argument("--json", action="store_true", help="print summary and rows as JSON")
+    return parser.parse_args(arguments)

@@ -24,6 +24,7 @@ class PlantedFault(Frozen):
     task: dict[str, Any]
     simulation: str
     tests: str
+    base_tests: str  # those of the right pair
 
 
 def read_fault_folders(folder: Path) -> list[PlantedFault]:
@@ -35,6 +36,7 @@ def read_fault_folders(folder: Path) -> list[PlantedFault]:
     task = folder / "BASE" / "task.json"
     if not task.is_file():
         raise InputError(f"{folder} holds no BASE/task.json", "name a folder of planted faults")
+    base_tests = (folder / "BASE" / "test_simulation.py").read_text("utf-8")
     listed = (folder / "LIST.txt").read_text("utf-8") if (folder / "LIST.txt").is_file() else ""
     kinds = dict(line.split(": ", 1) for line in listed.splitlines() if ": " in line)
     return [
@@ -46,6 +48,7 @@ def read_fault_folders(folder: Path) -> list[PlantedFault]:
             task=json.loads(task.read_text("utf-8")),
             simulation=(path / "simulation.py").read_text("utf-8"),
             tests=(path / "test_simulation.py").read_text("utf-8"),
+            base_tests=base_tests,
         )
         for path in sorted(folder.iterdir())
         if re.fullmatch(r"[ST]\d+", path.name)
@@ -71,13 +74,14 @@ def plant_mistakes(half: int, seed: int) -> list[PlantedFault]:
                 continue
             planted.append(
                 PlantedFault(
-                    name=f"{file.stem}.{mistake.name}",
+                    name=f"{file.stem}.{mistake.program}.{mistake.name}",
                     kind=mistake.name,
                     truth="fix_code" if in_program else "fix_test",
                     right_tests=mistake.right_tests,
                     task=task,
                     simulation=edited if in_program else simulation,
                     tests=tests if in_program else edited,
+                    base_tests=tests,
                 )
             )
     return planted[half::2]

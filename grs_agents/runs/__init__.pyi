@@ -9,6 +9,8 @@ from .experiments import markdown_table as markdown_table
 from .experiments import positive_int as positive_int
 from .experiments import terminal_table as terminal_table
 from .hashes import write_hashes as write_hashes
+from .kept_rows import KeptRows as KeptRows
+from .kept_rows import open_kept_rows as open_kept_rows
 from .program_check import CheckOrder as CheckOrder
 from .program_check import CheckResult as CheckResult
 from .program_check import check_user_program as check_user_program
