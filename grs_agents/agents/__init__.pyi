@@ -2,6 +2,7 @@ from . import examples as examples
 from . import roles as roles
 from .agent import IMAGE_SIDES as IMAGE_SIDES
 from .agent import Agents as Agents
+from .agent import image_block_from_file as image_block_from_file
 from .asset_describer import describe_assets as describe_assets
 from .asset_describer import plan_descriptions as plan_descriptions
 from .asset_describer import replace_asset_description as replace_asset_description
@@ -26,6 +27,8 @@ from .reply import extract_python_program as extract_python_program
 from .reply import parse_json as parse_json
 from .reply import parse_verdict as parse_verdict
 from .roles import JudgedPrograms as JudgedPrograms
+from .tool_calling import ToolCalling as ToolCalling
+from .tool_calling import ask_with_tools as ask_with_tools
 from .types import Description as Description
 from .types import Match as Match
 from .types import NoReply as NoReply

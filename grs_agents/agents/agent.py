@@ -92,7 +92,7 @@ class Agents:
         problem = ""
         tries = self.config.reply_retries + 1
         for _ in range(tries):
-            reply, problem = self._request_or_reuse_reply(role, messages, tuple(images))
+            reply, problem = self.request_or_reuse_reply(role, messages, tuple(images))
             if reply is not None:
                 try:
                     return parse(reply)
@@ -105,10 +105,17 @@ class Agents:
             messages.append(HumanMessage(text))
         return NoReply(role=role, tries=tries, problem=problem)
 
-    def _request_or_reuse_reply(
-        self, role: str, messages: Sequence[BaseMessage], pictures: tuple[str, ...]
+    def request_or_reuse_reply(
+        self,
+        role: str,
+        messages: Sequence[BaseMessage],
+        pictures: tuple[str, ...],
+        ask: Callable[[], Answer] | None = None,
     ) -> tuple[str | None, str]:
-        """The text of the reply, or None and why there is none that can be used; pictures are in the first message."""
+        """The text of the reply, or None and why there is none that can be used; pictures are in the first message.
+
+        ``ask`` asks the model in another way than with the messages alone.
+        """
         digest, text = digest_prompt(role, messages, pictures), str(messages[-1].text)
         reply = self.earlier.take_reply(digest)
         if reply is not None:
@@ -122,17 +129,20 @@ class Agents:
             shown = pictures if len(messages) == 1 else ()
             self.log.append(Prompt(call=call, role=role, model=spec.model, text=text, images=shown, digest=digest))
             if recorded is None:
-                reply = self._request_reply(role, spec, messages, call)
+                reply = self._request_reply(role, spec, call, ask or (lambda: self._ask_model(role, spec, messages)))
             else:
                 reply = self._append_reply(recorded.model_copy(update={"call": call}))
         return (None, reply.error) if reply.error else (reply.text, "")
 
-    def _request_reply(self, role: str, spec: ModelConfig, messages: Sequence[BaseMessage], call: str) -> Reply:
+    def _ask_model(self, role: str, spec: ModelConfig, messages: Sequence[BaseMessage]) -> Answer:
+        return invoke_with_retries(self.chat_model_for_role(role), messages, retries_for(spec))
+
+    def _request_reply(self, role: str, spec: ModelConfig, call: str, ask: Callable[[], Answer]) -> Reply:
         """What the model answers, usable or not; it is in the log, as is why there is none."""
         begin = time.perf_counter()
         answer, error, answered = Answer(""), "", True
         try:
-            answer = invoke_with_retries(self.chat_model_for_role(role), messages, retries_for(spec))
+            answer = ask()
             for failed in answer.failed:
                 self.log.append(Note(level="warning", text=f"{answer.model} is asked in place of {failed}"))
         except ReplyProblem as problem:

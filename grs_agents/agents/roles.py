@@ -12,6 +12,7 @@ from typing import Any, Literal, cast
 
 from grs_agents.agents.agent import Agents
 from grs_agents.agents.reply import ReplyError, extract_python_program, parse_json, parse_json_rows, parse_verdict
+from grs_agents.agents.tool_calling import ToolCalling, ask_with_tools
 from grs_agents.agents.types import (
     Description,
     Match,
@@ -89,9 +90,12 @@ def author_simulation(
     examples: str,
     images: Sequence[str],
     role: Literal["simulation", "rival"] = "simulation",
+    calling: ToolCalling | None = None,
 ) -> str | NoReply:
-    """Write the simulation program. ``role`` says whose model does."""
+    """Write the simulation program. ``role`` says whose model does, ``calling`` which tools it may call before."""
     values = {"task": to_json_text(task.as_json()), "scene": to_json_text(scene), "api": api, "examples": examples}
+    if calling is not None:
+        return ask_with_tools(agents, role, values, extract_python_program, images, calling)
     return agents.ask_role(role, values, extract_python_program, images, "simulation")
 
 

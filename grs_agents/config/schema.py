@@ -202,6 +202,12 @@ class AuditConfig(Frozen):
     judge: str | None = None
 
 
+class AuthorConfig(Frozen):
+    """What an author with tools may do before it hands in its program."""
+
+    steps: int = Field(default=6, ge=0, le=100)  # calls of tools, in each visit of the graph `tool_author`
+
+
 class BudgetConfig(Frozen):
     """What a run may spend on its models; a run that reaches one of these ends as rejected, with the best it has."""
 
@@ -242,6 +248,7 @@ class Config(Frozen):
     prompts: PromptsConfig = PromptsConfig()
     limits: Limits = Limits()
     audit: AuditConfig = AuditConfig()
+    author: AuthorConfig = AuthorConfig()
     budget: BudgetConfig = BudgetConfig()
     # the file that every exchange with the models is written to when the run ends, and the recorded run whose replies
     # are given instead of asking models (a file, or the name of one that is shipped). With both, models are asked for

@@ -1,6 +1,7 @@
 from .answer import Answer as Answer
 from .answer import ProviderFailure as ProviderFailure
 from .answer import ReplyProblem as ReplyProblem
+from .answer import require_complete_answer as require_complete_answer
 from .factory import ENTRY_POINTS as ENTRY_POINTS
 from .factory import OFFLINE as OFFLINE
 from .factory import PROVIDERS as PROVIDERS
@@ -9,6 +10,8 @@ from .factory import is_offline as is_offline
 from .factory import is_provider_installed as is_provider_installed
 from .factory import make_chat_model as make_chat_model
 from .factory import retries_for as retries_for
+from .key_redaction import redact_keys as redact_keys
 from .reply_limits import LONGEST as LONGEST
 from .retry import Retries as Retries
 from .retry import invoke_with_retries as invoke_with_retries
+from .retry import request_message as request_message

@@ -3,9 +3,11 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from langchain_core.language_models.chat_models import BaseChatModel
 from langchain_core.messages import AIMessage, BaseMessage
+from langchain_core.runnables import Runnable
 
 from grs_agents.errors import GrsError
 from grs_agents.models.answer import Answer, ProviderFailure, answer_from_message, require_complete_answer
@@ -40,7 +42,7 @@ def invoke_with_retries(
 
 
 def request_message(
-    model: BaseChatModel, messages: Sequence[BaseMessage], retries: Retries
+    model: Runnable[Any, AIMessage], messages: Sequence[BaseMessage], retries: Retries
 ) -> tuple[AIMessage, Answer]:
     """The message that arrives, and what it holds, whole or not. Raises as ``invoke_with_retries`` does."""
     end = time.monotonic() + (float("inf") if retries.deadline is None else retries.deadline)

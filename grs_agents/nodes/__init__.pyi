@@ -38,6 +38,7 @@ from .graph_segments import add_competing_authors as add_competing_authors
 from .graph_segments import add_fix_loop as add_fix_loop
 from .graph_segments import add_judging as add_judging
 from .graph_segments import add_perception as add_perception
+from .graph_segments import add_tool_author as add_tool_author
 from .graph_segments import empty_graph as empty_graph
 from .graph_segments import next_steps_to_drafts as next_steps_to_drafts
 from .judging import audit_task as audit_task

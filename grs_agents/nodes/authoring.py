@@ -8,7 +8,7 @@ import hashlib
 from typing import Any, Literal, TypeAlias
 
 from grs_agents import content
-from grs_agents.agents import NoReply, TaskDefinition, examples, roles
+from grs_agents.agents import NoReply, TaskDefinition, ToolCalling, examples, roles
 from grs_agents.files import write_json, write_text
 from grs_agents.nodes.fix_history import ProgramName
 from grs_agents.nodes.scene_prompt import fixture_assets_for_prompt, scene_for_prompt
@@ -88,15 +88,19 @@ def generate_sim(state: RunState, services: Services) -> Update:
 
 
 def write_simulation(
-    state: RunState, services: Services, role: Literal["simulation", "rival"] = "simulation"
+    state: RunState,
+    services: Services,
+    role: Literal["simulation", "rival"] = "simulation",
+    calling: ToolCalling | None = None,
 ) -> str | NoReply:
-    """A simulation program by its author, or by the one that competes with it."""
+    """A simulation program by its author, or by the one that competes with it; ``calling`` gives it tools."""
     task = task_from_state(state)
     scene = scene_for_prompt(scene_from_state(state), services.library)
     programs = examples.read_examples(content.content_root() / "prompts" / "examples")
     nearest = examples.select_nearest_examples(programs, task, EXAMPLES, services.config.seed)
     shown = "\n\n\n".join(example.source for example in nearest)
-    return roles.author_simulation(services.agents, task, scene, api_reference(), shown, images_from_state(state), role)
+    images = images_from_state(state)
+    return roles.author_simulation(services.agents, task, scene, api_reference(), shown, images, role, calling)
 
 
 @logged_node("generate_tests")

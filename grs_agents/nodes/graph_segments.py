@@ -31,6 +31,7 @@ from grs_agents.nodes.judging import (
     run_tests,
 )
 from grs_agents.nodes.services import Services
+from grs_agents.nodes.tool_author import generate_sim_with_tools
 from grs_agents.state import RunState
 
 RunGraph: TypeAlias = StateGraph[RunState, Services, RunState, RunState]
@@ -89,6 +90,12 @@ def add_competing_authors(graph: RunGraph, task_author: str, then: str) -> None:
     graph.add_conditional_edges(task_author, next_steps_to_drafts, [*drafts, "conclude"])
     graph.add_edge(list(drafts), "choose_draft")
     graph.add_conditional_edges("choose_draft", next_step_after_author, {"ok": then, "stop": "conclude"})
+
+
+def add_tool_author(graph: RunGraph, then: str) -> None:
+    """The author of the simulation as an agent that may check, look and measure before it hands its program in."""
+    graph.add_node("generate_sim", generate_sim_with_tools)
+    graph.add_conditional_edges("generate_sim", next_step_after_author, {"ok": then, "stop": "conclude"})
 
 
 def next_steps_to_drafts(state: RunState) -> list[str]:

@@ -80,7 +80,7 @@ def build_served_graph(name: str) -> StateGraph[Answer, None, RunState, Answer]:
 
 
 grs, router, scene = build_served_graph("grs"), build_served_graph("router"), build_served_graph("scene")
-best_of = build_served_graph("best_of")
+best_of, tool_author = build_served_graph("best_of"), build_served_graph("tool_author")
 no_router, no_fix, llm_only = (
     build_served_graph("no_router"),
     build_served_graph("no_fix"),

@@ -15,6 +15,7 @@ from .events import RunStarted as RunStarted
 from .events import SceneStage as SceneStage
 from .events import TaskDefined as TaskDefined
 from .events import TestsRun as TestsRun
+from .events import ToolCall as ToolCall
 from .events import event_schema as event_schema
 from .events import replace_surrogates as replace_surrogates
 from .events import summarise_value as summarise_value

@@ -265,6 +265,18 @@ class Reply(Stamped):
     answered: bool = True
 
 
+class ToolCall(Stamped):
+    """A model called a tool: with which ``arguments``, what it was told, and whether the tool could do it."""
+
+    kind: Literal["tool_call"] = "tool_call"
+    role: Text
+    tool: Text
+    arguments: JsonObject = Field(default_factory=dict[str, Any])
+    result: Text = ""
+    ok: bool = True
+    seconds: Seconds = 0.0
+
+
 class ProgramVersion(Stamped):
     """A version of one of the two programs: file ``path``, unified ``diff`` to ``parent``, and who wrote it."""
 
@@ -364,7 +376,7 @@ class Note(Stamped):
     text: Text
 
 
-_Progress = RunStarted | RunEnded | NodeStarted | NodeEnded | Prompt | Reply
+_Progress = RunStarted | RunEnded | NodeStarted | NodeEnded | Prompt | Reply | ToolCall
 _Results = ProgramVersion | TestsRun | Decision | SceneStage | TaskDefined | Rollout | Finding | Note
 Event = Annotated[_Progress | _Results, Field(discriminator="kind")]
 """Any event; told apart by ``kind``."""

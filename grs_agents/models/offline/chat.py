@@ -3,16 +3,17 @@
 import hashlib
 import random
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from langchain_core.callbacks import CallbackManagerForLLMRun
-from langchain_core.language_models import LangSmithParams
+from langchain_core.language_models import LangSmithParams, LanguageModelInput
 from langchain_core.language_models.chat_models import BaseChatModel
-from langchain_core.messages import AIMessage, AIMessageChunk, BaseMessage, HumanMessage
+from langchain_core.messages import AIMessage, AIMessageChunk, BaseMessage, HumanMessage, ToolCall, ToolMessage
 from langchain_core.messages.ai import UsageMetadata
 from langchain_core.outputs import ChatGeneration, ChatGenerationChunk, ChatResult
+from langchain_core.runnables import Runnable
 
 from grs_agents.errors import UnknownNameError
 from grs_agents.models.offline.authors import author_simulation, author_task, revise_task
@@ -73,6 +74,12 @@ class OfflineChatModel(BaseChatModel):
         params["ls_model_name"] = str(kwargs.get("model") or self.model)
         return params
 
+    def bind_tools(
+        self, tools: Sequence[Any], *, tool_choice: str | None = None, **kwargs: Any
+    ) -> Runnable[LanguageModelInput, AIMessage]:
+        """The model with tools; it calls ``check`` alone, with its draft, once."""
+        return self.bind(tools=[str(getattr(tool, "name", "")) for tool in tools])
+
     def _generate(
         self,
         messages: list[BaseMessage],
@@ -81,8 +88,14 @@ class OfflineChatModel(BaseChatModel):
         **kwargs: Any,
     ) -> ChatResult:
         text = self._reply_until_stop(messages, stop)
+        calls = _calls_check(messages, text, kwargs.get("tools", ()))
         metadata = {**self._response_metadata(), "finish_reason": "stop"}
-        message = AIMessage(text, usage_metadata=_estimate_token_usage(messages, text), response_metadata=metadata)
+        message = AIMessage(
+            "" if calls else text,
+            tool_calls=calls,
+            usage_metadata=_estimate_token_usage(messages, text),
+            response_metadata=metadata,
+        )
         return ChatResult(generations=[ChatGeneration(message=message)])
 
     def _stream(
@@ -139,6 +152,14 @@ class OfflineChatModel(BaseChatModel):
     def _rng_for_prompt(self, text: str) -> np.random.Generator:
         digest = hashlib.sha256(text.encode()).digest()
         return np.random.default_rng([self.seed, int.from_bytes(digest[:8], "big")])
+
+
+def _calls_check(messages: list[BaseMessage], reply: str, tools: Sequence[str]) -> list[ToolCall]:
+    """The call of ``check`` with the draft in ``reply``, where there is such a tool and it was not called yet."""
+    block = _PYTHON.fullmatch(reply)
+    if block is None or "check" not in tools or any(isinstance(message, ToolMessage) for message in messages):
+        return []
+    return [ToolCall(name="check", args={"program": block[1]}, id=f"check-{len(messages)}", type="tool_call")]
 
 
 def _estimate_token_usage(messages: list[BaseMessage], reply: str) -> UsageMetadata:

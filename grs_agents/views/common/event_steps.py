@@ -133,10 +133,21 @@ def summarise_event(event: trace.Event) -> str:
             text = f"→ {event.verdict}: {event.explanation}"
         case trace.Rollout():
             text = f"seed {event.seed}: {event.outcome}, reward {event.reward:.2f}"
+        case _:
+            text = _summarise_notice(event)
+    return text
+
+
+def _summarise_notice(event: trace.Event) -> str:
+    """What went wrong or was asked on the way."""
+    match event:
         case trace.Finding(passed=False):
             text = f"{event.check} failed: {event.detail}"
         case trace.Reply(error=error) if error:
             text = f"reply of {event.role} not used: {error}"
+        case trace.ToolCall():
+            told = (line for line in event.result.splitlines() if not line.startswith("=="))
+            text = f"{event.tool}: {next(told, '')[:100]}"
         case trace.Note(level="warning" | "error"):
             text = event.text
         case _:  # it speaks for itself

@@ -41,10 +41,8 @@ def iter_step_sections(step: Step) -> Iterator[Section]:
 
 def _make_event_section(event: trace.Event) -> Section | None:
     match event:
-        case trace.Prompt():
-            section = _make_prompt_section(event)
-        case trace.Reply():
-            section = _make_reply_section(event)
+        case trace.Prompt() | trace.Reply() | trace.ToolCall():
+            section = _make_exchange_section(event)
         case trace.ProgramVersion():
             section = Section(f"{event.program} version {event.number}, {event.path}", event.diff)
         case trace.TestsRun():
@@ -68,9 +66,22 @@ def _make_event_section(event: trace.Event) -> Section | None:
     return section
 
 
+def _make_exchange_section(event: trace.Prompt | trace.Reply | trace.ToolCall) -> Section:
+    if isinstance(event, trace.Prompt):
+        return _make_prompt_section(event)
+    return _make_reply_section(event) if isinstance(event, trace.Reply) else _make_tool_call_section(event)
+
+
 def _make_prompt_section(event: trace.Prompt) -> Section:
     pictures = "".join(f"\n[picture {name}]" for name in event.images)
     return Section(f"prompt of {event.role} to {event.model} (call {event.call})", event.text + pictures)
+
+
+def _make_tool_call_section(event: trace.ToolCall) -> Section:
+    asked = "\n".join(f"{name}: {value}" for name, value in event.arguments.items())
+    failed = "" if event.ok else ", failed"
+    heading = f"{event.role} calls {event.tool}{failed}, {event.seconds:.1f} s"
+    return Section(heading, f"{asked}\n\n{event.result}".strip())
 
 
 def _make_scene_section(event: trace.SceneStage) -> Section:

@@ -1,0 +1,216 @@
+"""An agent that may call tools before it replies: LangChain's agent around a model whose every exchange is an event."""
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from threading import Lock
+from typing import Any, TypeVar, cast
+
+from langchain_core.callbacks import CallbackManagerForLLMRun
+from langchain_core.language_models import LanguageModelInput
+from langchain_core.language_models.chat_models import BaseChatModel
+from langchain_core.messages import AIMessage, BaseMessage, HumanMessage
+from langchain_core.messages import ToolCall as CalledTool
+from langchain_core.outputs import ChatGeneration, ChatResult
+from langchain_core.runnables import Runnable
+from langchain_core.tools import BaseTool, StructuredTool
+
+from grs_agents import content
+from grs_agents.agents.agent import Agents, image_block_from_file
+from grs_agents.agents.prompt_template import render_prompt_template
+from grs_agents.agents.reply import ReplyError
+from grs_agents.agents.types import NoReply
+from grs_agents.errors import ConfigError, GrsError
+from grs_agents.foreign import resolve_member_file
+from grs_agents.models import Answer, redact_keys, request_message, require_complete_answer, retries_for
+from grs_agents.trace import ToolCall
+
+Parsed = TypeVar("Parsed")
+ToolFunction = Callable[..., str | list[Any]]
+"""What a tool tells the model: words, or content blocks such as a picture."""
+_MARK = "[tool calls] "
+"""Before the calls in a logged reply, so that a recorded reply holds them too."""
+_CALLING = ("tool_calls", "tool_use", "function_call")
+"""Finish reasons of a reply that calls tools."""
+_UNUSABLE = "(no usable reply)"
+
+
+class StepsUsedUp(GrsError):
+    """The model goes on calling tools although it has no calls left."""
+
+
+@dataclass(frozen=True)
+class ToolCalling:
+    """What an agent may call, how often, and in which graph."""
+
+    tools: Mapping[str, ToolFunction]  # by name; the docstring and the annotations are what the model reads
+    steps: int  # calls of tools in all
+    graph: str  # for messages
+
+
+def ask_with_tools(
+    agents: Agents,
+    role: str,
+    values: Mapping[str, str],
+    parse: Callable[[str], Parsed],
+    images: Sequence[str],
+    calling: ToolCalling,
+) -> Parsed | NoReply:
+    """Ask ``role``, which may call tools first, and parse its last reply as ``Agents.ask_role`` does.
+
+    Raises:
+        ConfigError: LangChain is not installed, or the model of the role cannot call tools.
+    """
+    try:
+        create_agent: Any = import_module("langchain.agents").create_agent
+    except ImportError as error:
+        what = f"graph {calling.graph!r} needs the package langchain, which is not installed"
+        raise ConfigError(what, 'run: pip install "grs-agents[agent]"') from error
+    file = content.content_path("prompts", getattr(agents.config.prompts, role))
+    text = f"{render_prompt_template(file, role, values)}\n\n{_tell_tools(calling)}"
+    blocks: list[str | dict[Any, Any]] = [image_block_from_file(resolve_member_file(agents.folder, i)) for i in images]
+    messages: list[BaseMessage] = [HumanMessage(content=[*blocks, {"type": "text", "text": text}])]
+    model = LoggedToolModel(agents=agents, role=role, pictures=tuple(images), graph=calling.graph)
+    limit = {"recursion_limit": 4 * (calling.steps + agents.config.reply_retries + 4)}
+    graph: Any = create_agent(model, _Tools(agents, role, calling).build())
+    problem, tries = "", agents.config.reply_retries + 1
+    for _ in range(tries):
+        try:
+            messages = graph.invoke({"messages": messages}, limit)["messages"]
+            return parse(str(messages[-1].text))
+        except ReplyError as error:
+            problem = str(error)
+        except StepsUsedUp as error:
+            return NoReply(role=role, tries=tries, problem=str(error))
+        words = f"Your reply could not be used: {problem}. Reply again in exactly the form asked for."
+        messages = [*messages, HumanMessage(words)]
+    return NoReply(role=role, tries=tries, problem=problem)
+
+
+def _tell_tools(calling: ToolCalling) -> str:
+    return (
+        f"## Tools\n\nYou may call tools ({', '.join(calling.tools)}), {calling.steps} times in all, before you hand "
+        "in your reply in the form asked for. A program that you only checked is not handed in: reply with it."
+    )
+
+
+class LoggedToolModel(BaseChatModel):
+    """The chat model of a role, with tools; what it is asked and replies goes through ``agents``."""
+
+    agents: Any  # an `Agents`
+    role: str
+    pictures: tuple[str, ...]
+    graph: str
+    bound: Any = None  # the role's model, with tools
+
+    @property
+    def _llm_type(self) -> str:
+        return "grs-logged"
+
+    def bind_tools(
+        self, tools: Sequence[Any], *, tool_choice: str | None = None, **kwargs: Any
+    ) -> Runnable[LanguageModelInput, AIMessage]:
+        """The same, whose model knows the tools. Raises ConfigError: it cannot call any."""
+        agents = cast(Agents, self.agents)
+        try:
+            bound = agents.chat_model_for_role(self.role).bind_tools(tools, tool_choice=tool_choice, **kwargs)
+        except NotImplementedError as error:
+            named = agents.config.model_for_role(self.role).model
+            what = f"model {named!r} of the role {self.role} cannot call tools, which graph {self.graph!r} needs"
+            raise ConfigError(what, f"name another with models.{self.role}, without fallbacks, or graph=grs") from error
+        return self.model_copy(update={"bound": bound})
+
+    def _generate(
+        self,
+        messages: list[BaseMessage],
+        stop: list[str] | None = None,
+        run_manager: CallbackManagerForLLMRun | None = None,
+        **kwargs: Any,
+    ) -> ChatResult:
+        agents = cast(Agents, self.agents)
+        retries = retries_for(agents.config.model_for_role(self.role))
+        live: list[AIMessage] = []
+
+        def ask() -> Answer:
+            message, answer = request_message(self.bound or agents.chat_model_for_role(self.role), messages, retries)
+            live.append(message)
+            if not message.tool_calls:
+                return require_complete_answer(answer)
+            reason = "stop" if answer.finish_reason.lower() in _CALLING else answer.finish_reason
+            text = redact_keys(_write_calls(message))
+            return require_complete_answer(replace(answer, text=text, finish_reason=reason))
+
+        told = [AIMessage(_write_calls(one)) if isinstance(one, AIMessage) else one for one in messages]
+        text, _ = agents.request_or_reuse_reply(self.role, told, self.pictures, ask)
+        message = AIMessage(_UNUSABLE) if text is None else live[-1] if live else _read_calls(text, len(messages))
+        return ChatResult(generations=[ChatGeneration(message=message)])
+
+
+def _write_calls(message: AIMessage) -> str:
+    """The text of a message with the tools that it calls, if any."""
+    if not message.tool_calls:
+        return str(message.text)
+    calls = [{"name": call["name"], "args": call["args"]} for call in message.tool_calls]
+    return f"{message.text}{_MARK}{json.dumps(calls)}"
+
+
+def _read_calls(text: str, number: int) -> AIMessage:
+    """The message that `_write_calls` wrote as ``text``; the ids of its calls are made of ``number``."""
+    words, mark, written = text.rpartition(_MARK)
+    if not mark:
+        return AIMessage(text)
+    try:
+        calls: list[dict[str, Any]] = json.loads(written)
+        called = [
+            CalledTool(name=call["name"], args=call["args"], id=f"call-{number}-{rank}", type="tool_call")
+            for rank, call in enumerate(calls)
+        ]
+    except (ValueError, KeyError, TypeError):
+        return AIMessage(text)
+    return AIMessage(words, tool_calls=called)
+
+
+@dataclass
+class _Tools:
+    """The tools of one agent, each call of which is counted and logged."""
+
+    agents: Agents
+    role: str
+    calling: ToolCalling
+    made: int = 0
+    lock: Lock = field(default_factory=Lock)  # a model may call several at once
+
+    def build(self) -> list[BaseTool]:
+        return [self._build_tool(name, function) for name, function in self.calling.tools.items()]
+
+    def _build_tool(self, name: str, function: ToolFunction) -> BaseTool:
+        described = StructuredTool.from_function(function, name=name)
+
+        def call(**arguments: Any) -> str | list[Any]:
+            return self._call(name, function, arguments)
+
+        return StructuredTool.from_function(
+            call, name=name, description=described.description, args_schema=described.args_schema
+        )
+
+    def _call(self, name: str, function: ToolFunction, arguments: dict[str, Any]) -> str | list[Any]:
+        begin = time.perf_counter()
+        with self.lock:
+            self.made += 1
+            beyond = self.made - self.calling.steps
+        if beyond > self.agents.config.reply_retries + 1:
+            what = f"it called tools {self.made} times and handed nothing in"
+            raise StepsUsedUp(what, f"raise author.steps (now {self.calling.steps})")
+        ok, result = beyond <= 0, cast("str | list[Any]", "All tool calls are used up. Hand in your reply now.")
+        if ok:
+            try:
+                result = function(**arguments)
+            except GrsError as error:
+                ok, result = False, str(error)
+        told = result if isinstance(result, str) else "(a picture)"
+        seconds = time.perf_counter() - begin
+        event = ToolCall(role=self.role, tool=name, arguments=arguments, result=told, ok=ok, seconds=seconds)
+        self.agents.log.append(event)
+        return result

@@ -1,0 +1,1 @@
+from .author import generate_sim_with_tools as generate_sim_with_tools
