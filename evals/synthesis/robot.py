@@ -59,7 +59,7 @@ def free_postures(
 
 def robot_triangles(arm: Arm, joints: FloatArray, owner: int) -> Triangles:
     """What is seen of the arm at joint positions (dof,), as triangles of ``owner`` in the robot frame."""
-    stage = Stage(Props((), arm=arm), Library())
+    stage = Stage(Props((), arm=arm, dressed=False), Library())
     stage.set_joint_positions(joints)
     stage.update()
     model, data = stage.model, stage.data

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
 from grs_agents.geometry import FloatArray
+from grs_agents.sim.arms.arm_looks import Solid
 from grs_agents.sim.arms.arm_model import ArmModel, Collision, model_ignoring_home_contacts
 from grs_agents.sim.arms.arm_parts import DOWN
 from grs_agents.sim.arms.joint_paths import (
@@ -37,6 +38,8 @@ class Arm:
     farthest: float
     solves_rows_alone = False  # whether a row of ``solve_ik_tool_down`` depends on those before it by whole turns alone
     maker_speeds: FloatArray | None = None  # the greatest speeds (dof,) of the joints by the maker's data sheet, rad/s
+
+    looks: tuple[Solid, ...] = ()  # that a drawn model shows in place of its geoms; none: these are its looks
 
     def __init__(self, name: str, add: Callable[[Any], None], guess: FloatArray) -> None:
         self.name, self.add = name, add

@@ -6,6 +6,7 @@ import numpy as np
 
 from grs_agents.geometry import FloatArray
 from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.arms.arm_looks import housing, ring, tube
 from grs_agents.sim.arms.arm_parts import Capsule, Link, add_link_chain
 
 _JOINTS: Final = np.loadtxt(
@@ -47,6 +48,38 @@ _SPEEDS: Final[FloatArray] = np.array([2.175] * 4 + [2.61] * 3)
 _GUESS: Final = (0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, 0.0)
 
 
+_LOOKS: Final = (
+    *ring("world", (0.0, 0.0, 0.0), (0.0, 0.0, 0.015), 0.085),
+    *tube("world", (-0.06, 0.0, 0.055), (0.0, 0.0, 0.06), 0.055),
+    *tube("world", (0.0, 0.0, 0.03), (0.0, 0.0, 0.085), 0.06),
+    *ring("link_1", (0.0, 0.0, -0.193), (0.0, 0.0, -0.185), 0.062),
+    *tube("link_1", (0.0, 0.0, -0.13), (0.0, 0.0, -0.05), 0.058),
+    *housing("link_1", (0.0, 0.0, -0.185), (0.0, 0.0, -0.13), 0.06, ""),
+    *housing("link_2", (0.0, 0.0, -0.06), (0.0, 0.0, 0.06), 0.058, "start end"),
+    *tube("link_2", (0.0, 0.0, 0.0), (0.0, -0.09, 0.0), 0.0545),
+    *housing("link_2", (0.0, -0.09, 0.0), (0.0, -0.146, 0.0), 0.056, ""),
+    *ring("link_3", (0.0, 0.0, -0.17), (0.0, 0.0, -0.162), 0.058),
+    *housing("link_3", (0.0, 0.0, -0.162), (0.0, 0.0, -0.08), 0.055, ""),
+    *tube("link_3", (0.0, 0.0, -0.08), (0.03, 0.0, -0.03), 0.0535),
+    *tube("link_3", (0.03, 0.0, -0.03), (0.0825, 0.0, 0.0), 0.05),
+    *housing("link_4", (0.0, 0.0, -0.058), (0.0, 0.0, 0.058), 0.055, "start end"),
+    *tube("link_4", (0.0, 0.0, 0.0), (-0.0825, 0.085, 0.0), 0.0485),
+    *housing("link_4", (-0.0825, 0.085, 0.0), (-0.0825, 0.122, 0.0), 0.05, ""),
+    *ring("link_5", (0.0, 0.0, -0.262), (0.0, 0.0, -0.254), 0.052),
+    *housing("link_5", (0.0, 0.0, -0.254), (0.0, 0.0, -0.22), 0.05, ""),
+    *tube("link_5", (0.0, 0.0, -0.22), (0.0, 0.055, -0.14), 0.046),
+    *tube("link_5", (0.0, 0.055, -0.14), (0.0, 0.055, -0.01), 0.036),
+    *housing("link_6", (0.0, 0.0, -0.05), (0.0, 0.0, 0.05), 0.047, "start end"),
+    *tube("link_6", (0.0, 0.0, 0.0), (0.088, 0.0, 0.0), 0.044),
+    *housing("link_6", (0.088, 0.046, 0.0), (0.088, -0.046, 0.0), 0.044, "start"),
+    *ring("link_7", (0.0, 0.0, 0.046), (0.0, 0.0, 0.054), 0.045),
+    *housing("link_7", (0.0, 0.0, 0.054), (0.0, 0.0, 0.095), 0.042, ""),
+    *ring("link_7", (0.0, 0.0, 0.095), (0.0, 0.0, 0.107), 0.0315),
+    *ring("cup", (0.0, 0.0, 0.0), (0.0, 0.0, 0.012), 0.02),
+)
+"""Along the published frames: flange 63 mm, the big joints about 0.11 m across."""
+
+
 def _make_link(index: int) -> Link:
     a, d, quarters, low, high, torque, stiffness, mass, x, y, z = _JOINTS[index]
     alpha = quarters * np.pi / 2
@@ -67,7 +100,7 @@ def _make_link(index: int) -> Link:
 class Panda(Arm):
     """Franka Emika's Panda, seven joints, with the suction cup in place of its hand."""
 
-    maker_speeds = _SPEEDS
+    looks, maker_speeds = _LOOKS, _SPEEDS
 
     def __init__(self) -> None:
         links = tuple(_make_link(index) for index in range(len(_JOINTS)))

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from grs_agents.geometry import FloatArray
 from grs_agents.sim.arms.arm import HOME, Arm
+from grs_agents.sim.arms.arm_looks import housing, ring, tube
 from grs_agents.sim.arms.arm_parts import DOWN, TOOL_LENGTH, Capsule, Link, add_link_chain
 
 D1: Final = 0.1625
@@ -157,9 +158,42 @@ def _make_links() -> tuple[Link, ...]:
     return tuple(links)
 
 
+_BIG, _MIDDLE, _SMALL = 0.058, 0.048, 0.0375
+"""Radii of the housings at the shoulder, the elbow and the wrist, metres."""
+_SIDE: Final = 0.138
+"""How far the upper arm lies beside the base's axis, metres."""
+_LOOKS: Final = (
+    *ring("world", (0.0, 0.0, 0.0), (0.0, 0.0, 0.018), 0.0745),
+    *tube("world", (0.0, 0.0, 0.018), (0.0, 0.0, 0.06), _BIG),
+    *ring("shoulder", (0.0, 0.0, 0.09), (0.0, 0.0, 0.1), _BIG + 0.002),
+    *tube("shoulder", (0.0, 0.0, 0.1), (0.0, 0.0, D1), _BIG),
+    *housing("shoulder", (0.0, 0.062, D1), (0.0, -0.072, D1), _BIG, "start"),
+    *ring("upper_arm", (0.0, 0.0, 0.072), (0.0, 0.0, 0.08), _BIG + 0.002),
+    *housing("upper_arm", (0.0, 0.0, 0.08), (0.0, 0.0, _SIDE + 0.06), _BIG, "end"),
+    *tube("upper_arm", (0.0, 0.0, _SIDE), (A2, 0.0, _SIDE), 0.045),
+    *housing("upper_arm", (A2, 0.0, 0.08), (A2, 0.0, _SIDE + 0.05), _MIDDLE, "end"),
+    *ring("forearm", (0.0, 0.0, 0.072), (0.0, 0.0, 0.08), _MIDDLE + 0.002),
+    *housing("forearm", (0.0, 0.0, -0.045), (0.0, 0.0, 0.072), _MIDDLE, "start"),
+    *tube("forearm", (0.0, 0.0, 0.007), (A3, 0.0, 0.007), _SMALL),
+    *housing("forearm", (A3, 0.0, -0.036), (A3, 0.0, 0.05), _SMALL, "start"),
+    *ring("wrist_1", (0.0, 0.0, 0.05), (0.0, 0.0, 0.056), _SMALL + 0.002),
+    *tube("wrist_1", (0.0, 0.0, 0.06), (0.0, 0.0, D4), _SMALL),
+    *housing("wrist_1", (0.0, 0.045, D4), (0.0, -0.045, D4), _SMALL, "start"),
+    *ring("wrist_2", (0.0, 0.0, 0.045), (0.0, 0.0, 0.051), _SMALL + 0.002),
+    *tube("wrist_2", (0.0, 0.0, 0.06), (0.0, 0.0, D5), _SMALL),
+    *housing("wrist_2", (0.0, -0.045, D5), (0.0, 0.045, D5), _SMALL, "start"),
+    *ring("wrist_3", (0.0, 0.0, 0.045), (0.0, 0.0, 0.051), _SMALL + 0.002),
+    *housing("wrist_3", (0.0, 0.0, 0.051), (0.0, 0.0, D6 - 0.014), _SMALL, ""),
+    *ring("wrist_3", (0.0, 0.0, D6 - 0.014), (0.0, 0.0, D6), 0.0315),
+    *ring("cup", (0.0, 0.0, 0.0), (0.0, 0.0, 0.012), 0.02),
+)
+"""Along the published frames: footprint 149 mm, flange 63 mm, wrists 75 mm across."""
+
+
 class UR5e(Arm):
     """Universal Robots' UR5e."""
 
+    looks = _LOOKS
     nearest, farthest = NEAREST, REACH
     solves_rows_alone = True
     maker_speeds = np.full(6, np.pi)  # 180 degrees a second each, by the maker's data sheet

@@ -7,6 +7,7 @@ from .plain_pictures import render_along_rays as render_along_rays
 from .plain_pictures import render_observation as render_observation
 from .plain_pictures import render_views as render_views
 from .ray_painter import RayPainter as RayPainter
+from .robot_meshes import build_robot_meshes as build_robot_meshes
 from .scene_cameras import BACKENDS as BACKENDS
 from .scene_cameras import CAMERAS as CAMERAS
 from .scene_cameras import Backend as Backend

@@ -18,8 +18,11 @@ _SKY: Final = 0.93
 
 
 def render_views(sight: VisibleScene, views: Sequence[View]) -> list[Picture]:
-    """One picture for each view."""
-    stage = _set_stage(sight)
+    """One picture for each view, the robot as it looks."""
+    return _draw_views(_set_stage(sight, dressed=True), views)
+
+
+def _draw_views(stage: Stage, views: Sequence[View]) -> list[Picture]:
     return [
         _draw(stage, np.asarray(view.position), camera_ray_directions(view).reshape(view.height, view.width, 3))
         for view in views
@@ -27,13 +30,14 @@ def render_views(sight: VisibleScene, views: Sequence[View]) -> list[Picture]:
 
 
 def render_along_rays(sight: VisibleScene, eye: FloatArray, directions: FloatArray) -> Picture:
-    """The picture that rays (H, W, 3) from ``eye`` (m) make, each of length 1 along the optical axis."""
+    """The picture that rays (H, W, 3) from ``eye`` (m) make, each of length 1 along the optical axis; of the robot,
+    what touches things."""
     return _draw(_set_stage(sight), eye, directions)
 
 
-def _set_stage(sight: VisibleScene) -> Stage:
+def _set_stage(sight: VisibleScene, dressed: bool = False) -> Stage:
     arm = None if sight.joints is None else sight.arm or get_arm()
-    props = Props(sight.objects, arm, sight.tool == "spatula", sight.background, textures=False)
+    props = Props(sight.objects, arm, sight.tool == "spatula", dressed, sight.background, textures=False)
     stage = Stage(props, sight.library)
     if sight.poses is not None:
         for item, (position, rotation) in zip(sight.objects, sight.poses, strict=True):
@@ -45,8 +49,8 @@ def _set_stage(sight: VisibleScene) -> Stage:
 
 
 def render_observation(sight: VisibleScene) -> dict[str, tuple[npt.NDArray[Any], ...]]:
-    """The three observation cameras: ``color`` and ``depth``."""
-    pictures = render_views(sight, (FRONT, LEFT, RIGHT))
+    """The three observation cameras: ``color`` and ``depth``; a program sees of the robot what touches things."""
+    pictures = _draw_views(_set_stage(sight), (FRONT, LEFT, RIGHT))
     return {"color": tuple(one.color for one in pictures), "depth": tuple(one.depth for one in pictures)}
 
 

@@ -11,7 +11,7 @@ from grs_agents.errors import InputError
 from grs_agents.geometry import FloatArray, pose_matrix
 from grs_agents.library import Library, Shape, add_shape_geom
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.arms import Arm, get_arm, replace_cup_with_spatula
+from grs_agents.sim.arms import Arm, dress_arm, get_arm, replace_cup_with_spatula
 from grs_agents.sim.instance import InstanceLight, InstanceObject, InstanceTable, TaskInstance
 from grs_agents.sim.world import (
     COLORS,
@@ -40,6 +40,7 @@ class Props:
     objects: Sequence[InstanceObject]
     arm: Arm | None = None  # the robot; None leaves it out
     push: bool = False  # the robot has a spatula
+    dressed: bool = True  # the robot as it looks; False shows what of it touches things
     background: str | None = None  # library name of what stands fixed around it
     textures: bool = True  # False paints what has a texture in its one colour
     samples: int = 4  # taken of each pixel of an off-screen picture; 0 is quick and leaves edges rough
@@ -56,7 +57,7 @@ def scene_props_from_instance(instance: TaskInstance, arm: Arm | None = None) ->
         instance.objects,
         arm or get_arm(instance.robot),
         instance.primitive == "push",
-        instance.background,
+        background=instance.background,
         light=instance.light,
         table=instance.table,
     )
@@ -82,9 +83,7 @@ class Stage:
         _set_looks(spec, props)
         _add_sky(spec)
         if props.arm is not None:
-            props.arm.add(spec)
-            if props.push:
-                replace_cup_with_spatula(spec)
+            add_robot(spec, props.arm, props.push, props.dressed)
         textured: dict[str, Shape] = {}
         for item in props.objects:
             textured |= _add_object(spec, item, library, props.textures)
@@ -146,6 +145,15 @@ class Stage:
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)
+
+
+def add_robot(spec: Any, arm: Arm, push: bool, dressed: bool = True) -> None:
+    """Add a robot to what is drawn, with the spatula to ``push``; ``dressed`` as it looks, else what of it touches."""
+    arm.add(spec)
+    if push:
+        replace_cup_with_spatula(spec)
+    if dressed:
+        dress_arm(spec, arm.looks)
 
 
 def _set_looks(spec: Any, props: Props) -> None:

@@ -14,7 +14,9 @@ from grs_agents.base import Pose
 from grs_agents.errors import InputError
 from grs_agents.foreign import find_member_file, read_picture, resolve_member_file
 from grs_agents.library import Library, Shape, matrix_from_quaternion, read_surface
+from grs_agents.sim.arms import get_arm
 from grs_agents.sim.instance import InstanceObject, InstanceTable, TaskInstance
+from grs_agents.sim.rendering import build_robot_meshes
 from grs_agents.sim.world import load_object_model
 from grs_agents.trace import Rollout
 from grs_agents.views.common import (
@@ -114,13 +116,7 @@ def _load_texture(path: Path) -> Any:
 
 FRAMES_PER_SECOND = 25.0
 _TABLE = ((0.5, 0.0, -0.011), (0.62, 1.1, 0.02))  # centre, size
-_WHITE, _MUTED, _ORANGE, _YELLOW, _GREEN = (
-    (240, 240, 240),
-    (150, 150, 150),
-    (235, 130, 35),
-    (255, 210, 60),
-    (70, 215, 120),
-)
+_WHITE, _MUTED, _YELLOW, _GREEN = (240, 240, 240), (150, 150, 150), (255, 210, 60), (70, 215, 120)
 _BLUE, _PINK = (90, 170, 255), (255, 120, 200)
 
 
@@ -137,6 +133,7 @@ class RolloutView:
         self._folder, self._library = folder, library
         self._shown: set[str] = set()
         self._table_shown = self._background_shown = False
+        self._robot: str | None = None  # shown already, and whether with its spatula
 
     def show_rollout(self, recording: Recording, event: Rollout) -> float:
         """Show ``event`` and return its simulated seconds; without a recording, objects where they start."""
@@ -147,6 +144,8 @@ class RolloutView:
             motion = read_motion(resolve_member_file(self._folder, event.recording)).downsample(FRAMES_PER_SECOND)
         if instance:
             self._show_objects(recording, instance, set(motion.names) if motion else set())
+            if motion is not None:
+                self._show_robot(recording, instance)
             _show_goals(recording, instance)
         if motion is None or not motion.times.size:
             return 0.0
@@ -177,6 +176,20 @@ class RolloutView:
             recording.log(path, rr.Clear(recursive=True))
         self._shown = present
 
+    def _show_robot(self, recording: Recording, instance: TaskInstance) -> None:
+        """The solids of the robot's links, each below the pose of its body, where they are not shown yet."""
+        push = instance.primitive == "push"
+        if self._robot != (name := f"{instance.robot} {push}"):
+            self._robot = name
+            for body, solid in build_robot_meshes(get_arm(instance.robot), push).items():
+                mesh = rr.Mesh3D(
+                    vertex_positions=solid.vertices,
+                    vertex_normals=solid.normals,
+                    vertex_colors=solid.colors,
+                    triangle_indices=solid.triangles,
+                )
+                recording.log(f"{_robot_path(body)}/solid", mesh)
+
     def _show_static_world(self, recording: Recording, looks: InstanceTable) -> None:
         """What all rollouts have in common, with the first of them."""
         if self._table_shown:
@@ -186,8 +199,6 @@ class RolloutView:
         (center, size), color = _TABLE, [round(255 * channel) for channel in looks.color]
         table = rr.Boxes3D(centers=[center], sizes=[size], colors=[color], fill_mode="solid")
         recording.log(f"{Paths.WORLD}/table", table)
-        robot = rr.LineStrips3D.from_fields(radii=[0.028], colors=[_ORANGE])
-        recording.log(f"{Paths.WORLD}/robot", robot, static=True)
         recording.log(f"{Paths.WORLD}/tool", rr.Points3D.from_fields(radii=[0.012], colors=[_YELLOW]), static=True)
 
 
@@ -228,17 +239,16 @@ def _show_goals(recording: Recording, instance: TaskInstance) -> None:
     recording.log(f"{Paths.WORLD}/task", rr.TextDocument("\n".join(goal.language for goal in instance.goals)))
 
 
+def _robot_path(body: str) -> str:
+    """Where the pose of one of the robot's bodies lies; a user's model may give it any name."""
+    return f"{Paths.WORLD}/robot/{rr.escape_entity_path_part(body)}"
+
+
 def _show_motion(recording: Recording, motion: Motion) -> None:
     seconds = motion.times
-    links: list[int] = []
     for index, name in enumerate(motion.names):
-        if name.startswith("object_"):
-            _show_body_poses(recording, name, seconds, motion.positions[:, index], motion.quaternions[:, index])
-        else:
-            links.append(index)
-    if len(links) > 1:
-        strips = rr.LineStrips3D.columns(strips=motion.positions[:, links])
-        recording.log_columns(f"{Paths.WORLD}/robot", seconds, strips)
+        path = f"{Paths.WORLD}/{name}" if name.startswith("object_") else _robot_path(name)
+        _show_body_poses(recording, path, seconds, motion.positions[:, index], motion.quaternions[:, index])
     recording.log_columns(f"{Paths.WORLD}/tool", seconds, rr.Points3D.columns(positions=motion.tool))
     recording.log(f"{Paths.WORLD}/tool_path", rr.LineStrips3D([motion.tool], colors=[_YELLOW], radii=[0.0015]))
 
@@ -261,10 +271,10 @@ def _show_grasps(recording: Recording, motion: Motion, names: dict[str, str]) ->
         recording.log_columns(Paths.GRASPS, np.array([motion.times[frame] for frame, _, _ in moments]), lines)
 
 
-def _show_body_poses(recording: Recording, name: str, seconds: Array, positions: Rows, quaternions: Rows) -> None:
+def _show_body_poses(recording: Recording, path: str, seconds: Array, positions: Rows, quaternions: Rows) -> None:
     """The poses of one body, (N, 3) and (N, 4) xyzw; a row only where it moves."""
     step = np.abs(np.diff(positions, axis=0)).max(axis=1) + np.abs(np.diff(quaternions, axis=0)).max(axis=1)
     moves = step > 1e-5
     kept = np.concatenate([[True], moves]) | np.concatenate([moves, [False]])
     transforms = rr.Transform3D.columns(translation=positions[kept], quaternion=quaternions[kept])
-    recording.log_columns(f"{Paths.WORLD}/{name}", seconds[kept], transforms)
+    recording.log_columns(path, seconds[kept], transforms)

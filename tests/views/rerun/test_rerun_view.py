@@ -12,6 +12,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from grs_agents.library import Library
+from grs_agents.sim.arms import get_arm
 from grs_agents.trace import Decision, Event, NodeStarted, ProgramVersion, Prompt, Reply, Rollout, read_events
 from grs_agents.trace import TestsRun as Tested
 from grs_agents.views.common import format_event_line
@@ -116,7 +117,8 @@ def test_a_recording_holds_every_event(watched: Callable[[], tuple[Any, RerunVie
     assert len(still) <= 4
     meshes = [name for name in entities(path) if name.startswith(f"{Paths.WORLD}/object_0/looks_")]
     assert len(meshes) == len(set(meshes)) > 1
-    assert len(column(path, f"{Paths.WORLD}/robot", "LineStrips3D:strips")) > 2 * 90
+    assert column(path, f"{Paths.WORLD}/robot/link_6", "Transform3D:quaternion")
+    assert {f"{Paths.WORLD}/robot/{body}/solid" for body in ("world", *get_arm().link_names)} <= entities(path)
     diff = [text for _, text in column(path, Paths.DIFF, "TextLog:text")]
     assert "+        self.max_steps = 4" in diff
     assert path.stat().st_size < 4 * 2**20
