@@ -10,6 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from threading import Lock
 
 from grs_agents.agents.types import TaskDefinition
 from grs_agents.base import Frozen
@@ -20,6 +21,8 @@ _PER_FAMILY = 2
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 _ENDINGS = ("ing", "ed", "es", "s", "e")
 _SHORTEST = 3
+_PARSER = Lock()
+"""CPython 3.11's parser fails where threads interleave in it, and two authors may look for examples at once."""
 
 
 class Example(Frozen):
@@ -33,7 +36,8 @@ class Example(Frozen):
     @property
     def word_stem_counts(self) -> Counter[str]:
         """Stems of the words it is described in: names, docstrings, sentences and assets, not the code."""
-        tree = ast.parse(self.source)
+        with _PARSER:
+            tree = ast.parse(self.source)
         texts = [
             node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)
         ]
