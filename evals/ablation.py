@@ -11,7 +11,7 @@ from grs_agents import content
 from grs_agents.batch import list_scenes
 from grs_agents.errors import UnknownNameError
 from grs_agents.runs import positive_int
-from grs_agents.terminal import VisibleParser, print_json
+from grs_agents.terminal import EscapingParser, print_json
 
 GRAPHS = "grs,no_router,no_fix,llm_only"
 
@@ -39,7 +39,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = VisibleParser(prog="grs eval ablation", description=__doc__)
+    parser = EscapingParser(prog="grs eval ablation", description=__doc__)
     parser.add_argument("scenes", nargs="*", help="as grs batch takes them; made ones by default")
     parser.add_argument("--synthesised", type=positive_int, default=10, metavar="N", help="scenes to make: 10")
     parser.add_argument("--runs", type=positive_int, default=10, help="of each graph on each scene, with seeds from 0")

@@ -20,7 +20,7 @@ from grs_agents.perception import read_scene_description
 from grs_agents.policies import load_policy
 from grs_agents.runs import open_sandbox
 from grs_agents.sandbox import TestReport
-from grs_agents.terminal import VisibleParser
+from grs_agents.terminal import EscapingParser
 from grs_agents.trace import EventLog
 
 FALSE_ALARMS = 0.02
@@ -163,7 +163,7 @@ def main(arguments: Sequence[str]) -> int:
     Returns:
         0 if no cheat is accepted and at most ``FALSE_ALARMS`` of the honest plans are rejected, 1 if not.
     """
-    parser = VisibleParser(prog="grs eval acceptance", description=__doc__)
+    parser = EscapingParser(prog="grs eval acceptance", description=__doc__)
     parser.add_argument("scenes", nargs="*", default=["groceries"], help="samples, or folders of runs (groceries)")
     parser.add_argument("--cheats", type=Path, help="a folder of cheats, tried on the first scene; without it, plans")
     parser.add_argument("--seeds", default="0:10", help="of the plans, FIRST:END (0:10)")

@@ -20,7 +20,7 @@ from grs_agents.metrics import metrics_table, metrics_to_dicts
 from grs_agents.perception import DEFAULT
 from grs_agents.perception.matching import INPUTS
 from grs_agents.sandbox import Sandbox
-from grs_agents.terminal import VisibleParser, print_json
+from grs_agents.terminal import EscapingParser, print_json
 from grs_agents.toolkit import ToolContext
 
 
@@ -33,7 +33,7 @@ def main(arguments: Sequence[str]) -> int:
     Raises:
         InputError: a folder holds no scene, or nobody says what a scene shows.
     """
-    parser = VisibleParser(prog="grs eval confidence", description=__doc__)
+    parser = EscapingParser(prog="grs eval confidence", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/eval-confidence"), help="where the diagram goes")
     parser.add_argument(
         "--scenes",

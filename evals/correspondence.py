@@ -8,7 +8,7 @@ from evals.benchmark.perception_runs import MeasurementOptions, orders_of, synth
 from evals.synthesis.recipe_options import add_recipe_options, recipes_from_options
 from grs_agents.errors import UnknownNameError
 from grs_agents.runs import positive_int
-from grs_agents.terminal import VisibleParser
+from grs_agents.terminal import EscapingParser
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -20,7 +20,7 @@ def main(arguments: Sequence[str]) -> int:
     Raises:
         InputError: a folder holds no labelled scene, or a method has no such name.
     """
-    parser = VisibleParser(prog="grs eval correspondence", description=__doc__)
+    parser = EscapingParser(prog="grs eval correspondence", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/eval-correspondence"), help="where figures go")
     parser.add_argument(
         "--methods", default="features,features-no-ocr,features-no-size", help=f"of {', '.join(METHODS)}; with commas"

@@ -14,7 +14,7 @@ from grs_agents.envs import GrsEnv
 from grs_agents.library import Library
 from grs_agents.metrics import Figure, metrics_table, metrics_to_dicts
 from grs_agents.sim import Environment, Task, inside, instantiate
-from grs_agents.terminal import VisibleParser
+from grs_agents.terminal import EscapingParser
 
 CANS = ("AlphabetSoup", "Corn", "GreenBeans", "Mushrooms", "Peaches", "Pineapple", "TomatoSauce", "Tuna")
 
@@ -101,7 +101,7 @@ def main(arguments: Sequence[str]) -> int:
     """
     from grs_agents.runs import positive_int
 
-    parser = VisibleParser(prog="grs eval env_speed", description=__doc__)
+    parser = EscapingParser(prog="grs eval env_speed", description=__doc__)
     parser.add_argument("run", nargs="?", type=Path, help="an accepted run; eight cans and a box if left out")
     parser.add_argument("--steps", type=positive_int, default=1000, help="steps of each timing")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")

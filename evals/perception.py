@@ -8,7 +8,7 @@ from evals.synthesis.recipe_options import add_recipe_options, recipes_from_opti
 from grs_agents.config import load_config
 from grs_agents.perception import RULES
 from grs_agents.runs import positive_int
-from grs_agents.terminal import VisibleParser
+from grs_agents.terminal import EscapingParser
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -20,7 +20,7 @@ def main(arguments: Sequence[str]) -> int:
     Raises:
         InputError: a folder holds no labelled scene.
     """
-    parser = VisibleParser(prog="grs eval perception", description=__doc__)
+    parser = EscapingParser(prog="grs eval perception", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/eval-perception"), help="where figures go")
     parser.add_argument(
         "--scenes",

@@ -14,7 +14,7 @@ from grs_agents.perception import (
     read_scene_description,
     upright_box_from_aabb,
 )
-from grs_agents.terminal import VisibleParser
+from grs_agents.terminal import EscapingParser
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -26,7 +26,7 @@ def main(arguments: Sequence[str]) -> int:
     Raises:
         InputError: the folder holds no described scene.
     """
-    parser = VisibleParser(prog="grs eval placement", description=__doc__)
+    parser = EscapingParser(prog="grs eval placement", description=__doc__)
     parser.add_argument("folder", type=Path, help="a folder of run folders")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     options = parser.parse_args(arguments)

@@ -11,7 +11,7 @@ from rich.table import Table
 from evals.benchmark.retrieval import measure_retrieval, retrieval_targets
 from grs_agents.metrics import metrics_to_dicts
 from grs_agents.runs import positive_int
-from grs_agents.terminal import VisibleParser
+from grs_agents.terminal import EscapingParser
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -23,7 +23,7 @@ def main(arguments: Sequence[str]) -> int:
     Raises:
         GrsError: faiss is not installed.
     """
-    parser = VisibleParser(prog="grs eval retrieval_scale", description=__doc__)
+    parser = EscapingParser(prog="grs eval retrieval_scale", description=__doc__)
     parser.add_argument("--assets", type=positive_int, default=150_000, help="how many")
     parser.add_argument("--queries", type=positive_int, default=200, help="how many searches")
     parser.add_argument("--seed", type=int, default=0)

@@ -20,7 +20,7 @@ from grs_agents.nodes import Services
 from grs_agents.policies import Policy, RoutingContext, RoutingDecision, load_policy
 from grs_agents.runs import open_kept_rows, open_sandbox, positive_int
 from grs_agents.sandbox import TestReport
-from grs_agents.terminal import VisibleParser, print_escaped, print_json
+from grs_agents.terminal import EscapingParser, print_escaped, print_json
 from grs_agents.trace import EventLog
 
 SCENE = "groceries"
@@ -204,7 +204,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = VisibleParser(prog="grs eval routing", description=__doc__)
+    parser = EscapingParser(prog="grs eval routing", description=__doc__)
     parser.add_argument("folder", type=Path, nargs="?", help="faults in folders; without one, mistakes are made")
     parser.add_argument("--half", type=int, choices=(0, 1), default=1, help="which half of the made mistakes (1)")
     parser.add_argument("--seed", type=int, default=0, help="of the made mistakes")

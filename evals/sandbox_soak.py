@@ -21,7 +21,7 @@ from grs_agents.base import Frozen
 from grs_agents.config import Config, Limits
 from grs_agents.runs import open_sandbox, positive_int
 from grs_agents.sandbox import Sandbox
-from grs_agents.terminal import VisibleParser
+from grs_agents.terminal import EscapingParser
 
 TOOL = """
 from grs_agents import sandbox, sim
@@ -173,7 +173,7 @@ def _memory_mib() -> float:
 
 def main(arguments: Sequence[str]) -> int:
     """Soak and print; 0 if nothing was left behind and every call ended as it should."""
-    parser = VisibleParser(prog="grs eval sandbox_soak", description=__doc__)
+    parser = EscapingParser(prog="grs eval sandbox_soak", description=__doc__)
     parser.add_argument("--calls", type=positive_int, default=1000, help="how many calls to make")
     parser.add_argument("--seed", type=int, default=0, help="which calls they are")
     parser.add_argument("--json", action="store_true", help="print JSON alone on stdout")

@@ -18,7 +18,7 @@ from grs_agents.library import Library
 from grs_agents.metrics import Figure, cpu_seconds, metrics_table, metrics_to_dicts
 from grs_agents.runs import PRELOAD, TOOLS, open_sandbox, positive_int
 from grs_agents.sandbox import Sandbox
-from grs_agents.terminal import VisibleParser
+from grs_agents.terminal import EscapingParser
 from grs_agents.toolkit import ToolContext, load_tool
 
 SIMULATION = """
@@ -179,7 +179,7 @@ def measure(repeats: int) -> list[Figure]:
 
 def main(arguments: Sequence[str]) -> int:
     """Measure and print."""
-    parser = VisibleParser(prog="grs eval sandbox_speed", description=__doc__)
+    parser = EscapingParser(prog="grs eval sandbox_speed", description=__doc__)
     parser.add_argument("--repeats", type=positive_int, default=5, help="measurements of each figure")
     parser.add_argument("--json", action="store_true", help="print JSON alone on stdout")
     options = parser.parse_args(arguments)

@@ -8,7 +8,7 @@ from pathlib import Path
 from evals.benchmark.shape_runs import measure_known, measure_real, scene_folders, shape_targets, write_sheets
 from grs_agents.files import write_json
 from grs_agents.runs import positive_int
-from grs_agents.terminal import VisibleParser, print_escaped
+from grs_agents.terminal import EscapingParser, print_escaped
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -20,7 +20,7 @@ def main(arguments: Sequence[str]) -> int:
     Raises:
         InputError: a folder holds no scene.
     """
-    parser = VisibleParser(prog="grs eval shapes", description=__doc__)
+    parser = EscapingParser(prog="grs eval shapes", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/eval-shapes"), help="where figures and sheets go")
     parser.add_argument("--known", type=positive_int, default=60, metavar="N", help="assets to photograph: 60")
     parser.add_argument("--seed", type=int, default=0, help="of assets, cameras and noise")

@@ -17,7 +17,7 @@ from grs_agents.content import content_root
 from grs_agents.library import Library
 from grs_agents.metrics import Figure, metrics_table, metrics_to_dicts
 from grs_agents.sim import Environment, Task, find_task_class, instantiate, rollout
-from grs_agents.terminal import VisibleParser
+from grs_agents.terminal import EscapingParser
 
 BOX_SIZE = (0.34, 0.40, 0.10)
 BOX_POSE = ((0.50, 0.25, 0.05), (0.0, 0.0, 0.0, 1.0))
@@ -178,7 +178,7 @@ def main(arguments: Sequence[str]) -> int:
     """
     from grs_agents.runs import positive_int
 
-    parser = VisibleParser(prog="grs eval sim_speed", description=__doc__)
+    parser = EscapingParser(prog="grs eval sim_speed", description=__doc__)
     parser.add_argument("--repeats", type=positive_int, default=5, help="how often each timing is repeated")
     parser.add_argument("--seeds", type=int, default=10, help="seeds of each example program; 0 leaves them out")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")

@@ -27,7 +27,7 @@ from grs_agents.metrics import cpu_seconds
 from grs_agents.nodes import Services
 from grs_agents.policies import load_policy
 from grs_agents.runs import open_sandbox
-from grs_agents.terminal import VisibleParser
+from grs_agents.terminal import EscapingParser
 from grs_agents.trace import Event, EventLog, RunEnded, RunStarted, read_events
 
 LARGEST_MIB, LARGEST_SHARE = 15.0, 0.05
@@ -195,7 +195,7 @@ def measure(scene: Path, folder: Path, fixes: int) -> Cost:
 
 def main(arguments: Sequence[str]) -> int:
     """Measure, print, and return 0 if the bounds are kept, else 1."""
-    parser = VisibleParser(prog="grs eval trace_cost", description=__doc__)
+    parser = EscapingParser(prog="grs eval trace_cost", description=__doc__)
     parser.add_argument("--scene", type=Path, default=content.content_path("assets", "scenes") / "groceries")
     parser.add_argument("--fixes", type=int, default=10)
     parser.add_argument("--out", type=Path, help="keep the run here")

@@ -14,7 +14,7 @@ from evals.benchmark.worker_processes import error_of, run_jobs, run_worker
 from grs_agents import content
 from grs_agents.perception import check_scene_source, read_scene, read_scene_description
 from grs_agents.runs import positive_int
-from grs_agents.terminal import VisibleParser, print_escaped
+from grs_agents.terminal import EscapingParser, print_escaped
 
 _MARK = "mark 0-5: ____"
 
@@ -29,7 +29,7 @@ def main(arguments: Sequence[str]) -> int:
         InputError: there is no such scene.
     """
     second = f"The second view of a twin is from {ASIDE:.0f} degrees aside."
-    parser = VisibleParser(prog="grs eval twin", description=f"{__doc__} {second}")
+    parser = EscapingParser(prog="grs eval twin", description=f"{__doc__} {second}")
     parser.add_argument("scenes", nargs="+", metavar="SCENE", help="as `grs scene` takes it, or a folder of folders")
     parser.add_argument("--out", type=Path, default=Path("runs/eval-twin"), help="where runs and pages go")
     parser.add_argument("--set", action="append", default=[], dest="settings", metavar="KEY=VALUE", help="of the runs")

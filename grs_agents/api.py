@@ -98,7 +98,7 @@ class Run:
             resume=True,
             reply=reply,
         )
-        return _execute(order, partial(attach_live_views, progress=progress))
+        return _execute_order(order, partial(attach_live_views, progress=progress))
 
 
 def run(
@@ -130,7 +130,9 @@ def run(
         GrsError: the run failed; its folder holds what was reached.
         KeyboardInterrupt: it was interrupted; `Run.resume` goes on.
     """
-    return _execute(_order(scene, out, config, settings), partial(attach_live_views, view=view, progress=progress))
+    return _execute_order(
+        _make_run_order(scene, out, config, settings), partial(attach_live_views, view=view, progress=progress)
+    )
 
 
 async def arun(
@@ -149,7 +151,7 @@ def stream(
     scene: Path | str, /, *, out: Path | str | None = None, config: Path | str | None = None, **settings: Any
 ) -> "RunStream":
     """Start a run and follow its events: ``for event in stream("groceries"): ...``. Arguments as for `run`."""
-    return RunStream(_order(scene, out, config, settings))
+    return RunStream(_make_run_order(scene, out, config, settings))
 
 
 def check(
@@ -189,7 +191,7 @@ class RunStream(Iterator[Event]):
         self._stopped = False
         self._run: Run | None = None
         self._error: BaseException | None = None
-        self._thread = Thread(target=self._follow, args=(order,), daemon=True)
+        self._thread = Thread(target=self._run_in_thread, args=(order,), daemon=True)
         self._thread.start()
 
     def __next__(self) -> Event:
@@ -213,15 +215,15 @@ class RunStream(Iterator[Event]):
         self._stopped = True
         self._thread.join()
 
-    def _follow(self, order: Order) -> None:
+    def _run_in_thread(self, order: Order) -> None:
         try:
-            self._run = _execute(order, partial(_attach_subscriber, subscriber=self._take))
+            self._run = _execute_order(order, partial(_attach_subscriber, subscriber=self._take_event))
         except (Exception, KeyboardInterrupt) as error:  # for the thread that waits
             self._error = error
         finally:
             self._events.put(None)
 
-    def _take(self, event: Event) -> None:
+    def _take_event(self, event: Event) -> None:
         self._events.put(event)
         if self._stopped and event.kind != "run_ended":
             raise KeyboardInterrupt
@@ -234,13 +236,15 @@ def _attach_subscriber(folder: Path, log: EventLog, subscriber: Subscriber) -> G
         yield
 
 
-def _order(scene: Path | str, out: Path | str | None, config: Path | str | None, settings: dict[str, Any]) -> Order:
+def _make_run_order(
+    scene: Path | str, out: Path | str | None, config: Path | str | None, settings: dict[str, Any]
+) -> Order:
     chosen = load_config(None if config is None else Path(config), overrides=settings).config
     command = "run" if getattr(load_graph(chosen.graph), "VERDICT", True) else "scene"
     return Order(command, resolve_scene_path(Path(scene)), chosen, None if out is None else Path(out))
 
 
-def _execute(order: Order, views: Views) -> Run:
+def _execute_order(order: Order, views: Views) -> Run:
     ended = execute_run(order, views)
     if ended.problem is not None:
         raise ended.problem

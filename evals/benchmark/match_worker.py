@@ -18,7 +18,7 @@ from grs_agents.config import Config, Limits, load_config
 from grs_agents.errors import GrsError
 from grs_agents.files import write_json
 from grs_agents.library import Library
-from grs_agents.nodes import ask_describer, make_describer_question, make_model_matcher, undescribed_segment
+from grs_agents.nodes import ask_describer, make_describer_question, make_model_matcher, make_undescribed_segment
 from grs_agents.perception import (
     Candidate,
     CandidateRecord,
@@ -103,7 +103,7 @@ def _matched(
         for record in records:
             said = ask_describer(agents, make_describer_question([record], records))
             silent = isinstance(said, NoReply)
-            described[record.id] = undescribed_segment(record.shape) if silent else said[record.id]
+            described[record.id] = make_undescribed_segment(record.shape) if silent else said[record.id]
     config, tool = agents.config, load_tool(order.method.tool)
     asked = [one for one in candidates if one.id not in described or described[one.id].is_object]
     crops = {record.id: agents.folder / record.crop for record in records}

@@ -122,7 +122,7 @@ class _Table:
     def _look_up(self, item: InstanceObject) -> tuple[str, str, str]:
         """Category, colour and description of an object: of the photo's, where it shows one, else of the library's."""
         asset, seen = self.library.asset(item.asset), self._find_in_photo(item)
-        color = _given_color_name(item) or (seen.color if seen else asset.color)
+        color = _color_name_set_by_program(item) or (seen.color if seen else asset.color)
         if seen is None or item.asset.startswith("proxy/"):
             return (seen.category if seen else asset.category), color, seen.description if seen else asset.description
         return seen.category, color, f"{seen.description}; {asset.description}"
@@ -196,7 +196,7 @@ class _Table:
         if over and number in self.marks | self.hollow:
             return "on" if other.low - 0.005 <= own.low < other.high + _RESTING else ""
         higher = own.low > (other.low + other.high) / 2  # grains lie beside each other
-        return "on" if higher and abs(own.low - other.high) < _RESTING and _overlap(own, other) else ""
+        return "on" if higher and abs(own.low - other.high) < _RESTING and _overlap_from_above(own, other) else ""
 
     def tell_goal(self, goal: Goal) -> Iterator[str]:
         """A sentence for all objects of a goal that may end at the same places."""
@@ -271,7 +271,7 @@ class _Table:
         return " and ".join(words)
 
 
-def _given_color_name(item: InstanceObject) -> str:
+def _color_name_set_by_program(item: InstanceObject) -> str:
     """The name of the colour that the program gave an object, empty where it gave none."""
     filled = item.fill.get("COLOR", ())
     rgb = item.color or tuple(float(value) for value in filled if not isinstance(value, str))
@@ -289,7 +289,7 @@ def _lies_over(own: Prism, other: Prism) -> bool:
     return bool(margins_inside_outline(_POINT, other.outline, middle)[0] >= 0)
 
 
-def _overlap(own: Prism, other: Prism) -> bool:
+def _overlap_from_above(own: Prism, other: Prism) -> bool:
     """Whether two things overlap, seen from above."""
     return distance_between_outlines(own.outline, other.outline) <= 0
 

@@ -62,8 +62,8 @@ def run_batch(order: BatchOrder, watch: Watcher = lambda _: None) -> BatchResult
         jobs = [job for scene in order.scenes for job in _jobs_of_scene(order, scene, names[scene], round_, rows)]
         if jobs:
             _run_round(order, jobs, rows, watch)
-    results = summarise(list(rows.values()))
-    _write(order.out, results)
+    results = summarize_rows(list(rows.values()))
+    _write_results_and_page(order.out, results)
     return results
 
 
@@ -76,7 +76,7 @@ def _run_round(order: BatchOrder, jobs: Sequence[RunJob], rows: dict[str, BatchR
         row = make_row(end)
         ended[row.run] = row
         if time.monotonic() > written + _WRITTEN_EVERY:
-            _write(order.out, summarise([*rows.values(), *ended.values()]))
+            _write_results_and_page(order.out, summarize_rows([*rows.values(), *ended.values()]))
             written = time.monotonic()
         watch(row)
 
@@ -99,7 +99,7 @@ def _jobs_of_scene(
         yield RunJob(folder, scene, seed, order.out.resolve() / folder, tuple(options))
 
 
-def summarise(rows: Sequence[BatchRow]) -> BatchResults:
+def summarize_rows(rows: Sequence[BatchRow]) -> BatchResults:
     """The rows, repeats marked, with what they come to."""
     marked = mark_repeats(rows)
     summary: dict[str, Any] = {
@@ -113,7 +113,7 @@ def summarise(rows: Sequence[BatchRow]) -> BatchResults:
     return BatchResults(summary=summary, rows=tuple(marked))
 
 
-def _write(out: Path, results: BatchResults) -> None:
+def _write_results_and_page(out: Path, results: BatchResults) -> None:
     write_results(out, results)
     write_text(out / "index.html", render_page(out, results))
 

@@ -11,7 +11,7 @@ from typing import Any, cast
 
 from grs_agents import interrupts
 from grs_agents.errors import GrsError, InputError
-from grs_agents.terminal import VisibleFormatter, print_escaped
+from grs_agents.terminal import EscapingFormatter, print_escaped
 
 _LONGEST_PATH = 4096
 """Bytes; no system takes a longer path."""
@@ -32,7 +32,7 @@ def main() -> None:
         from grs_agents.cli.commands import app
 
         if logging.lastResort is not None:
-            logging.lastResort.setFormatter(VisibleFormatter())
+            logging.lastResort.setFormatter(EscapingFormatter())
         _check_arguments(sys.argv[1:])
         sys.exit(_run_command_line(app))
     except GrsError as error:

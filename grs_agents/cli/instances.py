@@ -46,11 +46,11 @@ def write_instances(run: Path, seeds: str, variation: Variation, out: Path | Non
         except KeyboardInterrupt:
             print_escaped("interrupted; the same command goes on", error=True)
             raise
-    _print_manifest(folder, made, as_json)
+    _print_instances_made(folder, made, as_json)
     return 0 if made.instances else 1
 
 
-def _print_manifest(folder: Path, made: Manifest, as_json: bool) -> None:
+def _print_instances_made(folder: Path, made: Manifest, as_json: bool) -> None:
     if as_json:
         print_json({"folder": str(folder), **made.model_dump(mode="json")})
         return

@@ -33,7 +33,7 @@ def resolve_run_folder(folder: Path) -> Path:
 
 def list_runs(root: Path, status: str | None, scene: str | None, as_json: bool) -> None:
     """Print the runs below ``root``, those written last first; one that cannot be read is named on stderr."""
-    rows = [(folder, record) for folder, record in _read_records(root) if _fits(record, status, scene)]
+    rows = [(folder, record) for folder, record in _read_records(root) if _matches_filters(record, status, scene)]
     if as_json:
         print_json([{"folder": str(folder), **record.model_dump(mode="json")} for folder, record in rows])
         return
@@ -64,7 +64,7 @@ def _read_records(root: Path) -> Iterator[tuple[Path, RunRecord]]:
             print_escaped(f"grs: {error}", error=True)
 
 
-def _fits(record: RunRecord, status: str | None, scene: str | None) -> bool:
+def _matches_filters(record: RunRecord, status: str | None, scene: str | None) -> bool:
     return (status is None or record.status == status) and (scene is None or scene in record.source)
 
 

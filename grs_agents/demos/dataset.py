@@ -64,7 +64,7 @@ def write_dataset(made: WorkFolder, kind: Format, out: Path, folder: TaskFolder)
     shutil.rmtree(draft, ignore_errors=True)
     draft.mkdir()
     episodes: list[dict[str, Any]] = []
-    _WRITERS[kind](_noted(made, draft, episodes), card, draft)
+    _WRITERS[kind](_iterate_and_describe_episodes(made, draft, episodes), card, draft)
     stages = dict(Counter(one.stage for one in dropped))
     told = {"format": kind, "dataset": card.model_dump(), "order": made.order, "dropped": stages, "episodes": episodes}
     write_json(draft / "grs.json", told)
@@ -81,11 +81,13 @@ def write_dataset(made: WorkFolder, kind: Format, out: Path, folder: TaskFolder)
         steps=steps,
         dropped=stages,
         reasons=reasons,
-        opens_with=_opens_with(kind, out, card),
+        opens_with=_python_line_that_opens(kind, out, card),
     )
 
 
-def _noted(made: WorkFolder, draft: Path, episodes: list[dict[str, Any]]) -> Iterator[Demonstration]:
+def _iterate_and_describe_episodes(
+    made: WorkFolder, draft: Path, episodes: list[dict[str, Any]]
+) -> Iterator[Demonstration]:
     """The demonstrations; each one's instance is written, and what is to be said of it is added to ``episodes``."""
     for number, one in enumerate(made.demonstrations()):
         write_text(draft / "instances" / f"seed_{number}.json", one.instance)
@@ -115,7 +117,7 @@ def _make_card(first: Demonstration, folder: TaskFolder) -> DatasetCard:
     )
 
 
-def _opens_with(kind: Format, out: Path, card: DatasetCard) -> str:
+def _python_line_that_opens(kind: Format, out: Path, card: DatasetCard) -> str:
     """A line of Python that opens the data set."""
     if kind == "lerobot":
         return f"LeRobotDataset('grs/{card.name}', root='{out}')"

@@ -57,24 +57,24 @@ def path_to_actions(positions: FloatArray, held: Flags, period: int, pace: float
 
 def _with_pauses(positions: FloatArray, held: Flags) -> tuple[FloatArray, Flags]:
     """The same path with a pause at each change of ``held``."""
-    pieces = list(_pieces(positions, held))
+    pieces = list(_split_at_grasps_and_releases(positions, held))
     return np.concatenate([path for path, _ in pieces]), np.concatenate([flags for _, flags in pieces])
 
 
-def _pieces(positions: FloatArray, held: Flags) -> Iterator[tuple[FloatArray, Flags]]:
+def _split_at_grasps_and_releases(positions: FloatArray, held: Flags) -> Iterator[tuple[FloatArray, Flags]]:
     begin = 0
     for change in (np.flatnonzero(held[1:] != held[:-1]) + 1).tolist():
         yield positions[begin : change + 1], held[begin : change + 1]
         begin = change + 1
         if held[change]:
-            deeper = (positions[change - 1] - positions[max(0, change - 1 - _PRESS)]) * _press_shares()
+            deeper = (positions[change - 1] - positions[max(0, change - 1 - _PRESS)]) * _press_down_and_up_profile()
             yield positions[change] + deeper, np.ones(len(deeper), dtype=bool)
         else:
             yield np.repeat(positions[change][None], _REST_STEPS, axis=0), np.zeros(_REST_STEPS, dtype=bool)
     yield positions[begin:], held[begin:]
 
 
-def _press_shares() -> FloatArray:
+def _press_down_and_up_profile() -> FloatArray:
     """(N, 1) down, there, and up again."""
     third = _PRESS_STEPS // 3
     down = np.linspace(0.0, 1.0, third + 1)[1:]

@@ -43,7 +43,7 @@ class _Writer:
 
     def __init__(self, card: DatasetCard, folder: Path) -> None:
         self._card, self._folder = card, folder
-        self._features = _features(card)
+        self._describe_features = _describe_features(card)
         self._data = _ParquetFiles(folder)
         self._videos = {_image_key(camera): _VideoFiles(folder, camera, card.rate) for camera in card.cameras}
         self._tasks: dict[str, int] = {}
@@ -55,7 +55,7 @@ class _Writer:
         """Write one episode."""
         number, steps = len(self._episodes), demonstration.steps
         task = self._tasks.setdefault(demonstration.language, len(self._tasks))
-        columns = _columns(demonstration) | {
+        columns = _make_step_columns(demonstration) | {
             "timestamp": (np.arange(steps) / self._card.rate).astype(np.float32),
             "frame_index": np.arange(steps),
             "episode_index": np.full(steps, number),
@@ -114,7 +114,7 @@ class _Writer:
             "splits": {"train": f"0:{len(self._episodes)}"},
             "data_path": _DATA,
             "video_path": _VIDEO if self._videos else None,
-            "features": self._features,
+            "features": self._describe_features,
         }
         write_json(self._folder / "meta/info.json", info)
 
@@ -128,7 +128,7 @@ def _image_key(camera: CameraModel) -> str:
     return f"observation.images.{camera.name}"
 
 
-def _columns(demonstration: Demonstration) -> dict[str, npt.NDArray[Any]]:
+def _make_step_columns(demonstration: Demonstration) -> dict[str, npt.NDArray[Any]]:
     """What each step is: the observation before it, its action, what came of it."""
     steps = demonstration.steps
     last = np.arange(steps) == steps - 1
@@ -145,7 +145,7 @@ def _columns(demonstration: Demonstration) -> dict[str, npt.NDArray[Any]]:
     }
 
 
-def _features(card: DatasetCard) -> dict[str, Any]:
+def _describe_features(card: DatasetCard) -> dict[str, Any]:
     def vector(names: list[str]) -> dict[str, Any]:
         return {"dtype": "float32", "shape": [len(names)], "names": names}
 
@@ -183,7 +183,7 @@ def _video_feature(camera: CameraModel, rate: float) -> dict[str, Any]:
     return {"dtype": "video", "shape": shape, "names": ["height", "width", "channels"], "info": info}
 
 
-def _place(files: int) -> dict[str, int]:
+def _next_file_index(files: int) -> dict[str, int]:
     """Where the file lies that comes after so many others."""
     return {"chunk_index": files // _FILES_PER_CHUNK, "file_index": files % _FILES_PER_CHUNK}
 
@@ -206,7 +206,7 @@ class _ParquetFiles:
             else pa.array(rows)
             for name, rows in columns.items()
         }
-        table, place = pa.table(arrays), _place(self._files)
+        table, place = pa.table(arrays), _next_file_index(self._files)
         if self._writer is None:
             self._path = self._folder / _DATA.format(**place)
             self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -236,7 +236,7 @@ class _VideoFiles:
     def add(self, images: npt.NDArray[np.uint8]) -> dict[str, Any]:
         """Write the pictures (T, H, W, 3) of an episode; returns where they are."""
         av: Any = import_module("av")
-        place, begin = _place(self._files), self._frames
+        place, begin = _next_file_index(self._files), self._frames
         container = self._container or self._open(place)
         for image in images:
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")

@@ -26,10 +26,10 @@ def write_minari(demonstrations: Iterable[Demonstration], card: DatasetCard, fol
     kind: Any = import_module("minari.dataset.minari_storage").MinariStorage
     path = folder.resolve() / minari_id(card) / "data"
     path.mkdir(parents=True)
-    observations, actions = _spaces(card)
+    observations, actions = _make_spaces(card)
     storage = kind.new(path, observation_space=observations, action_space=actions)
     told: list[dict[str, Any]] = []
-    storage.update_episodes(_buffers(demonstrations, told))
+    storage.update_episodes(_make_episode_buffers(demonstrations, told))
     storage.update_episode_metadata(told)
     storage.update_metadata(
         {
@@ -42,7 +42,7 @@ def write_minari(demonstrations: Iterable[Demonstration], card: DatasetCard, fol
     )
 
 
-def _spaces(card: DatasetCard) -> tuple[Any, Any]:
+def _make_spaces(card: DatasetCard) -> tuple[Any, Any]:
     """Of observations and of actions."""
     from gymnasium import spaces
 
@@ -62,7 +62,7 @@ def _spaces(card: DatasetCard) -> tuple[Any, Any]:
     return spaces.Dict(parts), box(dof + 1)
 
 
-def _buffers(demonstrations: Iterable[Demonstration], told: list[dict[str, Any]]) -> Iterator[Any]:
+def _make_episode_buffers(demonstrations: Iterable[Demonstration], told: list[dict[str, Any]]) -> Iterator[Any]:
     """The episodes as Minari takes them; what else is to be kept of each is added to ``told``."""
     buffer: Any = import_module("minari.data_collector").EpisodeBuffer
     for number, one in enumerate(demonstrations):

@@ -50,7 +50,7 @@ def write_robomimic(demonstrations: Iterable[Demonstration], card: DatasetCard, 
 def _write_episode(group: Any, demonstration: Demonstration) -> None:
     done = np.zeros(demonstration.steps, dtype=np.int64)
     done[-1:] = 1
-    low_dimensional = _low_dimensional(demonstration)
+    low_dimensional = _low_dimensional_observations(demonstration)
     group.attrs["num_samples"], group.attrs["model_file"] = demonstration.steps, ""
     for name in ("attempt", "base_seed", "instance_hash", "instance", "language", "strict"):
         group.attrs[name] = getattr(demonstration, name)
@@ -67,7 +67,7 @@ def _write_episode(group: Any, demonstration: Demonstration) -> None:
             )
 
 
-def _low_dimensional(demonstration: Demonstration) -> dict[str, npt.NDArray[np.float32]]:
+def _low_dimensional_observations(demonstration: Demonstration) -> dict[str, npt.NDArray[np.float32]]:
     """What is observed besides pictures, (T + 1, D) each."""
     return {
         "robot0_joint_pos": demonstration.joint_positions,

@@ -36,7 +36,9 @@ def _places_in_goal(goal: Goal, index: int, env: Environment, pos_eps: float) ->
     if goal.metric == "pose":
         return [Place(goal.targets[one], slack=pos_eps) for one in goal.allowed_target_indices(index)]
     if goal.metric == "zone":
-        return [Place(zone.pose, _half_room((zone.size[0], zone.size[1]), width)) for zone in goal.zones]
+        return [
+            Place(zone.pose, _half_extents_of_free_room((zone.size[0], zone.size[1]), width)) for zone in goal.zones
+        ]
     if goal.relation_kind == "stacked":
         return [_place_at(goal.objects[index - 1], width, env)] if index else []
     if goal.relation_kind in ("aligned", "upright"):
@@ -51,10 +53,10 @@ def _places_in_goal(goal: Goal, index: int, env: Environment, pos_eps: float) ->
 def _place_at(number: int, width: float, env: Environment) -> Place:
     """In or on another object, for something so wide (m)."""
     x, y, _ = env.get_object_size(number)
-    return Place(env.get_object_pose(number), _half_room((x, y), width), beside=number)
+    return Place(env.get_object_pose(number), _half_extents_of_free_room((x, y), width), beside=number)
 
 
-def _half_room(size: tuple[float, float], width: float) -> tuple[float, float]:
+def _half_extents_of_free_room(size: tuple[float, float], width: float) -> tuple[float, float]:
     """Half extents of where the middle of something ``width`` wide may be in a rectangle, metres."""
     x, y = (max(side - width, side / 4) / 2 for side in size)
     return x, y

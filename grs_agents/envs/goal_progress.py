@@ -91,10 +91,12 @@ class GoalProgress:
         if waits.any():
             carried = np.flatnonzero(self._rows == held)
             index = int(carried[0]) if len(carried) else int(waits.argmax())
-            scores[index] += _REACHED + _HELD if len(carried) else self._reach(poses[self._rows[index]], index, tip)
+            scores[index] += (
+                _REACHED + _HELD if len(carried) else self._approach_score(poses[self._rows[index]], index, tip)
+            )
         return float(scores.mean())
 
-    def _reach(self, pose: FloatArray, index: int, tip: FloatArray) -> float:
+    def _approach_score(self, pose: FloatArray, index: int, tip: FloatArray) -> float:
         """For how near the tip is to an object: to the middle of its top, or where it pushes from above."""
         gap = (tip - pose[:3]) * _LEVEL if self._push else tip - pose[:3] - self._tops[self._rows[index]]
         return _REACHED * (1 - float(np.tanh(_NEARER * np.linalg.norm(gap))))

@@ -72,7 +72,7 @@ def build_mjcf_scene(instance: TaskInstance, library: Library, portable: bool) -
     if instance.camera is not None:
         _add_photo_camera(made.spec, instance.camera)
     _add_surroundings(made.spec)
-    _add_start(instance, library, made)
+    _add_start_keyframe(instance, library, made)
     return MjcfScene(instance, made, portable, sites)
 
 
@@ -191,7 +191,7 @@ def _add_surroundings(spec: Any) -> None:
     spec.visual.global_.azimuth, spec.visual.global_.elevation = 150.0, -30.0
 
 
-def _add_start(instance: TaskInstance, library: Library, made: WorldSpec) -> None:
+def _add_start_keyframe(instance: TaskInstance, library: Library, made: WorldSpec) -> None:
     """Add the keyframe ``start``: what the trusted environment has settled to, with its speeds, the arm at home."""
     task = InstanceTask(instance)
     env = Environment(task=task, library=library, seed=instance.seed, robot=instance.robot)

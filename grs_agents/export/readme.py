@@ -113,8 +113,8 @@ def write_readme_text(scene: MjcfScene, model: Any, library: Library, words: Wor
     """The text, in Markdown; ``model`` is the scene's ``mujoco.MjModel``."""
     instance = scene.instance
     parts = [
-        f"# {_plain(words.name) or scene.spec.modelname}\n",
-        *([f"{_plain(words.description)}\n"] if words.description else []),
+        f"# {_escape_markdown(words.name) or scene.spec.modelname}\n",
+        *([f"{_escape_markdown(words.description)}\n"] if words.description else []),
         "A robot task as a scene of [MuJoCo](https://mujoco.org).\n",
         _OPEN + (_DM_CONTROL if scene.portable else ""),
         "## The task\n\n" + "\n".join(_goal_lines(instance.goals, scene.sites)) + "\n",
@@ -125,7 +125,7 @@ def write_readme_text(scene: MjcfScene, model: Any, library: Library, words: Wor
     return "\n".join(parts)
 
 
-def _plain(text: str) -> str:
+def _escape_markdown(text: str) -> str:
     """A text of somebody else's in one line of Markdown, where it has no effect."""
     line = escape_control_chars(" ".join(text.split()))
     return "".join(f"\\{letter}" if letter in "\\`*_{}[]<>#|" else letter for letter in line)
@@ -137,7 +137,7 @@ def _goal_lines(goals: Sequence[Goal], sites: Sequence[GoalSite]) -> Iterator[st
         what = f"{goal.metric} goal" if goal.relation is None else f"relation *{goal.relation_kind}*"
         named = ", ".join(f"`object_{number}`" for number in goal.objects)
         shown = "; ".join(f"`{site.name}`: {site.shows}" for site in sites if site.goal == index)
-        words = f" “{_plain(goal.language)}”" if goal.language else ""
+        words = f" “{_escape_markdown(goal.language)}”" if goal.language else ""
         yield f"{index + 1}. {what} of {named}.{words}{f' Sites: {shown}.' if shown else ''}"
     if sites:
         yield "\nThe goals' sites are in group 1: `option.sitegroup[1] = 0` hides them, in the viewer Shift+1."
@@ -153,9 +153,9 @@ def _content_lines(scene: MjcfScene, model: Any, library: Library) -> Iterator[s
         cells = (_describe_object(item, library), f"{mass:.3g}", moves, _describe_origin(item.asset, library))
         yield f"| `object_{item.id}` | {' | '.join(cells)} |"
     if instance.background is not None:
-        yield f"| `background` | what stands around, as photographed | | no | {_plain(instance.background)} |"
+        yield f"| `background` | what stands around, as photographed | | no | {_escape_markdown(instance.background)} |"
     links = ", ".join(f"`{name}`" for name in scene.made.arm.link_names)
-    yield f"| {links} | the robot, {_plain(instance.robot.rsplit('/', 1)[-1])} | | | |"
+    yield f"| {links} | the robot, {_escape_markdown(instance.robot.rsplit('/', 1)[-1])} | | | |"
     yield "\nA free object's joint is called like its body."
     yield "\n| actuator | moves | command |\n|---|---|---|"
     for index in range(model.nu):
@@ -179,18 +179,20 @@ def _content_lines(scene: MjcfScene, model: Any, library: Library) -> Iterator[s
 def _describe_object(item: InstanceObject, library: Library) -> str:
     asset = library.asset(item.asset)
     role = ", a bystander: it should stay" if item.role == "bystander" else ""
-    return _plain((f"{asset.kind}, filled in by the task" if item.fill else asset.description) + role)
+    return _escape_markdown((f"{asset.kind}, filled in by the task" if item.fill else asset.description) + role)
 
 
 def _describe_origin(name: str, library: Library) -> str:
     """Asset, and its licence as far as the library knows it."""
     asset = library.asset(name)
     if asset.origin is not None:
-        return _plain(f"{name}: {asset.origin.collection}, {asset.origin.source}; licence: {asset.origin.license}")
+        return _escape_markdown(
+            f"{name}: {asset.origin.collection}, {asset.origin.source}; licence: {asset.origin.license}"
+        )
     if asset.category == "proxy":
-        return _plain(f"{name}: made of the photo")
+        return _escape_markdown(f"{name}: made of the photo")
     shipped = any(library.asset_path(name).is_relative_to(root.resolve()) for root in Library().roots)
-    return _plain(f"{name}: " + ("shipped with GRS, Apache-2.0" if shipped else "licence unknown"))
+    return _escape_markdown(f"{name}: " + ("shipped with GRS, Apache-2.0" if shipped else "licence unknown"))
 
 
 def _suction_text(scene: MjcfScene) -> str:

@@ -52,13 +52,13 @@ def grade_task(
     Raises:
         InputError: the expert solves none of the variations.
     """
-    figures = _measure(folder, Trials(folder, order, workers, show))
+    figures = _measure_task(folder, Trials(folder, order, workers, show))
     parts = _make_parts(figures)
     difficulty = sum(part.weight * part.difficulty for part in parts) / sum(part.weight for part in parts)
     return Grade(difficulty=round(difficulty, 3), parts=parts, figures=figures)
 
 
-def _measure(folder: TaskFolder, trials: Trials) -> Figures:
+def _measure_task(folder: TaskFolder, trials: Trials) -> Figures:
     levels = trials.noise_levels()
     moves = [one.moves for one in levels[0] if one.solved]
     if not moves:

@@ -47,14 +47,16 @@ def measure_clutter(instance: TaskInstance, library: Library) -> Clutter:
     }
     wanted = {number for goal in instance.goals for number in goal.objects if prisms[number]}
     gaps = [
-        _nearest(prisms[number], [one for own, row in prisms.items() if own != number for one in row])
+        _distance_to_nearest_outline(
+            prisms[number], [one for own, row in prisms.items() if own != number for one in row]
+        )
         for number in wanted
     ]
     solid = sum(bool(row) for row in prisms.values())
     return Clutter(nearest=float(np.mean(gaps)) if gaps else _FAR, objects_per_square_metre=solid / _WORKSPACE)
 
 
-def _nearest(own: list[Prism], others: list[Prism]) -> float:
+def _distance_to_nearest_outline(own: list[Prism], others: list[Prism]) -> float:
     """The level distance to the nearest of others that rise beside something, metres."""
     low, high = min(prism.low for prism in own), max(prism.high for prism in own)
     beside = [other for other in others if other.high > low + 0.005 and other.low < high]
@@ -81,7 +83,7 @@ def _tolerances(
             yield instance.pos_eps, math.degrees(instance.rot_eps) if asked else _ANY_YAW
         elif goal.metric == "zone":
             sharers = {one for other in instance.goals if other.zones == goal.zones for one in other.objects}
-            yield max(_play(zone.size[:2], number, sharers, models) for zone in goal.zones), _ANY_YAW
+            yield max(_room_for_position_error(zone.size[:2], number, sharers, models) for zone in goal.zones), _ANY_YAW
         else:
             yield _relation_tolerance(goal, number, instance.goals, models, library), _ANY_YAW
 
@@ -95,14 +97,16 @@ def _relation_tolerance(
         model = models[goal.reference_id]
         room = measure_inner_size(model, library) if kind == "inside" else None
         sharers = {one for other in goals if other.has_same_relation(goal) for one in other.objects}
-        return _play((room or model.size)[:2], number, sharers, models)
+        return _room_for_position_error((room or model.size)[:2], number, sharers, models)
     if kind in ("stacked", "on"):
         carriers = goal.objects if kind == "stacked" else (goal.reference_id,)
         return min(min(models[other].size[:2]) / 2 for other in carriers)
     return {"aligned": POSITION_TOLERANCE, "near": goal.required_distance}.get(str(kind)) or _FAR
 
 
-def _play(room: tuple[float, float], number: int, sharers: set[int], models: dict[int, ObjectModel]) -> float:
+def _room_for_position_error(
+    room: tuple[float, float], number: int, sharers: set[int], models: dict[int, ObjectModel]
+) -> float:
     """How far (m) an object can be off within a rectangle: as the sides leave, and the area that others take."""
     size = sorted(models[number].size[:2])
     sides = [(have - need) / 2 for have, need in zip(sorted(room), size, strict=True)]

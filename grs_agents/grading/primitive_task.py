@@ -138,21 +138,21 @@ class PrimitiveTask:
     def carry(self, decision: Decision) -> None:
         """Carry out a decision; what the simulation refuses ends the episode."""
         try:
-            self._act(self._action(decision))
+            self._step_environment(self._action_for_decision(decision))
         except GrsError as error:
             self._env.recorder.stop, self._done = make_stop_from_error(error), True
 
-    def _act(self, action: dict[str, Pose]) -> None:
+    def _step_environment(self, action: dict[str, Pose]) -> None:
         self._done = self._env.step(action)[2]
 
-    def _action(self, decision: Decision) -> dict[str, Pose]:
+    def _action_for_decision(self, decision: Decision) -> dict[str, Pose]:
         """Poses of the cup: the hand takes the object at its best free point, and lowers it until it rests."""
         env, number = self._env, self._task.ids[decision.object]
         position, rotation = env.get_object_pose(number)
         prism = env.object_prism(number)
         others = [other for other in env.collider_prisms() if other.owner != number]
         hold = find_grasp(env.physics, number, prism, others).point or (position[0], position[1], prism.high)
-        turn = _wrap(decision.yaw - transforms.yaw_of_quaternion(rotation))
+        turn = _wrap_angle(decision.yaw - transforms.yaw_of_quaternion(rotation))
         about = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, turn))
         there: Pose = ((*decision.place, position[2]), transforms.multiply_quaternions(about, rotation))
         body = object_prism_at_pose(env.object_model(number), there, number)
@@ -178,7 +178,7 @@ class PrimitiveTask:
                 (x, y, z), turn = action["pose1"]
                 dx, dy = rng.normal(0.0, noise, 2)
                 done["pose1"] = ((x + float(dx), y + float(dy), z), turn)
-            self._act(done)
+            self._step_environment(done)
             taken = self._env.recorder.actions[-1].object
             own = next((number for number in self.candidates if self._task.ids[number] == taken), None)
             if own is not None:
@@ -200,7 +200,7 @@ def _frame_of(pose: Pose) -> Frame:
     return pose[0][0], pose[0][1], transforms.yaw_of_quaternion(pose[1])
 
 
-def _wrap(angle: float) -> float:
+def _wrap_angle(angle: float) -> float:
     return (angle + math.pi) % (2 * math.pi) - math.pi
 
 

@@ -72,7 +72,7 @@ class Trials:
         levels: list[list[ExpertEpisode]] = []
         for noise in NOISES:
             jobs = [_Job("expert", _UNSEEN + index, noise) for index in range(self._order.trials)]
-            levels.append(self._run(f"expert, hand off by {1000 * noise:g} mm", jobs))
+            levels.append(self._run_jobs(f"expert, hand off by {1000 * noise:g} mm", jobs))
             if 2 * sum(one.solved for one in levels[-1]) < sum(one.solved for one in levels[0]):
                 break
         return levels
@@ -83,24 +83,24 @@ class Trials:
         Every second one is of an expert whose hand misses by 5 mm, and who mends it.
         """
         jobs = [_Job("demonstration", index, 0.005 * (index % 2)) for index in range(self._order.demonstrations)]
-        shown = [one for one in self._run("demonstrations", jobs) if one is not None]
+        shown = [one for one in self._run_jobs("demonstrations", jobs) if one is not None]
         shown = [one for one in shown if one.features.shape[1] == shown[0].features.shape[1]]
         if not shown:
             return 0.0, 0
         policy = PrimitivePolicy(shown, self._order.seed)
         jobs = [_Job("learned", _UNSEEN + index) for index in range(self._order.episodes)]
-        return float(np.mean(self._run("learned policy", jobs, policy))), len(shown)
+        return float(np.mean(self._run_jobs("learned policy", jobs, policy))), len(shown)
 
     def random_success(self) -> float:
         """The share of instances that random decisions solve."""
         jobs = [_Job("random", _UNSEEN + index) for index in range(self._order.episodes)]
-        return float(np.mean(self._run("random policy", jobs)))
+        return float(np.mean(self._run_jobs("random policy", jobs)))
 
-    def _run(self, stage: str, jobs: Sequence[_Job], policy: PrimitivePolicy | None = None) -> list[Any]:
+    def _run_jobs(self, stage: str, jobs: Sequence[_Job], policy: PrimitivePolicy | None = None) -> list[Any]:
         """The results of jobs, in their order."""
         results: dict[_Job, Any] = {}
         for job, result in map_in_processes(
-            _work, jobs, self._workers, _begin, (self._folder.path, self._order, policy)
+            _run_job, jobs, self._workers, _open_bench_in_worker, (self._folder.path, self._order, policy)
         ):
             results[job] = result
             self._show(stage, len(results), len(jobs))
@@ -120,13 +120,13 @@ class _Bench:
 _bench: list[_Bench] = []
 
 
-def _begin(path: Path, order: GradeOrder, policy: PrimitivePolicy | None) -> None:
+def _open_bench_in_worker(path: Path, order: GradeOrder, policy: PrimitivePolicy | None) -> None:
     known = _bench[0] if _bench and (_bench[0].folder.path, _bench[0].order) == (path, order) else None
     folder = known.folder if known else open_task_folder(path, accepted=False)
     _bench[:] = [_Bench(folder, order, policy, known.task if known else None)]
 
 
-def _work(job: _Job) -> tuple[_Job, Any]:
+def _run_job(job: _Job) -> tuple[_Job, Any]:
     bench = _bench[0]
     rng = np.random.default_rng((bench.order.seed, job.seed, int(1e6 * job.noise)))
     seeds = bench.folder.seeds

@@ -72,7 +72,7 @@ def resolve_template_values(replace: Values, defaults: Defaults) -> tuple[Filled
         stem: dict(enumerate(_parse_placeholder_value(stem, value, len(defaults.get(stem, (0, 0, 0))))))
         for stem, value in replace.items()
     }
-    stated = _convert_to_own_stems(given, defaults, known)
+    stated = _convert_to_placeholders_of_template(given, defaults, known)
     values: Filled = {}
     assumed: Filled = {}
     for stem, default in defaults.items():
@@ -85,7 +85,7 @@ def resolve_template_values(replace: Values, defaults: Defaults) -> tuple[Filled
     return values | _explicit_half_extents(given, values, known), assumed
 
 
-def _convert_to_own_stems(given: Given, defaults: Defaults, known: Collection[str]) -> Given:
+def _convert_to_placeholders_of_template(given: Given, defaults: Defaults, known: Collection[str]) -> Given:
     """What is given by the stems that the template has: lengths in one, the centres of a corner's strokes."""
     stated = {stem: given.get(stem, {}) for stem in defaults}
     if "DIM" in defaults:

@@ -8,10 +8,10 @@ from .bystanders import bystanders_of_run as bystanders_of_run
 from .bystanders import hold_unstable_objects as hold_unstable_objects
 from .bystanders import photo_objects as photo_objects
 from .bystanders import setup_of_programs as setup_of_programs
-from .competing import Draft as Draft
-from .competing import choose_draft as choose_draft
-from .competing import draft_rival as draft_rival
-from .competing import draft_simulation as draft_simulation
+from .competing_drafts import Draft as Draft
+from .competing_drafts import choose_draft as choose_draft
+from .competing_drafts import draft_rival as draft_rival
+from .competing_drafts import draft_simulation as draft_simulation
 from .comprehension import describe_candidates as describe_candidates
 from .comprehension import find_table as find_table
 from .comprehension import hide_image as hide_image
@@ -24,7 +24,7 @@ from .comprehension import settle_objects as settle_objects
 from .describing import ask_describer as ask_describer
 from .describing import describe_segments as describe_segments
 from .describing import make_describer_question as make_describer_question
-from .describing import undescribed_segment as undescribed_segment
+from .describing import make_undescribed_segment as make_undescribed_segment
 from .evidence import render_evidence as render_evidence
 from .fix_history import BestVersion as BestVersion
 from .fix_history import FixRecord as FixRecord

@@ -176,7 +176,7 @@ def describe_candidates(state: RunState, services: Services) -> Update:
     """Ask the describer about each pending candidate (paper, Scene Comprehension, step 2); pieces become one."""
     first_free = max(record["id"] for record in state["candidates"]) + 1
     photo = _photo_and_table(state, services)
-    found = describe_segments(_pending_candidates(state), first_free, photo, services)
+    found = describe_segments(_candidates_of_this_pass(state), first_free, photo, services)
     descriptions = {str(number): said.model_dump(mode="json") for number, said in found.descriptions.items()}
     services.log.append(SceneStage(stage="described", summary=descriptions))
     others = [record for record in state["candidates"] if record["id"] not in state["pending"]]
@@ -192,7 +192,7 @@ def describe_candidates(state: RunState, services: Services) -> Update:
 @logged_node("match")
 def match_candidates_to_assets(state: RunState, services: Services) -> Update:
     """Match each pending candidate that is an object with an asset (paper, Scene Comprehension, step 3)."""
-    result = match_candidates(_pending_candidates(state), _descriptions_from_state(state), state, services)
+    result = match_candidates(_candidates_of_this_pass(state), _descriptions_from_state(state), state, services)
     matches = {str(number): answer.model_dump(mode="json") for number, answer in result.matches.items()}
     return {"matches": {**state.get("matches", {}), **matches}, "notes": [*state["notes"], *result.notes]}
 
@@ -205,7 +205,7 @@ def register_assets_in_photo(state: RunState, services: Services) -> Update:
     """
     records = [CandidateRecord.model_validate(item) for item in state["candidates"]]
     objects = [SceneObject.model_validate(item) for item in state.get("objects", ())]
-    placed, dropped = _place_candidates(_pending_candidates(state), objects, state, services)
+    placed, dropped = _place_candidates(_candidates_of_this_pass(state), objects, state, services)
     objects += placed
     dropped = [*(DroppedCandidate.model_validate(item) for item in state.get("dropped", ())), *dropped]
     residual: tuple[CandidateRecord, ...] = ()
@@ -361,7 +361,7 @@ def _photo_and_table(state: RunState, services: Services) -> Photo:
     return services.load_photo(state), _table_from_state(state)
 
 
-def _pending_candidates(state: RunState) -> list[CandidateRecord]:
+def _candidates_of_this_pass(state: RunState) -> list[CandidateRecord]:
     """The candidates of this pass."""
     return [
         CandidateRecord.model_validate(record) for record in state["candidates"] if record["id"] in state["pending"]

@@ -106,7 +106,7 @@ def ask_describer(agents: Agents, question: DescriberQuestion) -> dict[int, Desc
     return roles.describe_segments(agents, question["rows"], question["numbers"], pictures, question["images"])
 
 
-def undescribed_segment(shape: str) -> Description:
+def make_undescribed_segment(shape: str) -> Description:
     """What is known of a segment that nobody described: that its outline is a box or a cylinder."""
     words = f"an undescribed {shape}"
     return Description(is_object=True, description=words, color="unknown", shape=shape, category="object")
@@ -132,14 +132,14 @@ def describe_segments(
     silent = [f"candidate {number}: {end['silent'][str(number)]}" for number in sorted(map(int, end["silent"]))]
     kept = [CandidateRecord.model_validate(one) for one in end["records"]]
     return DescribedSegments(
-        records=tuple(_open_as_described(one, said[one.id]) for one in kept),
+        records=tuple(_set_open_top_as_described(one, said[one.id]) for one in kept),
         descriptions=dict(sorted(said.items())),
         dropped=tuple(DroppedCandidate.model_validate(one) for one in end["dropped"]),
         notes=(*silent, *end["notes"]),
     )
 
 
-def _open_as_described(record: CandidateRecord, said: Description) -> CandidateRecord:
+def _set_open_top_as_described(record: CandidateRecord, said: Description) -> CandidateRecord:
     """Open at the top if it was described so: the depth camera does not see into everything."""
     return record if said.open_top is None else record.model_copy(update={"hollow": said.open_top})
 
@@ -187,7 +187,7 @@ class _Describer:
         if isinstance(reply, NoReply):
             numbers = [int(row["id"]) for row in state["rows"]]
             silent = dict.fromkeys(map(str, numbers), str(reply))
-            measured = {int(row["id"]): undescribed_segment(str(row["outline"])) for row in state["rows"]}
+            measured = {int(row["id"]): make_undescribed_segment(str(row["outline"])) for row in state["rows"]}
             return {"descriptions": _as_json(measured), "silent": silent}
         return {"descriptions": _as_json(reply)}
 
@@ -195,7 +195,7 @@ class _Describer:
         """Put together what was described as pieces of one thing; that is described next."""
         records = {int(one["id"]): CandidateRecord.model_validate(one) for one in state["records"]}
         said = {number: Description.model_validate(state["descriptions"][str(number)]) for number in records}
-        part_of = _wholes_of_pieces([records[number] for number in state["asked"]], said)
+        part_of = _map_pieces_to_wholes([records[number] for number in state["asked"]], said)
         groups = group_pieces(part_of, {number: one.box for number, one in records.items()})
         merged, too_large = self.merge_groups(groups, records)
         dropped = _drop_pieces(merged, said)
@@ -233,7 +233,7 @@ class _Describer:
         return merged, notes
 
 
-def _wholes_of_pieces(asked: Sequence[CandidateRecord], said: Mapping[int, Description]) -> dict[int, int]:
+def _map_pieces_to_wholes(asked: Sequence[CandidateRecord], said: Mapping[int, Description]) -> dict[int, int]:
     """For each segment that was described as a piece what it is said to be a part of; what the user gave is none."""
     parts = {one.id: said[one.id].part_of for one in asked if not one.given}
     return {number: whole for number, whole in parts.items() if whole is not None}

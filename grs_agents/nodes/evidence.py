@@ -122,16 +122,18 @@ def _episode_lines(episode: Episode) -> Iterator[str]:
     if episode.objects:
         yield f"concerns: {', '.join(episode.objects)}"
     actions = [
-        f"{number}. {action.asset} #{action.object} {_place(action.pick)} -> {_place(action.place)}: {action.note}"
+        f"{number}. {action.asset} #{action.object} {_point(action.pick)} -> {_point(action.place)}: {action.note}"
         for number, action in enumerate(episode.actions, 1)
     ]
-    yield from _table("goals", [_goal_row(goal) for goal in episode.goals])
-    yield from _table("actions", actions)
-    yield from _table("objects", [_motion_row(motion) for motion in sorted(episode.motions, key=lambda m: not m.moved)])
-    yield from _table("warnings", episode.warnings)
+    yield from _list_rows_up_to_limit("goals", [_goal_row(goal) for goal in episode.goals])
+    yield from _list_rows_up_to_limit("actions", actions)
+    yield from _list_rows_up_to_limit(
+        "objects", [_motion_row(motion) for motion in sorted(episode.motions, key=lambda m: not m.moved)]
+    )
+    yield from _list_rows_up_to_limit("warnings", episode.warnings)
 
 
-def _table(title: str, rows: Sequence[str]) -> Iterator[str]:
+def _list_rows_up_to_limit(title: str, rows: Sequence[str]) -> Iterator[str]:
     if rows:
         yield f"{title}:"
         yield from (f"  {row}" for row in rows[:ROWS])
@@ -145,12 +147,12 @@ def _goal_row(goal: GoalOutcome) -> str:
 
 
 def _motion_row(motion: ObjectMotion) -> str:
-    end = f" -> {_place(motion.end)}" if motion.moved else ", not moved"
+    end = f" -> {_point(motion.end)}" if motion.moved else ", not moved"
     tilt = f", tilted {motion.tilt:.0f} degrees" if motion.tilt >= _TILTED else ""
-    return f"{motion.asset} #{motion.object} {_place(motion.start)}{end}{tilt}"
+    return f"{motion.asset} #{motion.object} {_point(motion.start)}{end}{tilt}"
 
 
-def _place(position: Vec3) -> str:
+def _point(position: Vec3) -> str:
     return f"({', '.join(f'{value:.3f}' for value in position)})"
 
 

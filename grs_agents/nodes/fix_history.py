@@ -70,14 +70,14 @@ class FixRecord(Frozen):
     vain: bool = False  # the evidence stayed as it was, or the programs were judged before
 
     @property
-    def is_change(self) -> bool:
+    def has_changed_lines(self) -> bool:
         """Whether anything was changed."""
         return bool(self.added or self.removed)
 
     def __str__(self) -> str:
         name = VERDICTS[self.fixed]
         what = "written anew" if self.strategy == "rewrite" else f"version {self.version}"
-        change = f"{what} (+{self.added} -{self.removed} lines)" if self.is_change else "unchanged"
+        change = f"{what} (+{self.added} -{self.removed} lines)" if self.has_changed_lines else "unchanged"
         outcome = f"{self.before} -> {self.after or 'not judged'}"
         return f"{name}: {self.problem or change}: {outcome}{'; in vain' if self.vain else ''}"
 
@@ -182,11 +182,11 @@ def open_moves(state: RunState) -> dict[Verdict, Strategy]:
 
     Empty once ``LONGEST_STREAK`` fixes in a row were in vain.
     """
-    history, suspects = read_fix_history(state), _suspects(state)
+    history, suspects = read_fix_history(state), _list_suspected_programs(state)
     streak = list(takewhile(lambda record: record.vain, reversed(history)))
     if len(streak) >= LONGEST_STREAK:
         return {}
-    tried = {(record.fixed, record.strategy) for record in (*streak, *_rewritten(history))}
+    tried = {(record.fixed, record.strategy) for record in (*streak, *_list_rewrites_for_this_task(history))}
     moves: dict[Verdict, Strategy] = {}
     for suspect in suspects:
         strategy: Strategy | None = next((one for one in STRATEGIES if (suspect, one) not in tried), None)
@@ -197,13 +197,13 @@ def open_moves(state: RunState) -> dict[Verdict, Strategy]:
     return moves or {VERDICTS[suspect]: "fix" for suspect in suspects}
 
 
-def _rewritten(history: Sequence[FixRecord]) -> list[FixRecord]:
+def _list_rewrites_for_this_task(history: Sequence[FixRecord]) -> list[FixRecord]:
     """The programs written anew for the present task: their author would be asked just the same again."""
     of_this_task = takewhile(lambda record: record.fixed != "task" or record.vain, reversed(history))
     return [record for record in of_this_task if record.strategy == "rewrite"]
 
 
-def _suspects(state: RunState) -> tuple[ProgramName, ...]:
+def _list_suspected_programs(state: RunState) -> tuple[ProgramName, ...]:
     """The tests are none where it was the audit that found fault, nor where nobody asks whose fault it is; they alone
     are where all that the audit found is about them."""
     failed = [finding["check"] for finding in (state.get("audit") or {}).get("findings", ()) if not finding["passed"]]

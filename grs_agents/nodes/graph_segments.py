@@ -7,7 +7,7 @@ from typing import Final, TypeAlias
 from langgraph.graph import END, START, StateGraph
 
 from grs_agents.nodes.authoring import generate_sim, generate_task, generate_tests
-from grs_agents.nodes.competing import choose_draft, draft_rival, draft_simulation
+from grs_agents.nodes.competing_drafts import choose_draft, draft_rival, draft_simulation
 from grs_agents.nodes.comprehension import (
     describe_candidates,
     find_table,

@@ -175,4 +175,4 @@ def next_step_after_route(state: RunState) -> Verdict:
 
 def next_step_after_fix_task(state: RunState) -> Literal["write", "judge"]:
     """After the task author: have programs written for another task; a task that stayed as it was is routed again."""
-    return "write" if read_fix_history(state)[-1].is_change else "judge"
+    return "write" if read_fix_history(state)[-1].has_changed_lines else "judge"

@@ -144,7 +144,10 @@ def _reconcile_and_settle(objects: Sequence[SceneObject], scene: _Scene) -> Sett
     )
     mask = np.any([segment.mask for segment in segments], axis=0)
     seen = [_with_measured_box(objects[index], index, agreed, scene) for index in kept]
-    things = [_thing(item, index, segments[index].mask, agreed, scene) for item, index in zip(seen, kept, strict=True)]
+    things = [
+        _make_known_or_unknown_object(item, index, segments[index].mask, agreed, scene)
+        for item, index in zip(seen, kept, strict=True)
+    ]
     return replace(_simulate_to_rest(seen, things, mask, scene), dropped=dropped, owned=mask)
 
 
@@ -157,7 +160,7 @@ def _with_measured_box(item: SceneObject, index: int, agreed: Reconciled, scene:
     return item.model_copy(update={"box": enclosing_aabb(measured, claim.shape), "upright": measured})
 
 
-def _thing(
+def _make_known_or_unknown_object(
     item: SceneObject, index: int, mask: Mask, agreed: Reconciled, scene: _Scene
 ) -> PlacedObject | UnknownObject:
     """What stands for an object: its asset, or the shape that is reconstructed of it."""
@@ -186,12 +189,12 @@ def _simulate_to_rest(
     except GrsError as error:
         placed, warnings = place_apart(things, folder, services.library), (f"the scene has no twin: {error.message}",)
     library = services.library  # with the proxies that were written
-    resting = tuple(map(partial(_at_rest, library), objects, placed, ends))
+    resting = tuple(map(partial(_with_rest_pose, library), objects, placed, ends))
     bodies = [body_from_asset(item.name, item.asset, (item.position, item.orientation), library) for item in resting]
     return SettledScene(resting, find_spatial_relations(bodies), twin, warnings)
 
 
-def _at_rest(library: Library, item: SceneObject, placed: PlacedObject, end: Placed | None) -> SceneObject:
+def _with_rest_pose(library: Library, item: SceneObject, placed: PlacedObject, end: Placed | None) -> SceneObject:
     """An object as it is placed, and where it comes to rest, if that is known."""
     update: dict[str, object] = {"settled": end.pose, "drift": end.drift, "held": end.held} if end else {}
     if placed.guessed:

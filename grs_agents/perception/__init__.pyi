@@ -1,4 +1,9 @@
 from . import types as types
+from .annotated_pictures import draw_object_names as draw_object_names
+from .annotated_pictures import marked_picture_file as marked_picture_file
+from .annotated_pictures import outline_segments as outline_segments
+from .annotated_pictures import sheet_files as sheet_files
+from .annotated_pictures import write_segment_sheet as write_segment_sheet
 from .asset_surfaces import Cloud as Cloud
 from .asset_surfaces import Tree as Tree
 from .asset_surfaces import asset_surface_at_pose as asset_surface_at_pose
@@ -25,11 +30,6 @@ from .image_geometry import mask_outline_pixels as mask_outline_pixels
 from .image_geometry import pixels_by_label as pixels_by_label
 from .image_geometry import points_in_hull_mask as points_in_hull_mask
 from .image_geometry import values_in_mask as values_in_mask
-from .marked_pictures import draw_object_names as draw_object_names
-from .marked_pictures import marked_picture_file as marked_picture_file
-from .marked_pictures import outline_segments as outline_segments
-from .marked_pictures import sheet_files as sheet_files
-from .marked_pictures import write_segment_sheet as write_segment_sheet
 from .picture_files import draw_candidate_overlay as draw_candidate_overlay
 from .picture_files import frame_as_saved as frame_as_saved
 from .picture_files import load_frame as load_frame
@@ -59,9 +59,9 @@ from .reading.scene_source import short_scene_name as short_scene_name
 from .registration.registration import Registered as Registered
 from .registration.registration import register_asset as register_asset
 from .registration.registration import registration_cost as registration_cost
-from .registration.residual_segments import ResidualCandidates as ResidualCandidates
-from .registration.residual_segments import find_residual_candidates as find_residual_candidates
-from .registration.residual_segments import match_pieces_to_objects as match_pieces_to_objects
+from .registration.unexplained_segments import ResidualCandidates as ResidualCandidates
+from .registration.unexplained_segments import find_residual_candidates as find_residual_candidates
+from .registration.unexplained_segments import match_pieces_to_objects as match_pieces_to_objects
 from .registration.scene_registration import add_residual_candidates as add_residual_candidates
 from .registration.scene_registration import register_objects as register_objects
 from .registration.scene_registration import registered_object_fields as registered_object_fields

@@ -12,9 +12,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from grs_agents.perception.annotated_pictures import draw_numbered_regions
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import compute_percentiles, label_connected_components, pixels_by_label
-from grs_agents.perception.marked_pictures import draw_numbered_regions
 from grs_agents.perception.segmentation import foreground_pixel_mask, is_sensor_noise, smooth_frame_depth
 from grs_agents.perception.table_finding import pixels_to_robot_frame, robot_frame_point_map
 from grs_agents.perception.types import Aabb, Array, Coverage, Mask, RGBDFrame, TableFrame, UnownedRegion

@@ -57,10 +57,10 @@ def leave_out_scenery(
 
 def _explain_scenery(candidates: Sequence[Candidate], robot: Mask, points: Array, table: TableFrame) -> dict[int, str]:
     """Why segments, by number, are no objects; those that may be objects, or were given as such, are not in it."""
-    candidates = _not_given(candidates)
-    beside_robot = _grow(robot, CONFIG.meets)
+    candidates = _without_given_masks(candidates)
+    beside_robot = _dilate_mask(robot, CONFIG.meets)
     why = {one.id: _why_scenery(one, candidates, points, table) for one in candidates}
-    why |= {one.id: ROBOT for one in candidates if _is_edge(one.mask, beside_robot)}
+    why |= {one.id: ROBOT for one in candidates if _is_blurred_robot_edge(one.mask, beside_robot)}
     known = _union_of_masks(robot, [one for one in candidates if why[one.id]])
     walls = _find_straight_walls([one for one in candidates if not why[one.id]], known, points)
     why |= {one.id: WALL for one in walls}
@@ -71,16 +71,16 @@ def _union_of_masks(mask: Mask, candidates: Sequence[Candidate]) -> Mask:
     return np.logical_or.reduce([mask, *(one.mask for one in candidates)])
 
 
-def _not_given(candidates: Sequence[Candidate]) -> list[Candidate]:
+def _without_given_masks(candidates: Sequence[Candidate]) -> list[Candidate]:
     return [one for one in candidates if not one.given]
 
 
-def _grow(mask: Mask, pixels: int) -> Mask:
+def _dilate_mask(mask: Mask, pixels: int) -> Mask:
     """A mask (H, W) with what is at most so many pixels away."""
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((2 * pixels + 1,) * 2, np.uint8)), np.bool_)
 
 
-def _is_edge(mask: Mask, beside_robot: Mask) -> bool:
+def _is_blurred_robot_edge(mask: Mask, beside_robot: Mask) -> bool:
     """Whether a segment (H, W) is nowhere wider than the robot's blurred edge, and lies beside the robot."""
     core = cv2.erode(mask.astype(np.uint8), np.ones((CONFIG.meets + 1,) * 2, np.uint8))
     return not core.any() and bool(beside_robot[mask].mean() > CONFIG.beside)
@@ -137,7 +137,7 @@ def _find_straight_walls(candidates: Sequence[Candidate], left_out: Mask, points
     long = [one for one in candidates if one.id in ends]
     for one in long:
         meets = np.logical_or.reduce([edge, *(other.mask for other in long if other is not one)])
-        near = _grow(meets, CONFIG.meets)
+        near = _dilate_mask(meets, CONFIG.meets)
         if all((near & end).any() for end in ends[one.id]):
             found.append(one)
     return found

@@ -49,10 +49,10 @@ def draw_twin(scene: SceneDescription, library: Library, aside: float = 0.0) -> 
     scale = min(1.0, DEFAULT.settling.picture_side / max(camera.width, camera.height))
     lens = Lens(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
     lens = resize_lens(lens, round(camera.height * scale), round(camera.width * scale))
-    return render_from_camera(Props(items, table=table), library, lens, _turned(scene, aside))
+    return render_from_camera(Props(items, table=table), library, lens, _camera_pose_turned_aside(scene, aside))
 
 
-def _turned(scene: SceneDescription, aside: float) -> Array:
+def _camera_pose_turned_aside(scene: SceneDescription, aside: float) -> Array:
     """T_robot_cam (4, 4) of the photo's camera, turned by ``aside`` (rad) about the middle of the objects."""
     pose = np.array(scene.frame.T_robot_cam, np.float64)
     if not aside:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from functools import cached_property
 
 from grs_agents.agents import Verdict
-from grs_agents.policies.task_words import read_task_words
+from grs_agents.policies.task_word_checks import read_task_words
 from grs_agents.policies.types import (
     Cause,
     RoutingContext,
@@ -58,10 +58,10 @@ class Rules:
 def _take_first_judgement(evidence: "_Evidence") -> RoutingDecision:
     """What the first of the rules says that has something to say; those that leave no doubt come first."""
     rules: tuple[Callable[[_Evidence], RoutingDecision | None], ...] = (
-        _blame_by_load_error,
-        _blame_by_errors,
-        _blame_by_episodes,
-        _blame_by_task_words,
+        _find_fault_in_loading,
+        _find_fault_in_errors,
+        _find_fault_in_episodes,
+        _find_fault_in_task_words,
     )
     decisions = (rule(evidence) for rule in rules)
     return next((decision for decision in decisions if decision is not None), None) or _blame_failing_tests(evidence)
@@ -112,7 +112,7 @@ def _blame_tests(why: str, sure: bool = True, expectation: bool = False) -> Rout
     return RoutingDecision(verdict="fix_test", explanation=why, policy="rules", cause=cause, sure=sure)
 
 
-def _blame_by_load_error(evidence: _Evidence) -> RoutingDecision | None:
+def _find_fault_in_loading(evidence: _Evidence) -> RoutingDecision | None:
     """The audit's verdict, and sources that cannot do anything."""
     report = evidence.report
     if evidence.context.audit_failed and "fix_code" not in evidence.context.verdicts:
@@ -130,7 +130,7 @@ def _blame_by_load_error(evidence: _Evidence) -> RoutingDecision | None:
     return _blame_tests(why) if in_tests else _blame_program(why)
 
 
-def _blame_by_errors(evidence: _Evidence) -> RoutingDecision | None:
+def _find_fault_in_errors(evidence: _Evidence) -> RoutingDecision | None:
     """Tests that change what they test, and what the program raised or ran into."""
     if evidence.failed and (meddling := _MEDDLING.search(evidence.context.tests)):
         return _blame_tests(f"the tests change what they test: {meddling[0][:80]}", sure=False)
@@ -144,7 +144,7 @@ def _blame_by_errors(evidence: _Evidence) -> RoutingDecision | None:
     return None
 
 
-def _blame_by_episodes(evidence: _Evidence) -> RoutingDecision | None:
+def _find_fault_in_episodes(evidence: _Evidence) -> RoutingDecision | None:
     """The oracle fell short by itself, or met goals only as loosely as they are published."""
     for case, episode in evidence.episodes:
         if episode.outcome == "success" and episode.strict < _STRICTLY_MET:
@@ -161,7 +161,7 @@ def _blame_by_episodes(evidence: _Evidence) -> RoutingDecision | None:
     return None
 
 
-def _blame_by_task_words(evidence: _Evidence) -> RoutingDecision | None:
+def _find_fault_in_task_words(evidence: _Evidence) -> RoutingDecision | None:
     """The program may run well and still not be that of the task: then a test that fails may well be right."""
     if evidence.failed and (found := evidence.find_static("simulation", _OTHER_TASK)):
         return _blame_program(found)

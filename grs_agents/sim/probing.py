@@ -157,7 +157,7 @@ class Probe(EpisodeReplay):
         self._drawn, self._rng = None, None
         if self.early:
             self._drawn = (random.getstate(), np.random.get_state())
-            self._toss()
+            self._seed_global_generators()
 
     def begin_reset(self, env: Environment) -> None:
         """A reset begins. Later ones of a test draw the scene that its first one drew."""
@@ -170,22 +170,22 @@ class Probe(EpisodeReplay):
             self._rng = (env, env.rng.bit_generator.state)
         env.rng.bit_generator.state = self._rng[1]
 
-    def _toss(self) -> None:
+    def _seed_global_generators(self) -> None:
         random.seed(self.coin)
         np.random.seed(self.coin)
 
     def finish_reset(self, env: Environment) -> None:
         """The program has set its scene up: compare it with the audited one, and put the mutant in its place."""
-        self._toss()
+        self._seed_global_generators()
         self._env = env
         self.difference = self._find_difference(env)
         if self.mutant is not None and not self.difference:
-            self._apply(self.mutant, env)
+            self._put_mutant_into_environment(self.mutant, env)
 
     def end_episode(self) -> None:
         """What the present episode came to, while its scene stands."""
         env, self._env = self._env, None
-        self.replaced = self.replaced or self._find_replaced(env)
+        self.replaced = self.replaced or self._find_replaced_method(env)
         if env is None or not env.recorder.actions or self.difference:
             return
         task: Any = env.task
@@ -212,7 +212,7 @@ class Probe(EpisodeReplay):
         fields = [name for name in _COMPARED if getattr(drawn, name) != getattr(self.instance, name)]
         return ", ".join(["objects"] * (mine != theirs) + fields)
 
-    def _apply(self, mutant: TaskInstance, env: Environment) -> None:
+    def _put_mutant_into_environment(self, mutant: TaskInstance, env: Environment) -> None:
         task: Any = env.task
         before = {item.id: item for item in self.instance.objects}
         for item in mutant.objects:
@@ -222,7 +222,7 @@ class Probe(EpisodeReplay):
         task.lang_goals = [goal.language for goal in mutant.goals]
         task.grs.finish_reset(env)
 
-    def _find_replaced(self, env: Environment | None) -> str:
+    def _find_replaced_method(self, env: Environment | None) -> str:
         """The first method of the runtime that is no longer its own, for all or for this environment or its task."""
         for kind, parts in self._parts:
             now = _methods_of(kind)

@@ -30,12 +30,12 @@ def print_json(value: Any) -> None:
 
 def make_console(error: bool = False) -> "Console":
     """A console for tables and progress, on standard output or on standard error."""
-    from grs_agents.terminal.rich_console import VisibleConsole
+    from grs_agents.terminal.rich_console import EscapingConsole
 
-    return VisibleConsole(stderr=error, markup=False, emoji=False)
+    return EscapingConsole(stderr=error, markup=False, emoji=False)
 
 
-class VisibleFormatter(logging.Formatter):
+class EscapingFormatter(logging.Formatter):
     """What libraries log, visible."""
 
     def format(self, record: logging.LogRecord) -> str:
@@ -43,7 +43,7 @@ class VisibleFormatter(logging.Formatter):
         return escape_control_chars(super().format(record))
 
 
-class VisibleParser(argparse.ArgumentParser):
+class EscapingParser(argparse.ArgumentParser):
     """A parser whose errors repeat what it was given, visible."""
 
     def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
@@ -51,4 +51,4 @@ class VisibleParser(argparse.ArgumentParser):
         super().exit(status, None if message is None else escape_control_chars(message))
 
 
-__all__ = ["VisibleFormatter", "VisibleParser", "escape_control_chars", "make_console", "print_escaped", "print_json"]
+__all__ = ["EscapingFormatter", "EscapingParser", "escape_control_chars", "make_console", "print_escaped", "print_json"]

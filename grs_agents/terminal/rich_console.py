@@ -9,7 +9,7 @@ from rich.text import Text
 from grs_agents.terminal.control_characters import escape_control_chars
 
 
-class VisibleConsole(Console):
+class EscapingConsole(Console):
     """A console on which every text is visible, and none of it is markup."""
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:

@@ -151,7 +151,7 @@ def _find_unpacked_items(
     """The assets of a folder or file that is not packed, and what their file names are relative to."""
     if path.is_file():
         folder = SourceFolder(_find_source_root(path.resolve()), options.limits.bytes)
-        return folder, (_single_file_item(path, folder.relative_file_name(path)),)
+        return folder, (_source_item_of_file(path, folder.relative_file_name(path)),)
     folder = SourceFolder(path, options.limits.bytes)
     return folder, tuple(item for item in find_source_items(folder) if not hope_only or item.kind == "hope")
 
@@ -166,7 +166,7 @@ def _unpack_archives(archives: list[Path], home: Path, limits: ImportLimits) -> 
             yield archive.name, error
 
 
-def _single_file_item(path: Path, relative: str) -> SourceItem:
+def _source_item_of_file(path: Path, relative: str) -> SourceItem:
     suffix = path.suffix.lower()
     if suffix not in (*SUFFIXES, *DESCRIPTIONS):
         raise InputError(f"{path} is no asset", f"name a file that ends in {', '.join((*SUFFIXES, '.urdf', '.xml'))}")

@@ -83,7 +83,9 @@ class _Stage:
     def convert_mesh_to_obj(self, source: str, texture: str | None = None) -> str:
         """Read a mesh (with z up) and write it as OBJ; its file name in the folder."""
         reading, name = read_mesh(self._source, source, self._options.limits, texture), f"mesh{len(self.meshes)}.obj"
-        self.meshes[name] = [_place_part(part, np.ones(3), UP_TO_Z[reading.up], np.zeros(3)) for part in reading.parts]
+        self.meshes[name] = [
+            _scale_turn_and_move_part(part, np.ones(3), UP_TO_Z[reading.up], np.zeros(3)) for part in reading.parts
+        ]
         vertices, faces = concatenate_mesh_parts(self.meshes[name])
         write_text(self.home / name, format_obj_text(vertices, faces[:1]))  # the readers want the vertices
         return name
@@ -160,13 +162,15 @@ def _shape_to_mesh_parts(shape: Shape, meshes: dict[str, list[MeshPart]]) -> lis
     """The triangles of a shape in the object's frame."""
     turn, position = matrix_from_quaternion(shape.quaternion), np.asarray(shape.position)
     if shape.kind == "mesh":
-        return [_place_part(part, np.asarray(shape.size), turn, position) for part in meshes[shape.mesh or ""]]
+        return [
+            _scale_turn_and_move_part(part, np.asarray(shape.size), turn, position) for part in meshes[shape.mesh or ""]
+        ]
     corners = triangulate_primitive(shape).corners
     part = MeshPart(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
-    return [_place_part(part, np.ones(3), turn, position)]
+    return [_scale_turn_and_move_part(part, np.ones(3), turn, position)]
 
 
-def _place_part(part: MeshPart, scale: Floats, turn: Floats, position: Floats) -> MeshPart:
+def _scale_turn_and_move_part(part: MeshPart, scale: Floats, turn: Floats, position: Floats) -> MeshPart:
     return MeshPart(part.vertices * scale @ turn.T + position, part.faces, part.uvs, part.image, part.colors)
 
 

@@ -100,7 +100,7 @@ def _forget_last_goal(source: str, generator: random.Random) -> str | None:
     return re.sub(r"(step_max_reward=)[\d./]+", rf"\g<1>1 / {len(goals) - 1}", changed)
 
 
-def _want_two_places_at_once(source: str, generator: random.Random) -> str | None:
+def _add_contradicting_goal(source: str, generator: random.Random) -> str | None:
     """An object that has to be in two places in the end."""
     rows = [row for row in _find_move_rows(source) if len(row.elts) > 3]
     if not rows:
@@ -242,7 +242,7 @@ _PROGRAM_MISTAKES: dict[str, Edit] = {
     "container-too-small": _shrink_container,
     "object-left-out": _leave_object_out,
     "goal-missing": _forget_last_goal,
-    "goals-contradict": _want_two_places_at_once,
+    "goals-contradict": _add_contradicting_goal,
     "rewards-below-one": _replace_everywhere((r"(step_max_reward=)", r"\g<1>0.75 * ")),
 }
 _TEST_MISTAKES: dict[str, Edit] = {

@@ -31,7 +31,9 @@ def judge_evidence(evidence: Evidence, neglected: tuple[str, ...] = ()) -> tuple
         evidence: what was found out.
         neglected: the assets that the task's words move and the program does not.
     """
-    return _blame_by_static_checks(evidence) or _blame_by_errors(evidence) or _blame_by_episode(evidence, neglected)
+    return (
+        _blame_by_static_checks(evidence) or _find_fault_in_errors(evidence) or _blame_by_episode(evidence, neglected)
+    )
 
 
 def _blame_by_static_checks(evidence: Evidence) -> tuple[str, str] | None:
@@ -44,7 +46,7 @@ def _blame_by_static_checks(evidence: Evidence) -> tuple[str, str] | None:
     return None
 
 
-def _blame_by_errors(evidence: Evidence) -> tuple[str, str] | None:
+def _find_fault_in_errors(evidence: Evidence) -> tuple[str, str] | None:
     case = next((case for case in evidence.cases if case.where or case.outcome in _NO_CHECK), None)
     if case is None:
         return None

@@ -100,7 +100,7 @@ def clip_boxes(claims: Sequence[EstimatedVolume], occupied: Array) -> list[Estim
         for first, second in combinations(range(len(found)), 2):
             one, other = found[first], found[second]
             cuts = _find_cheapest_cut(one, other.grid_points), _find_cheapest_cut(other, one.grid_points)
-            if min(cuts, key=_cost_of_cut) is cuts[0]:
+            if min(cuts, key=_cost_or_infinity) is cuts[0]:
                 found[first] = _apply_cut(one, cuts[0])
             else:
                 found[second] = _apply_cut(other, cuts[1])
@@ -109,7 +109,7 @@ def clip_boxes(claims: Sequence[EstimatedVolume], occupied: Array) -> list[Estim
     return found
 
 
-def _cost_of_cut(cut: _Cut | None) -> float:
+def _cost_or_infinity(cut: _Cut | None) -> float:
     return np.inf if cut is None else cut.cost
 
 
@@ -159,7 +159,7 @@ def _find_cheapest_cut(claim: EstimatedVolume, others: Array, certain: bool = Fa
             lost = float((side * own[:, axis] > side * place).mean())
             if lost < LOST:
                 cuts.append(_Cut(axis, side, place, lost + VOLUME * (1 - left / (2 * half[axis]))))
-    return min(cuts, key=_cost_of_cut, default=None)
+    return min(cuts, key=_cost_or_infinity, default=None)
 
 
 def _is_extent_mostly_kept(axis: int, place: float, side: int, own: Array, half: Array) -> bool:

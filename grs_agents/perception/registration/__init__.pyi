@@ -4,6 +4,6 @@ from .pose_hypotheses import propose_shifted_poses as propose_shifted_poses
 from .registration import Registered as Registered
 from .registration import register_asset as register_asset
 from .registration import registration_cost as registration_cost
-from .residual_segments import ResidualCandidates as ResidualCandidates
-from .residual_segments import label_residual_pixels as label_residual_pixels
-from .residual_segments import match_pieces_to_objects as match_pieces_to_objects
+from .unexplained_segments import ResidualCandidates as ResidualCandidates
+from .unexplained_segments import label_residual_pixels as label_residual_pixels
+from .unexplained_segments import match_pieces_to_objects as match_pieces_to_objects

@@ -7,7 +7,7 @@ from grs_agents.library import Library
 from grs_agents.perception.asset_surfaces import asset_surface_at_pose
 from grs_agents.perception.picture_files import load_mask, save_additional_candidates
 from grs_agents.perception.registration.registration import Registered, register_asset
-from grs_agents.perception.registration.residual_segments import find_residual_candidates
+from grs_agents.perception.registration.unexplained_segments import find_residual_candidates
 from grs_agents.perception.types import (
     CandidateRecord,
     DroppedCandidate,

@@ -41,7 +41,7 @@ class Part:
         return self.cloud.min(axis=0).tolist(), self.cloud.max(axis=0).tolist()
 
     @cached_property
-    def distance_matrix_factors(self) -> tuple[Array, Array]:
+    def squared_distance_factors(self) -> tuple[Array, Array]:
         """(N, 5) and (5, N) of every other point: one part's first times another's second are squares of distances."""
         points = self.cloud[::2]
         squares = (points**2).sum(axis=1, keepdims=True)
@@ -75,7 +75,7 @@ def gap_between_parts(one: Part, other: Part) -> float:
     apart = max(*map(sub, low, most), *map(sub, least, high))
     if apart > 0.05:
         return apart
-    squares = one.distance_matrix_factors[0] @ other.distance_matrix_factors[1]
+    squares = one.squared_distance_factors[0] @ other.squared_distance_factors[1]
     return float(np.sqrt(max(float(squares.min()), 0.0)))
 
 

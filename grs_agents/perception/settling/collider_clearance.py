@@ -84,7 +84,7 @@ def clear_colliders(placed: Sequence[PlacedColliders]) -> list[tuple[Collider, .
         first = volumes if first is None else first
         for owner in np.flatnonzero(volumes < CONFIG.kept * first).tolist():
             ranks[owner] = Rank.ASSET
-            _restore(parts, whole, owner)
+            _restore_uncut_corners(parts, whole, owner)
         if not overlaps:
             break
         for overlap in overlaps:
@@ -143,17 +143,17 @@ def _cut_back(parts: Sequence[_Part], overlap: _Overlap, ranks: Sequence[Rank]) 
     for part, side, gives_way in ((one, 1, first <= second), (other, -1, second <= first)):
         if gives_way and ranks[part.owner] < Rank.ASSET:
             left = cut_hull(part.corners, side * normal, side * place)
-            thick = len(left) > 3 and _thickness(left) > CONFIG.thinnest
+            thick = len(left) > 3 and _least_extent_of_hull(left) > CONFIG.thinnest
             part.corners, part.cut = left if thick else left[:0], True
 
 
-def _thickness(corners: Array) -> float:
+def _least_extent_of_hull(corners: Array) -> float:
     """About the least extent of a hull in any direction, m."""
     centered = corners - corners.mean(axis=0)
     return float(np.ptp(centered @ np.linalg.svd(centered, full_matrices=False)[2][2]))
 
 
-def _restore(parts: Sequence[_Part], whole: Sequence[Array], owner: int) -> None:
+def _restore_uncut_corners(parts: Sequence[_Part], whole: Sequence[Array], owner: int) -> None:
     for part, corners in zip(parts, whole, strict=True):
         if part.owner == owner:
             part.corners, part.cut = corners, False

@@ -17,7 +17,7 @@ CONFIG = DEFAULT.lathe
 
 
 @dataclass(frozen=True)
-class Turned:
+class TurnedSolid:
     """A turned solid."""
 
     axis: Axis
@@ -45,12 +45,12 @@ class _Polar:
     upward: Array
 
 
-def turn_profile(seen: Observation, axis: Axis) -> Turned | None:
+def turn_profile(seen: Observation, axis: Axis) -> TurnedSolid | None:
     """The profile of what turns about an axis; ``None`` where hardly any of its side is seen."""
-    heights = np.linspace(0.0, _rim_height(_about(seen, axis)), CONFIG.slices)
-    largest = 1.5 * float(np.percentile(_about(seen, axis).radius, 98)) + 0.01
+    heights = np.linspace(0.0, _rim_height(_polar_coordinates_about_axis(seen, axis)), CONFIG.slices)
+    largest = 1.5 * float(np.percentile(_polar_coordinates_about_axis(seen, axis).radius, 98)) + 0.01
     axis = center_axis(axis, seen, side_radii(seen, axis, heights, largest))
-    polar = _about(seen, axis)
+    polar = _polar_coordinates_about_axis(seen, axis)
     outer, inner = _radii_of_walls(polar, heights)
     hollow = _is_hollow(polar, heights[-1], inner, outer)
     if hollow:  # a lid's height is measured well, a rim's is not
@@ -63,14 +63,19 @@ def turn_profile(seen: Observation, axis: Axis) -> Turned | None:
     fitted = fit_radii(outer, side_radii(seen, axis, heights, largest), seen.noise)
     known = np.isfinite(fitted)
     radii = _smoothed(np.interp(heights, heights[known], fitted[known]))
-    axis = _settle_in_depth(axis, seen, heights, radii, inner)
+    axis = _move_axis_to_measured_depth(axis, seen, heights, radii, inner)
     side = np.stack([radii, heights], axis=1)
     foot = np.zeros((1, 2))
     if not hollow:
-        return Turned(axis, _thinned(np.concatenate([foot, side, _cap(polar, side[-1])])), side[:, ::-1], None)
+        return TurnedSolid(
+            axis,
+            _simplify_profile(np.concatenate([foot, side, _find_profile_of_top(polar, side[-1])])),
+            side[:, ::-1],
+            None,
+        )
     walls = _walls(polar, heights, radii, inner)
     cavity = np.concatenate([walls[::-1, [0, 2]], [(0.0, walls[0, 2])]])
-    return Turned(axis, _thinned(np.concatenate([foot, side, cavity])), side[:, ::-1], walls)
+    return TurnedSolid(axis, _simplify_profile(np.concatenate([foot, side, cavity])), side[:, ::-1], walls)
 
 
 def _radii_of_walls(polar: _Polar, heights: Array) -> tuple[Array, Array]:
@@ -81,9 +86,9 @@ def _radii_of_walls(polar: _Polar, heights: Array) -> tuple[Array, Array]:
     )
 
 
-def _settle_in_depth(axis: Axis, seen: Observation, heights: Array, radii: Array, inner: Array) -> Axis:
+def _move_axis_to_measured_depth(axis: Axis, seen: Observation, heights: Array, radii: Array, inner: Array) -> Axis:
     """The axis moved along the view until walls of these radii lie where they were measured."""
-    polar = _about(seen, axis)
+    polar = _polar_coordinates_about_axis(seen, axis)
     away = np.array([axis.x, axis.y]) - seen.eye[:2]
     away /= np.linalg.norm(away)
     along = (seen.points[:, :2] - (axis.x, axis.y)) @ away / polar.radius
@@ -98,7 +103,7 @@ def _settle_in_depth(axis: Axis, seen: Observation, heights: Array, radii: Array
     return replace(axis, x=axis.x + float(shift[0]), y=axis.y + float(shift[1]))
 
 
-def _about(seen: Observation, axis: Axis) -> _Polar:
+def _polar_coordinates_about_axis(seen: Observation, axis: Axis) -> _Polar:
     off = seen.points[:, :2] - (axis.x, axis.y)
     radius = np.linalg.norm(off, axis=1) + 1e-9
     outward = (off * seen.normals[:, :2]).sum(axis=1) / radius
@@ -161,7 +166,7 @@ def _walls(polar: _Polar, heights: Array, radii: Array, inner: Array) -> Array:
     return np.stack([inside, np.interp(levels, heights, radii), levels], axis=1)
 
 
-def _cap(polar: _Polar, edge: Array) -> Array:
+def _find_profile_of_top(polar: _Polar, edge: Array) -> Array:
     """(K, 2) the top, from its edge to the middle."""
     rings: list[tuple[float, float]] = []
     for radius in np.linspace(0.9, 0.1, 5) * edge[0]:
@@ -176,7 +181,7 @@ def _smoothed(values: Array) -> Array:
     return np.convolve(np.pad(values, 1, mode="edge"), [0.25, 0.5, 0.25], "valid")
 
 
-def _thinned(profile: Array) -> Array:
+def _simplify_profile(profile: Array) -> Array:
     """The profile without points that hardly bend it, but with some along each long side, and near its corners, where
     else the texture would be smeared from one side of the corner to the other."""
     scaled = (profile * 1e5).astype(np.int32).reshape(-1, 1, 2)
@@ -198,7 +203,7 @@ def _thinned(profile: Array) -> Array:
     return np.array(found)
 
 
-def mesh_turned(turned: Turned, most_faces: int) -> tuple[Array, Faces]:
+def mesh_turned(turned: TurnedSolid, most_faces: int) -> tuple[Array, Faces]:
     """The closed mesh of a turned solid, object frame."""
     line = turned.profile[1:-1]
     around = int(np.clip(most_faces // (2 * (len(line))), *CONFIG.around))

@@ -49,10 +49,13 @@ def fit_mesh_file(found: MeshFile, view: ObjectView) -> ObjectShape | None:
     upright = view.T_object_cam[:3, :3] if found.frame == "camera" else np.eye(3)
     count = 1 if found.frame == "camera" else CONFIG.yaws
     yaws = np.arange(count) * 2 * np.pi / count
-    placed = [_stand(mesh.vertices @ (rotation_about_z(float(yaw)) @ upright).T, view.size) for yaw in yaws]
-    likely = sorted(placed, key=lambda vertices: -_likeness(seen, vertices, mesh))[: CONFIG.refined]
-    tried = [_laid_on(seen, vertices * scale, mesh) for vertices in likely for scale in CONFIG.scales]
-    best = max([*likely, *tried], key=lambda vertices: _likeness(seen, vertices, mesh))
+    placed = [
+        _scale_and_center_on_support(mesh.vertices @ (rotation_about_z(float(yaw)) @ upright).T, view.size)
+        for yaw in yaws
+    ]
+    likely = sorted(placed, key=lambda vertices: -_score_against_view(seen, vertices, mesh))[: CONFIG.refined]
+    tried = [_align_to_seen_points(seen, vertices * scale, mesh) for vertices in likely for scale in CONFIG.scales]
+    best = max([*likely, *tried], key=lambda vertices: _score_against_view(seen, vertices, mesh))
     agreed = compare_with_view(seen, best, mesh.faces)
     final = TexturedMesh(best, mesh.faces, mesh.uvs, mesh.texture)
     return ObjectShape(
@@ -72,14 +75,14 @@ def _read(found: MeshFile) -> TexturedMesh:
     return TexturedMesh(vertices, number.reshape(-1, 3), kept[:, 1:], solid.image)
 
 
-def _stand(vertices: Array, size: tuple[float, float, float]) -> Array:
+def _scale_and_center_on_support(vertices: Array, size: tuple[float, float, float]) -> Array:
     """Vertices on the support in the middle of the object's box, as large as it in all."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     scale = math.prod((np.array(size) / np.maximum(high - low, 1e-9)).tolist()) ** (1 / 3)
     return (vertices - (*((low + high) / 2)[:2], low[2])) * scale
 
 
-def _laid_on(seen: Observation, vertices: Array, mesh: TexturedMesh) -> Array:
+def _align_to_seen_points(seen: Observation, vertices: Array, mesh: TexturedMesh) -> Array:
     """Vertices moved so that their surface lies on the seen points; they stay on the support."""
     for reach in CONFIG.reach:
         points = sample_triangle_points(vertices[mesh.faces], CONFIG.samples, np.random.default_rng(0)).points
@@ -89,7 +92,7 @@ def _laid_on(seen: Observation, vertices: Array, mesh: TexturedMesh) -> Array:
     return vertices
 
 
-def _likeness(seen: Observation, vertices: Array, mesh: TexturedMesh) -> float:
+def _score_against_view(seen: Observation, vertices: Array, mesh: TexturedMesh) -> float:
     """How well a mesh agrees with the view: its silhouette's overlap, less what its depth is off."""
     agreed = compare_with_view(seen, vertices, mesh.faces)
     return agreed.overlap - min(agreed.raw_error / CONFIG.worth, 1.0)

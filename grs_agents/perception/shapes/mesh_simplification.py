@@ -84,7 +84,7 @@ def _collapse_round(work: _Work, spare: int) -> bool:
     costs = np.einsum("ij,ij->i", quadrics, powers)
     costs += 1e-9 * ((work.vertices[a] - work.vertices[b]) ** 2).sum(axis=1)  # of equals the shortest
     costs[_contains(work.refused, work.keys(edges))] = np.inf
-    chosen = _apart(len(work.vertices), edges, costs, max(_CHEAPEST * len(edges), 4 * spare))[:spare]
+    chosen = _select_independent_edges(len(work.vertices), edges, costs, max(_CHEAPEST * len(edges), 4 * spare))[:spare]
     if not len(chosen):
         return False
     places = _best_places(quadrics[chosen], middles[chosen])
@@ -101,7 +101,7 @@ def _contains(numbers: Faces, wanted: Faces) -> Mask:
     return np.asarray(numbers[np.minimum(np.searchsorted(numbers, wanted), len(numbers) - 1)] == wanted)
 
 
-def _apart(count: int, edges: Faces, costs: Array, most: float) -> Faces:
+def _select_independent_edges(count: int, edges: Faces, costs: Array, most: float) -> Faces:
     """Of the ``most`` cheapest edges some of which no two touch each other's ends' neighbours; in mixed order, as
     neighbours cost about the same and few would be cheaper than all others around."""
     cheap = np.argsort(costs, kind="stable")[: int(most)]

@@ -27,7 +27,7 @@ class Mirror:
 
 def find_mirrors(seen: Observation) -> list[Mirror]:
     """The best plane, and the best at a right angle to it; none where no mirror image agrees with the view."""
-    good = [one for one in _rated_planes(seen) if one.breach < CONFIG.breach and one.support > CONFIG.support]
+    good = [one for one in _score_symmetry_planes(seen) if one.breach < CONFIG.breach and one.support > CONFIG.support]
     good.sort(key=lambda one: CONFIG.breach_weight * one.breach - one.support)
     if not good:
         return []
@@ -35,7 +35,7 @@ def find_mirrors(seen: Observation) -> list[Mirror]:
     return [good[0], *across[:1]]
 
 
-def _rated_planes(seen: Observation) -> list[Mirror]:
+def _score_symmetry_planes(seen: Observation) -> list[Mirror]:
     """Planes at many angles and places, each with what speaks for it and against it."""
     points = seen.points[:: max(1, len(seen.points) // CONFIG.points)]
     tolerance = max(CONFIG.tolerance, CONFIG.tolerance_deviations * seen.noise)

@@ -125,7 +125,7 @@ def observe_object(view: ObjectView) -> Observation | None:
     surface = lift(depth)
     pixel = float(np.median(depth[mask])) / focal[0]
     reach = int(np.clip(np.ceil(CONFIG.reach_deviations * view.noise / pixel), 1, CONFIG.longest_reach))
-    normals, slope, even = _surface_normals(surface, view.T_object_cam[:3, 3], reach, _jump(view.noise))
+    normals, slope, even = _surface_normals(surface, view.T_object_cam[:3, 3], reach, _depth_jump_threshold(view.noise))
     inner = np.flatnonzero(sound & mask & even & (edge < -1))
     inner = inner[:: max(1, len(inner) // CONFIG.points)]
     height, width = view.depth.shape
@@ -147,7 +147,7 @@ def observe_object(view: ObjectView) -> Observation | None:
     )
 
 
-def _jump(noise: float) -> float:
+def _depth_jump_threshold(noise: float) -> float:
     """What depth differs by between two surfaces, m."""
     return max(CONFIG.jump, CONFIG.jump_deviations * noise)
 
@@ -160,7 +160,7 @@ def _shrink_picture(rgb: Image, step: int, shape: tuple[int, ...]) -> Image:
 
 def _clean_mask(mask: Mask, depth: Depth, points: Array, noise: float) -> tuple[Mask, Mask]:
     """The mask without what is not the object's, and which of its pixels have sound depth."""
-    height, jump = points[..., 2], _jump(noise)
+    height, jump = points[..., 2], _depth_jump_threshold(noise)
     mask = _fill_holes(mask, depth)
     known = depth > 0
     low = height < max(CONFIG.low, CONFIG.low_deviations * noise)

@@ -54,7 +54,7 @@ def _turned_shape(seen: Observation) -> ObjectShape | None:
         vertices = np.concatenate([vertices, handle[0]])
     if not _is_round(compare_with_view(seen, vertices, faces), axis, turned.walls is not None):
         return None
-    return _finished(seen, vertices, faces, "lathe", turned.walls)
+    return _paint_and_compare_with_view(seen, vertices, faces, "lathe", turned.walls)
 
 
 def _is_round(found: Agreement, axis: Axis, hollow: bool) -> bool:
@@ -71,10 +71,10 @@ def _carved_shape(seen: Observation) -> ObjectShape | None:
     mesh = carve_solid(seen, mirrors, CONFIG.faces)
     if mesh is None:
         return None
-    return _finished(seen, *mesh, "mirror" if mirrors else "voxels", None)
+    return _paint_and_compare_with_view(seen, *mesh, "mirror" if mirrors else "voxels", None)
 
 
-def _finished(
+def _paint_and_compare_with_view(
     seen: Observation, vertices: Array, faces: Faces, method: ShapeMethod, walls: Array | None
 ) -> ObjectShape:
     found = compare_with_view(seen, vertices, faces)

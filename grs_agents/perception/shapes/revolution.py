@@ -34,11 +34,11 @@ def find_axis(seen: Observation) -> Axis | None:
     slices = np.minimum(
         (heights - heights.min()) / max(float(np.ptp(heights)), 1e-3) * CONFIG.slices, CONFIG.slices - 1
     )
-    center = _refine_center(points, normals, slices.astype(np.int64), _meeting_point(points, normals))
+    center = _refine_center(points, normals, slices.astype(np.int64), _point_nearest_to_normals(points, normals))
     return _rate_axis(points, normals, slices.astype(np.int64), center, seen.noise)
 
 
-def _meeting_point(points: Array, normals: Array) -> Array:
+def _point_nearest_to_normals(points: Array, normals: Array) -> Array:
     """(2,) the point that is nearest to the lines (N, 2) along the normals, those far off counting little."""
     across = np.stack([normals[:, 1], -normals[:, 0]], axis=1)
     offsets, weights = (across * points).sum(axis=1), np.ones(len(points))

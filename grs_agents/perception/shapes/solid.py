@@ -47,12 +47,12 @@ def _limit_solid(seen: Observation, mirrors: list[Mirror], body: Array, places: 
         views.append(seen.free_distance(mirrors[1].image(mirrors[0].image(places))))
     values = np.fmax.reduce(views)
     values = np.where(np.isnan(values), -FAR, values)  # seen by none: the hull says
-    values = np.maximum(values, _hull_distance(body, places))
+    values = np.maximum(values, _signed_distance_to_hull(body, places))
     shell = np.maximum(own, seen.depth_behind_surface(places) - max(CONFIG.wall, 1.4 * step))
     return np.fmin(values, shell)  # what is seen stays, however thin the rest came out
 
 
-def _hull_distance(points: Array, grid: Array) -> Array:
+def _signed_distance_to_hull(points: Array, grid: Array) -> Array:
     """(G,) how far places (G, 3) lie outside the convex hull of points (N, 3), m, less than 0 inside."""
     planes = hull_half_spaces(points[:: max(1, len(points) // CONFIG.hull_points)])
     planes = planes[np.unique(np.round(planes, 2), axis=0, return_index=True)[1]].astype(np.float32)

@@ -21,7 +21,7 @@ def paint_mesh(seen: Observation, vertices: Array, faces: Faces) -> TexturedMesh
     places = np.stack([column, row], axis=1)
     shown = _visible_vertices(seen, vertices, faces)
     if shown.any():
-        places = _spread_places(places, shown, _creased_vertices(vertices, faces), faces)
+        places = _extend_texture_coordinates(places, shown, _creased_vertices(vertices, faces), faces)
     picture, (left, top) = _cut_picture(seen)
     height, width = picture.shape[:2]
     uvs = np.stack([(places[:, 0] - left + 0.5) / width, 1 - (places[:, 1] - top + 0.5) / height], axis=1)
@@ -60,7 +60,7 @@ def _creased_vertices(vertices: Array, faces: Faces) -> Mask:
     return np.asarray(least < CONFIG.crease)
 
 
-def _spread_places(places: Array, shown: Mask, creased: Mask, faces: Faces) -> Array:
+def _extend_texture_coordinates(places: Array, shown: Mask, creased: Mask, faces: Faces) -> Array:
     """(V, 2) places of all vertices, from those of the vertices that are ``shown``: a harmonic function on the mesh,
     within its smooth parts rather than over its creases. Found by conjugate gradients."""
     hidden = ~shown

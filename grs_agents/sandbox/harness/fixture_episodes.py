@@ -36,7 +36,7 @@ class FixtureEpisodes:
         if episode is not None and own:
             self._classes[kind] = episode
 
-    def find_shown(self, kind: type | None) -> dict[str, Any]:
+    def find_episode_fields(self, kind: type | None) -> dict[str, Any]:
         """The fields ``episode`` and ``episode_hook`` of a test of a class, None: of a fixture that failed."""
         own = self._take()
         if own is not None:

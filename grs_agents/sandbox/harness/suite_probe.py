@@ -27,17 +27,17 @@ class _FirstFailure(unittest.TestResult):
         self._begin()
 
     def addError(self, test: Any, err: Any) -> None:
-        self._keep(test, err[1])
+        self._keep_first_failure(test, err[1])
 
     def addFailure(self, test: Any, err: Any) -> None:
-        self._keep(test, err[1])
+        self._keep_first_failure(test, err[1])
 
     def addSubTest(self, test: Any, subtest: Any, err: Any) -> None:
         if err is not None:
-            self._keep(test, err[1])
+            self._keep_first_failure(test, err[1])
         del subtest
 
-    def _keep(self, test: Any, error: BaseException) -> None:
+    def _keep_first_failure(self, test: Any, error: BaseException) -> None:
         if self.failed is None:
             self.failed, self.message = str(test.id())[-200:], describe_error(error).message
         self.stop()

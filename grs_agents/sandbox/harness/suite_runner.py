@@ -93,7 +93,7 @@ class Result(unittest.TestResult):
         case.update(seconds=seconds, output=printed, assertions=session.counter.count)
         if session.spoilt is None:
             case.update(self._find_reached_limit(case))
-            case.update(session.fixtures.find_shown(type(test)))
+            case.update(session.fixtures.find_episode_fields(type(test)))
             case.update(self._find_tampering(test))
         report_progress(case)
         session.ended.add(case["item"])
@@ -167,7 +167,7 @@ class Result(unittest.TestResult):
         if self._case is None:
             where = str(getattr(test, "description", "")) or "a fixture"
             message = f"{where}: {facts.get('message', '')}"[:1000]
-            self._fixture = {**facts, **self._session.fixtures.find_shown(None), "message": message}
+            self._fixture = {**facts, **self._session.fixtures.find_episode_fields(None), "message": message}
         elif self._case.get("outcome", "passed") == "passed":  # the first of several errors is the one that matters
             self._case.update(facts)
 

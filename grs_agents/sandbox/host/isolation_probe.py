@@ -54,15 +54,15 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
         "could signal its host": lambda: os.kill(host, 0),
         "could signal its parent": lambda: os.kill(os.getppid(), 0),
         "forked": lambda: _fork_and_kill_child(os.fork),
-        "forked through ctypes": lambda: _fork_and_kill_child(lambda: _check_return_code(libc.fork())),
+        "forked through ctypes": lambda: _fork_and_kill_child(lambda: _raise_errno_if_refused(libc.fork())),
         "could run a program": _try_executing_program,
     }
     if sys.platform == "linux":  # where macOS allows what its sandbox makes harmless, or has no such thing
         attempts |= {
             "opened a socket": lambda: socket.socket(socket.AF_INET, socket.SOCK_DGRAM),
-            "made a namespace": lambda: _check_return_code(libc.unshare(0x10000000)),
+            "made a namespace": lambda: _raise_errno_if_refused(libc.unshare(0x10000000)),
             "read its parent's environment": Path(f"/proc/{os.getppid()}/environ").read_bytes,
-            "became traced": lambda: _check_return_code(libc.ptrace(0, 0, 0, 0)),
+            "became traced": lambda: _raise_errno_if_refused(libc.ptrace(0, 0, 0, 0)),
         }
     return {"escaped": [name for name, action in attempts.items() if _attack_succeeds(action)]}
 
@@ -83,7 +83,7 @@ def _try_executing_program() -> None:
         return
 
 
-def _check_return_code(value: int) -> int:
+def _raise_errno_if_refused(value: int) -> int:
     if value == -1:
         raise OSError(ctypes.get_errno(), "refused")
     return value

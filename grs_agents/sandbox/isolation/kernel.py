@@ -126,12 +126,12 @@ def make_system_call(name: str, *arguments: int) -> int:
     kind = detect_architecture()
     if kind is None:
         raise OSError(38, f"{name} is a system call of Linux on x86-64 and aarch64")
-    return _check_return_code(_libc.syscall(NUMBERS[kind][name], *_pad_with_zeros(arguments, 6)))
+    return _raise_errno_if_negative(_libc.syscall(NUMBERS[kind][name], *_pad_with_zeros(arguments, 6)))
 
 
 def prctl(option: int, *arguments: int) -> int:
     """Read or set a property of this thread or process; arguments left out are 0."""
-    return _check_return_code(_libc.prctl(option, *_pad_with_zeros(arguments, 4)))
+    return _raise_errno_if_negative(_libc.prctl(option, *_pad_with_zeros(arguments, 4)))
 
 
 def read_kernel_file(path: str) -> bytes:
@@ -156,7 +156,7 @@ def _pad_with_zeros(arguments: tuple[int, ...], count: int) -> tuple[int, ...]:
     return arguments + (0,) * (count - len(arguments))
 
 
-def _check_return_code(result: int) -> int:
+def _raise_errno_if_negative(result: int) -> int:
     if result < 0:
         error = ctypes.get_errno()
         raise OSError(error, os.strerror(error))

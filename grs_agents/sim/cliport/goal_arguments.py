@@ -29,7 +29,7 @@ class GoalArguments:
     symmetries: Any
 
     @property
-    def is_begun(self) -> bool:
+    def may_still_be_filled(self) -> bool:
         """Whether there is nothing yet in a list that the program may still fill."""
         return any(isinstance(given, list) and not given for given in (self.objs, self.targ_poses, self.params))
 

@@ -143,7 +143,7 @@ class Task(TaskKit):
         given = (objs, matches, targ_poses, replace, rotations, metric, params, step_max_reward, symmetries)
         # Programs append to the lists that they gave, so they are read again when ``reset`` ends.
         arguments, env = GoalArguments(*given), self.grs.reset_in
-        goal = UNSTATED.model_copy() if arguments.is_begun and env is not None else arguments.make_goal()[0]
+        goal = UNSTATED.model_copy() if arguments.may_still_be_filled and env is not None else arguments.make_goal()[0]
         if env is not None:
             for number in goal.mentioned_object_ids:
                 env.object_by_id(number)

@@ -66,10 +66,10 @@ def _overlaps_that_do_not_collide(table: Tabletop) -> Iterator[tuple[int, int, f
     fixed = [prism for prism in table.collider_prisms() if not table.is_object_movable(prism.owner)]
     for one, other in combinations(fixed, 2):
         upwards = min(one.high, other.high) - max(one.low, other.low)
-        yield one.owner, other.owner, min(upwards, _depth_sideways(one, other))
+        yield one.owner, other.owner, min(upwards, _level_overlap_depth(one, other))
     marks = [item.id for item in table.objects if not table.object_model(item.id).colliders]
     for mark, prism in product(map(table.object_prism, marks), _bystanders_on_table(table) if marks else ()):
-        yield mark.owner, prism.owner, _depth_sideways(mark, prism)
+        yield mark.owner, prism.owner, _level_overlap_depth(mark, prism)
 
 
 def _bystanders_on_table(table: Tabletop) -> list[Prism]:
@@ -77,7 +77,7 @@ def _bystanders_on_table(table: Tabletop) -> list[Prism]:
     return [prism for prism in table.collider_prisms() if prism.owner in numbers and prism.low < _ON_TABLE]
 
 
-def _depth_sideways(one: Prism, other: Prism) -> float:
+def _level_overlap_depth(one: Prism, other: Prism) -> float:
     return -float(signed_outline_gaps(one.outline, other.outline, _POINT)[0])
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from grs_agents.base import Vec3
 from grs_agents.geometry import FloatArray
 from grs_agents.sim.arms import CUP_RADIUS
-from grs_agents.sim.motion.tool_paths import Burden
+from grs_agents.sim.motion.tool_paths import Payload
 from grs_agents.sim.world import Physics, Prism, find_nearby_prisms, margins_inside_outline, nearest_point_of_outline
 
 _SPACING: Final = 0.009
@@ -94,10 +94,10 @@ def find_grasp(physics: Physics, number: int, outline: Prism, others: Sequence[P
             tips = True
             continue
         best = (cost, (x, y, height))
-    return _conclude(best[1], covered, tips)
+    return _make_grasp_or_reason(best[1], covered, tips)
 
 
-def _conclude(point: Vec3 | None, covered: Counter[int], tips: bool) -> Grasp:
+def _make_grasp_or_reason(point: Vec3 | None, covered: Counter[int], tips: bool) -> Grasp:
     """What was found, or else what covers the object, the most frequent first, and what is wrong with the rest."""
     if point is not None:
         return Grasp(point)
@@ -107,7 +107,7 @@ def _conclude(point: Vec3 | None, covered: Counter[int], tips: bool) -> Grasp:
 def _would_tip(physics: Physics, number: int, point: Vec3) -> bool:
     """Whether the weight of an object, lifted at a point, bends it off the cup; a rope hangs freely."""
     x, y, z = np.subtract(point, physics.center_of_mass(number)).tolist()
-    burden = Burden(physics.object_mass(number), float(np.hypot(x, y)), max(0.0, z))
+    burden = Payload(physics.object_mass(number), float(np.hypot(x, y)), max(0.0, z))
     return burden.bends_too_hard and number not in physics.world.limp
 
 

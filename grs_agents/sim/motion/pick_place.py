@@ -15,8 +15,8 @@ from grs_agents.sim.motion import grasp
 from grs_agents.sim.motion.placement import format_point
 from grs_agents.sim.motion.tool_paths import (
     UNDER,
-    Burden,
     Pace,
+    Payload,
     ToolPose,
     candidate_routes,
     common_direction,
@@ -150,7 +150,7 @@ class PickPlace:
         physics = self.physics
         up = tool_up_axis(place.tilt)
         tilted = bool(up[2] < 1.0)
-        self._draw_out(grasped)
+        self._lift_clear_of_neighbours(grasped)
         radius, drop = self._held_object_extent(grasped)
         near = place.shifted_by(0.012 * up)
         if not self._carry_object(grasped, near, radius, drop, tilted):
@@ -174,7 +174,7 @@ class PickPlace:
             return PickPlaceResult(grasped, True, "placed")
         return PickPlaceResult(grasped, False, self._describe_drop(grasped), "dropped")
 
-    def _draw_out(self, number: int) -> None:
+    def _lift_clear_of_neighbours(self, number: int) -> None:
         """Lift an object slowly from between its neighbours, a little away from them, up to where it stands clear, and
         look anew: what rubs against them drags them along, the more the faster it goes, or tips off the cup."""
         if number in self.physics.world.limp:
@@ -281,9 +281,9 @@ class PickPlace:
     def _follow_tool_poses(self, poses: Sequence[ToolPose], speed: float) -> bool:
         """Follow straight stretches; False, without moving, if the arm cannot or would hit the table or itself."""
         physics = self.physics
-        burden = None if physics.held_object_id is None else self._burden(physics.held_object_id)
+        payload = None if physics.held_object_id is None else self._payload(physics.held_object_id)
         gaits = [
-            safe_pace(speed, burden, physics.timestep, _level_share(start.point, end.point))
+            safe_pace(speed, payload, physics.timestep, _level_share(start.point, end.point))
             for start, end in pairwise(poses)
         ]
         legs = plan_joint_legs(self.arm, poses, gaits, physics.commanded_joint_positions)
@@ -298,10 +298,10 @@ class PickPlace:
         self.yaw, self.tilt = poses[-1].yaw, poses[-1].tilt
         return True
 
-    def _burden(self, number: int) -> Burden:
+    def _payload(self, number: int) -> Payload:
         """An object as the cup feels it, were it to hold it where the tip is now, the tool down."""
         x, y, z = np.subtract(self.physics.center_of_mass(number), self.physics.tip_position).tolist()
-        return Burden(self.physics.object_mass(number), float(np.hypot(x, y)), max(0.0, -z))
+        return Payload(self.physics.object_mass(number), float(np.hypot(x, y)), max(0.0, -z))
 
     def _descend_until(self, start: ToolPose, end: ToolPose, stop: Callable[[], bool]) -> bool:
         """Feel the way until ``stop``; False, without moving, if the arm cannot go all of it."""

@@ -57,7 +57,7 @@ class Pace:
 
 
 @dataclass(frozen=True)
-class Burden:
+class Payload:
     """What is on the cup: its mass (kg), and how far (m) its centre is from the tip, to the side and along the tool."""
 
     mass: float
@@ -77,7 +77,7 @@ class Burden:
         return max(min(pulled, bent), _SLOWEST)
 
 
-def safe_pace(speed: float, burden: Burden | None, timestep: float, level: float = 1.0) -> Pace:
+def safe_pace(speed: float, burden: Payload | None, timestep: float, level: float = 1.0) -> Pace:
     """How to move with something on the cup, or nothing, so that its own inertia does not tear it off."""
     return Pace(speed, _QUICKEST if burden is None else min(_QUICKEST, burden.safe_acceleration(level)), timestep)
 
@@ -142,7 +142,9 @@ def motion_profile(length: float, gait: Pace) -> FloatArray:
 def plan_joint_legs(arm: Arm, poses: Sequence[ToolPose], gaits: Sequence[Pace], seed: FloatArray) -> list[FloatArray]:
     """Joint positions (N, dof) of each stretch between two of the poses, one a time step: the first begins near
     ``seed``, the last is NaN where the arm cannot."""
-    legs = [_tool_way(start, end, gait) for (start, end), gait in zip(pairwise(poses), gaits, strict=True)]
+    legs = [
+        _interpolate_tool_poses(start, end, gait) for (start, end), gait in zip(pairwise(poses), gaits, strict=True)
+    ]
     if arm.solves_rows_alone and not any(any(pose.tilt) for pose in poses):
         points, yaws, _ = (np.concatenate(parts) for parts in zip(*legs, strict=True))
         return np.split(arm.solve_ik_tool_down(points, yaws, seed), np.cumsum([len(leg[0]) for leg in legs])[:-1])
@@ -159,7 +161,7 @@ def plan_joint_legs(arm: Arm, poses: Sequence[ToolPose], gaits: Sequence[Pace], 
     return solved
 
 
-def _tool_way(start: ToolPose, end: ToolPose, gait: Pace) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _interpolate_tool_poses(start: ToolPose, end: ToolPose, gait: Pace) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where the tip is (N, 3), how the tool is turned (N,) and tilted (N, 3; rotation vectors), one row a time step."""
     tilting = np.array([start.tilt, end.tilt])
     leaning = float(np.linalg.norm(tilting[1] - tilting[0]))
@@ -200,7 +202,7 @@ def find_rubbing_neighbours(number: int, obstacles: Sequence[Prism]) -> list[tup
     """How high (m) over an object's underside each thing beside it reaches, and the level way (3,) from it."""
     others = [other for other in obstacles if other.owner != number]
     return [
-        (other.high - part.low, _direction_away(part, other))
+        (other.high - part.low, _level_direction_between_outlines(part, other))
         for part in obstacles
         if part.owner == number
         for other in find_nearby_prisms(part, others, (0.0, 0.0), _RUBBING)
@@ -209,7 +211,7 @@ def find_rubbing_neighbours(number: int, obstacles: Sequence[Prism]) -> list[tup
     ]
 
 
-def _direction_away(part: Prism, other: Prism) -> FloatArray:
+def _level_direction_between_outlines(part: Prism, other: Prism) -> FloatArray:
     """The level unit vector (3,) from one outline to another beside it."""
     center = part.outline.mean(axis=0)
     away = center - nearest_point_of_outline(other.outline, center)

@@ -42,7 +42,7 @@ class RayPainter:
         """Take up how the stage is now, seen through ``lens`` from ``pose`` (T_robot_cam, OpenCV axes)."""
         behind: Backdrop | None = self._backdrop
         if behind is None or behind.lens != lens or not np.array_equal(behind.pose, pose):
-            behind = self._backdrop = self._scenery.see(lens, pose)
+            behind = self._backdrop = self._scenery.draw_backdrop(lens, pose)
         rows = np.flatnonzero(self._boxes.mask_in_picture(lens, pose, arm))
         directions = behind.directions[:, rows].T.astype(np.float64, order="C")
         hits = self._caster.cast(self._stage, pose[:3, 3], directions, table=False, arm=arm)

@@ -40,7 +40,7 @@ class Scenery:
         self._pattern, self._lighting = table_pattern(stage.model), lighting
         self._rays: tuple[Lens, Floats, Floats] | None = None  # directions (3, N) in its frame, and lengths (N,)
 
-    def see(self, lens: Lens, pose: FloatArray) -> Backdrop:
+    def draw_backdrop(self, lens: Lens, pose: FloatArray) -> Backdrop:
         """What there is to see through ``lens`` from ``pose`` (T_robot_cam)."""
         if self._rays is None or self._rays[0] != lens:
             local = np.ascontiguousarray(lens_ray_directions(lens).reshape(-1, 3).T, np.float32)

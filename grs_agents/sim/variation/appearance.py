@@ -26,12 +26,12 @@ def vary_light(light: InstanceLight, rng: np.random.Generator) -> InstanceLight:
     return InstanceLight(
         position=(float(x + aside[0]), float(y + aside[1]), max(_LOWEST, float(z + aside[2]))),
         target=light.target,
-        diffuse=_scale(light.diffuse, float(direct)),
-        ambient=_scale(light.ambient, float(everywhere)),
+        diffuse=_scale_color(light.diffuse, float(direct)),
+        ambient=_scale_color(light.ambient, float(everywhere)),
     )
 
 
-def _scale(color: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
+def _scale_color(color: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
     red, green, blue = (min(1.0, channel * factor) for channel in color)
     return (red, green, blue)
 

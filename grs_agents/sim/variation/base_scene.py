@@ -67,7 +67,7 @@ class Region:
     owner: int  # the mark's id, -1 for a zone that nothing shows
 
 
-def _pair(one: int, other: int) -> Pair:
+def _sorted_pair(one: int, other: int) -> Pair:
     return (min(one, other), max(one, other))
 
 
@@ -89,12 +89,12 @@ class BaseScene:
         self.arm = self._env.arm
         self.parts = find_parts(instance, library, view, ids)
         self.scores = score_goals_by_last_word(task)
-        self.restless = frozenset(self._find_restless(instance, task))
+        self.restless = frozenset(self._find_objects_moved_by_settling(instance, task))
         self.world = compile_world(spec_of(instance, library))
         self.models = {item.id: load_object_model(item, library) for item in instance.objects}
         self.end_depths = self.contact_depths(self.end_objects(instance.objects, instance.goals))
         self._prisms = prisms = prisms_of_objects(instance, library)
-        self.ceilings = {part: self._ceilings(part, instance.objects, instance.goals) for part in self.parts}
+        self.ceilings = {part: self._lift_heights_needed(part, instance.objects, instance.goals) for part in self.parts}
         self.standings = {
             (index, number): standing(region, prisms[number], self._center(number, instance.objects))
             for index, region in enumerate(self.regions(instance.objects, instance.goals))
@@ -108,7 +108,7 @@ class BaseScene:
         self._env.reset()
         return task
 
-    def _find_restless(self, instance: TaskInstance, task: InstanceTask) -> list[int]:
+    def _find_objects_moved_by_settling(self, instance: TaskInstance, task: InstanceTask) -> list[int]:
         """Ids of what settling moves from where the instance puts it."""
         moved: list[int] = []
         for item in instance.objects:
@@ -125,7 +125,7 @@ class BaseScene:
             task = self._set_up(instance)
         except GrsError as error:
             return error.message
-        if fallen := sorted(set(self._find_restless(instance, task)) - self.restless):
+        if fallen := sorted(set(self._find_objects_moved_by_settling(instance, task)) - self.restless):
             return f"objects {fallen} do not stay where they are put"
         scores = score_goals_by_last_word(task)
         met = [index for index, score in enumerate(scores) if score >= MET > self.scores[index]]
@@ -143,7 +143,7 @@ class BaseScene:
         depths: dict[Pair, float] = {}
         for geoms, distance in zip(data.contact.geom.reshape(-1, 2).tolist(), data.contact.dist.tolist(), strict=True):
             if distance < 0 and self._table not in geoms:
-                pair = _pair(world.owners[int(geoms[0])], world.owners[int(geoms[1])])
+                pair = _sorted_pair(world.owners[int(geoms[0])], world.owners[int(geoms[1])])
                 if pair[0] != pair[1]:
                     depths[pair] = max(depths.get(pair, 0.0), -distance)
         return depths
@@ -162,14 +162,14 @@ class BaseScene:
         others = [prism for prism in prisms if prism.owner not in part.objects]
         pairs = ((prism, other) for prism in own for other in find_nearby_prisms(prism, others, (0.0, 0.0), 0.0))
         return any(
-            _pair(one.owner, other.owner) not in self._fixed_in_one_another and _prisms_overlap(one, other)
+            _sorted_pair(one.owner, other.owner) not in self._fixed_in_one_another and _prisms_overlap(one, other)
             for one, other in pairs
         )
 
     @cached_property
     def _fixed_in_one_another(self) -> frozenset[Pair]:
         return frozenset(
-            _pair(one.owner, other.owner)
+            _sorted_pair(one.owner, other.owner)
             for one, other in combinations(self._fixed_prisms(self.instance.objects), 2)
             if one.owner != other.owner and _prisms_overlap(one, other)
         )
@@ -219,11 +219,11 @@ class BaseScene:
         x, y, _ = next(item.pose[0] for item in objects if item.id == number)
         return (x, y)
 
-    def _ceilings(self, part: Part, objects: Sequence[InstanceObject], goals: Sequence[Goal]) -> FloatArray:
+    def _lift_heights_needed(self, part: Part, objects: Sequence[InstanceObject], goals: Sequence[Goal]) -> FloatArray:
         """How high (N,; m) the arm can lift at each place of a part, 0 where it does not get there, at most as high as
         carrying needs: at what can move and at the middle of targets and zones over all else, at corners just up."""
         size = {item.id: self.models[item.id].size[2] for item in objects}
-        over, tips = self._tallest + _CLEAR, list[tuple[float, float, float, float]]()
+        over, tips = self._highest_solid_point + _CLEAR, list[tuple[float, float, float, float]]()
         for item in objects:
             if item.id in part.objects and item.id in self.world.addresses:
                 x, y, z = item.pose[0]
@@ -244,16 +244,16 @@ class BaseScene:
         return np.where(np.logical_and.accumulate(served, axis=1), heights, 0.0).max(axis=1)
 
     @cached_property
-    def _tallest(self) -> float:
+    def _highest_solid_point(self) -> float:
         """How high anything solid reaches, metres."""
         solid = [prism.high for number, prism in self._prisms.items() if self.models[number].colliders]
         return max(solid, default=0.0)
 
     def keeps_reach(self, part: Part, objects: Sequence[InstanceObject], goals: Sequence[Goal]) -> bool:
         """Whether the arm still lifts as high at each place of a part as it did in the base."""
-        return bool((self._ceilings(part, objects, goals) >= self.ceilings[part] - 1e-9).all())
+        return bool((self._lift_heights_needed(part, objects, goals) >= self.ceilings[part] - 1e-9).all())
 
-    def keeps_standings(self, part: Part, objects: Sequence[InstanceObject], goals: Sequence[Goal]) -> bool:
+    def keeps_support_relations(self, part: Part, objects: Sequence[InstanceObject], goals: Sequence[Goal]) -> bool:
         """Whether nothing of a part has come upon a mark or a zone or off it, nor any other thing on or off its own."""
         prisms = {item.id: find_prisms_at_pose(self.models[item.id], item.pose, item.id)[1] for item in objects}
         centers = {item.id: item.pose[0][:2] for item in objects}

@@ -65,10 +65,10 @@ def _taken_outlines(instance: TaskInstance, library: Library) -> Iterator[tuple[
         for row, number in enumerate(goal.objects):
             radius = float(np.linalg.norm(prisms[number].outline - np.array(poses[number][0][:2]), axis=1).max())
             for index in goal.allowed_target_indices(row):
-                yield _circle(goal.targets[index][0][:2], radius), _GAP
+                yield _circle_points(goal.targets[index][0][:2], radius), _GAP
 
 
-def _circle(center: tuple[float, float], radius: float) -> FloatArray:
+def _circle_points(center: tuple[float, float], radius: float) -> FloatArray:
     angles = np.arange(12) * (math.pi / 6)
     return np.array(center) + radius * np.column_stack([np.cos(angles), np.sin(angles)])
 

@@ -70,19 +70,19 @@ def find_owned_places(instance: TaskInstance, library: Library, prisms: Mapping[
     places = OwnedPlaces()
     for number, goal in enumerate(instance.goals):
         zones = {(number, index): _owner_of_zone(zone, prisms) for index, zone in enumerate(goal.zones)}
-        places.zones.update(_known(zones))
+        places.zones.update(_drop_places_without_owner(zones))
         targets = {
-            (number, index): _owner_of_target(goal, number, target[0][:2], prisms, places.zones)
+            (number, index): _object_that_carries_target(goal, number, target[0][:2], prisms, places.zones)
             for index, target in enumerate(goal.targets)
         }
-        places.targets.update(_known(targets))
+        places.targets.update(_drop_places_without_owner(targets))
     told = [*_give_to_what_words_tell(instance, library, prisms, places)]
     _let_neighbours_follow(instance, places.targets, prisms)
     between = tuple((named[0], other) for named in told for other in named[1:])
     return OwnedPlaces(places.targets, places.zones, frozenset(one for named in told for one in named), between)
 
 
-def _known(owners: Mapping[Place, int | None]) -> dict[Place, int]:
+def _drop_places_without_owner(owners: Mapping[Place, int | None]) -> dict[Place, int]:
     return {place: owner for place, owner in owners.items() if owner is not None}
 
 
@@ -97,7 +97,7 @@ def _owner_of_zone(zone: Zone, prisms: Mapping[int, Prism]) -> int | None:
     return min(around)[1] if around else None
 
 
-def _owner_of_target(
+def _object_that_carries_target(
     goal: Goal, number: int, point: Sequence[float], prisms: Mapping[int, Prism], zones: Mapping[Place, int]
 ) -> int | None:
     """What a target moves with: the owner of the zone that it lies in, else what it lies over, else nothing."""
@@ -139,7 +139,7 @@ def _objects_told_of(instance: TaskInstance, goal: Goal, library: Library, prism
     found: list[tuple[float, int]] = []
     for item in instance.objects:
         if item.id not in goal.objects and _is_named(item, words, library):
-            gap = min((_gap(outline, prisms[item.id].outline) for outline in outlines), default=np.inf)
+            gap = min((_gap_between_outlines(outline, prisms[item.id].outline) for outline in outlines), default=np.inf)
             if gap <= _BESIDE + largest:
                 found.append((gap, item.id))
     return [number for _, number in sorted(found)]
@@ -150,7 +150,7 @@ def _is_named(item: InstanceObject, words: set[str], library: Library) -> bool:
     return bool(kind) and kind <= words
 
 
-def _gap(first: FloatArray, second: FloatArray) -> float:
+def _gap_between_outlines(first: FloatArray, second: FloatArray) -> float:
     """Between two outlines, of which the first may be a point, metres; about, and never too much."""
     if len(second) < 3:
         return float("inf")
@@ -166,15 +166,19 @@ def _let_neighbours_follow(instance: TaskInstance, targets: dict[Place, int], pr
     found = True
     while found:
         near = {place: _nearest_owner(outlines[place], outlines, targets) for place in waiting}
-        found = bool(_known(near))
-        targets.update(_known(near))
+        found = bool(_drop_places_without_owner(near))
+        targets.update(_drop_places_without_owner(near))
         waiting = [place for place in waiting if place not in targets]
 
 
 def _nearest_owner(
     outline: FloatArray, outlines: Mapping[Place, FloatArray], targets: Mapping[Place, int]
 ) -> int | None:
-    gaps = [(_gap(outline, outlines[other]), owner) for other, owner in targets.items() if other in outlines]
+    gaps = [
+        (_gap_between_outlines(outline, outlines[other]), owner)
+        for other, owner in targets.items()
+        if other in outlines
+    ]
     gap, owner = min(gaps, default=(np.inf, -1))
     return owner if gap < _SAME_GROUP else None
 

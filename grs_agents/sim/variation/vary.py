@@ -111,7 +111,7 @@ def _draw_poses(base: BaseScene, variation: Variation, rng: np.random.Generator)
             for _ in range(_TRIES):
                 move = _Move.draw(part, variation, rng)
                 tried, wanted = move.of_objects(objects), move.of_goals(goals)
-                if _is_on_table(part, tried) and _fits(base, part, tried, wanted):
+                if _is_on_table(part, tried) and _stands_well(base, part, tried, wanted):
                     objects, goals = tried, wanted
                     break
             else:
@@ -126,11 +126,11 @@ def _is_on_table(part: Part, objects: Sequence[InstanceObject]) -> bool:
     return bool((np.array(places) > low).all() and (np.array(places) < high).all())
 
 
-def _fits(base: BaseScene, part: Part, objects: Sequence[InstanceObject], goals: Sequence[Goal]) -> bool:
+def _stands_well(base: BaseScene, part: Part, objects: Sequence[InstanceObject], goals: Sequence[Goal]) -> bool:
     """Whether a part stands well where it was moved to; the cheapest question first."""
     return (
         base.keeps_reach(part, objects, goals)
-        and base.keeps_standings(part, objects, goals)
+        and base.keeps_support_relations(part, objects, goals)
         and base.keeps_apart(part, objects, goals)
     )
 
@@ -166,9 +166,9 @@ class _Move:
 
     def of_goals(self, goals: Sequence[Goal]) -> tuple[Goal, ...]:
         """All goals, their targets and zones moved that belong to the part."""
-        return tuple(self._of_goal(number, goal) for number, goal in enumerate(goals))
+        return tuple(self._move_goal(number, goal) for number, goal in enumerate(goals))
 
-    def _of_goal(self, number: int, goal: Goal) -> Goal:
+    def _move_goal(self, number: int, goal: Goal) -> Goal:
         places = {*self.part.targets, *self.part.zones}
         if not any(place[0] == number for place in places):
             return goal
