@@ -191,7 +191,9 @@ def _refuse_unknown_assets(task: TaskDefinition, known: Collection[str]) -> None
 
 def to_json_text(value: Json) -> str:
     """``value`` as compact JSON, but for the items of its lists of objects: each has a line of its own."""
-    return "{" + ",\n".join(f"{json.dumps(key)}:{_items_on_lines(item)}" for key, item in value.items()) + "}"
+    return (
+        "{" + ",\n".join(f"{json.dumps(key)}:{_json_with_an_item_per_line(item)}" for key, item in value.items()) + "}"
+    )
 
 
 def to_json_lines(values: Sequence[Json]) -> str:
@@ -199,7 +201,7 @@ def to_json_lines(values: Sequence[Json]) -> str:
     return "\n".join(map(_compact_json, values))
 
 
-def _items_on_lines(value: Any) -> str:
+def _json_with_an_item_per_line(value: Any) -> str:
     if isinstance(value, list) and value and isinstance(value[0], dict):
         return "[\n" + ",\n".join(map(_compact_json, cast(list[Any], value))) + "\n]"
     return _compact_json(value)

@@ -54,9 +54,9 @@ def make_demonstrations(
             the working folder was begun with another order.
     """
     attempts = _Attempts(folder, order)
-    made = WorkFolder(work, attempts.identity)
+    made = WorkFolder(work, attempts.attempt_settings)
     with closing(attempts):
-        for attempt in range(attempts.most):
+        for attempt in range(attempts.most_attempts):
             show(made)
             if made.count >= order.episodes:
                 break
@@ -88,12 +88,12 @@ class _Attempts:
         self._replayer = Replayer(folder.library, robot, rows, order.cameras, order.size, order.renderer)
 
     @property
-    def most(self) -> int:
+    def most_attempts(self) -> int:
         """How many attempts may be made."""
         return len(self._instances) if self._order.variation == Variation() else 2 * self._order.episodes + _SPARE
 
     @property
-    def identity(self) -> dict[str, Any]:
+    def attempt_settings(self) -> dict[str, Any]:
         """What the attempts depend on; more episodes may be wanted of the same ones."""
         return {
             "instances": {str(seed): hash_instance(instance) for seed, instance in self._instances.items()},

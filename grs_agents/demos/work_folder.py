@@ -38,44 +38,44 @@ class WorkFolder:
             )
 
     @cached_property
-    def _kept(self) -> dict[int, Path]:
-        return self._find("npz")
+    def _kept_files(self) -> dict[int, Path]:
+        return self._find_attempt_files("npz")
 
     @cached_property
-    def _dropped(self) -> dict[int, Path]:
-        return self._find("json")
+    def _dropped_files(self) -> dict[int, Path]:
+        return self._find_attempt_files("json")
 
-    def _find(self, kind: str) -> dict[int, Path]:
+    def _find_attempt_files(self, kind: str) -> dict[int, Path]:
         return {int(file.stem.partition("_")[2]): file for file in sorted(self.path.glob(f"attempt_*.{kind}"))}
 
     @property
     def attempts(self) -> frozenset[int]:
         """The attempts that were made."""
-        return frozenset(self._kept) | frozenset(self._dropped)
+        return frozenset(self._kept_files) | frozenset(self._dropped_files)
 
     @property
     def count(self) -> int:
         """How many demonstrations there are."""
-        return len(self._kept)
+        return len(self._kept_files)
 
     def add(self, attempt: int, result: Demonstration | Dropped) -> None:
         """Keep what came of an attempt, whole or not at all."""
         if isinstance(result, Dropped):
-            self._dropped[attempt] = write_json(self._file(attempt, "json"), result.model_dump())
+            self._dropped_files[attempt] = write_json(self._attempt_file(attempt, "json"), result.model_dump())
         else:
-            self._kept[attempt] = write_bytes(self._file(attempt, "npz"), _pack(result))
+            self._kept_files[attempt] = write_bytes(self._attempt_file(attempt, "npz"), _pack(result))
 
-    def _file(self, attempt: int, kind: str) -> Path:
+    def _attempt_file(self, attempt: int, kind: str) -> Path:
         return self.path / f"attempt_{attempt:06d}.{kind}"
 
     def demonstrations(self) -> Iterator[Demonstration]:
         """What there is, in the order of the attempts; one at a time is in memory."""
-        for _, file in sorted(self._kept.items()):
+        for _, file in sorted(self._kept_files.items()):
             yield _unpack(file)
 
     def all_dropped(self) -> list[Dropped]:
         """What came to nothing, in the order of the attempts."""
-        return [Dropped.model_validate_json(file.read_bytes()) for _, file in sorted(self._dropped.items())]
+        return [Dropped.model_validate_json(file.read_bytes()) for _, file in sorted(self._dropped_files.items())]
 
 
 def _pack(demonstration: Demonstration) -> bytes:

@@ -65,7 +65,7 @@ def build_mjcf_scene(instance: TaskInstance, library: Library, portable: bool) -
     """
     made = spec_of(instance, library, visuals=True)
     made.spec.modelname = re.sub(r"\W", "_", made.spec.modelname) or "scene"
-    _bound_commands(made)
+    _set_actuator_ranges(made)
     if portable:
         _make_portable(made)
     sites = _add_goal_sites(instance, made)
@@ -76,7 +76,7 @@ def build_mjcf_scene(instance: TaskInstance, library: Library, portable: bool) -
     return MjcfScene(instance, made, portable, sites)
 
 
-def _bound_commands(made: WorldSpec) -> None:
+def _set_actuator_ranges(made: WorldSpec) -> None:
     """Give each joint's actuator a range, so that a viewer's slider has one."""
     for actuator in made.spec.actuators:
         low, high = (float(bound) for bound in made.spec.joint(actuator.target).range)
@@ -94,13 +94,13 @@ def _make_portable(made: WorldSpec) -> None:
     for number in made.graspable:
         spec.delete(spec.equality(f"suction_{number}"))
     if made.graspable:
-        _add_lip(spec)
+        _replace_cup_by_contact_ring(spec)
         suction = spec.add_actuator(name="suction", target="cup", trntype=mujoco.mjtTrn.mjTRN_BODY)
         suction.set_to_adhesion(gain=HOLDING_FORCE)
         suction.ctrlspec, suction.ctrlrange, suction.ctrllimited = 0, (0.0, 1.0), True
 
 
-def _add_lip(spec: Any) -> None:
+def _replace_cup_by_contact_ring(spec: Any) -> None:
     """Have a ring of balls and a drawn-back core touch in the place of the cup's cylinder, which is seen and weighs as
     before: adhesion holds as steadily as its contacts lie apart, and those of a cylinder may all be at one side."""
     cup, body, tip = spec.geom("cup"), spec.body("cup"), float(spec.site("tip").pos[2])

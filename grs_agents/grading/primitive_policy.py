@@ -59,7 +59,7 @@ class PrimitivePolicy:
         x, y, yaw = np.concatenate([one.places for one in demonstrations]).T
         places = np.column_stack([x, y, np.sin(yaw), np.cos(yaw)])
         self._mean, self._deviation = features.mean(axis=0), features.std(axis=0) + 1e-3
-        scaled, rng = self._scale(features), np.random.default_rng(seed)
+        scaled, rng = self._standardize_features(features), np.random.default_rng(seed)
         labels = np.zeros(len(features), dtype=np.int_)
         self._slots: list[_Slot] = []
         for number in np.unique(objects).tolist():
@@ -76,7 +76,7 @@ class PrimitivePolicy:
         """How many pairs of an object and a slot were told apart."""
         return len(self._slots)
 
-    def _scale(self, features: FloatArray) -> FloatArray:
+    def _standardize_features(self, features: FloatArray) -> FloatArray:
         return (features - self._mean) / self._deviation
 
     def __call__(self, features: FloatArray, waiting: Sequence[bool]) -> tuple[int, tuple[float, float, float]]:
@@ -90,7 +90,7 @@ class PrimitivePolicy:
         Returns:
             The index of an object among the candidates, and where to put it in the frame of its goal: x, y (m), yaw.
         """
-        scaled = self._scale(features)
+        scaled = self._standardize_features(features)
         open_slots = np.array([waiting[slot.object] or not slot.wanted for slot in self._slots])
         logits = self._classifier.logits(scaled[None])[0]
         slot = self._slots[int(np.argmax(np.where(open_slots | ~open_slots.any(), logits, -np.inf)))]

@@ -188,8 +188,8 @@ class _Describer:
             numbers = [int(row["id"]) for row in state["rows"]]
             silent = dict.fromkeys(map(str, numbers), str(reply))
             measured = {int(row["id"]): make_undescribed_segment(str(row["outline"])) for row in state["rows"]}
-            return {"descriptions": _as_json(measured), "silent": silent}
-        return {"descriptions": _as_json(reply)}
+            return {"descriptions": _descriptions_as_json(measured), "silent": silent}
+        return {"descriptions": _descriptions_as_json(reply)}
 
     def merge(self, state: _State) -> dict[str, Any]:
         """Put together what was described as pieces of one thing; that is described next."""
@@ -206,7 +206,7 @@ class _Describer:
             "records": [one.model_dump(mode="json") for one in (*rest, *added)],
             "asked": [one.id for one in added],
             "dropped": [one.model_dump(mode="json") for one in dropped],
-            "notes": [*_note_apart(part_of, groups), *too_large],
+            "notes": [*_list_pieces_not_merged(part_of, groups), *too_large],
         }
 
     def save(self, merged: Sequence[Candidate], rest: Sequence[CandidateRecord]) -> tuple[CandidateRecord, ...]:
@@ -248,7 +248,7 @@ def _drop_pieces(merged: Sequence[tuple[Group, Candidate]], said: Mapping[int, D
     ]
 
 
-def _note_apart(part_of: Mapping[int, int], groups: Sequence[Group]) -> list[str]:
+def _list_pieces_not_merged(part_of: Mapping[int, int], groups: Sequence[Group]) -> list[str]:
     """Which pieces are not put together with what they were said to be a part of."""
     return [
         f"segment {number} was described as a part of {whole}, which it does not adjoin: it stays by itself"
@@ -257,5 +257,5 @@ def _note_apart(part_of: Mapping[int, int], groups: Sequence[Group]) -> list[str
     ]
 
 
-def _as_json(said: Mapping[int, Description]) -> dict[str, Any]:
+def _descriptions_as_json(said: Mapping[int, Description]) -> dict[str, Any]:
     return {str(number): one.model_dump(mode="json") for number, one in said.items()}

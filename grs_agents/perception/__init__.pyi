@@ -59,9 +59,6 @@ from .reading.scene_source import short_scene_name as short_scene_name
 from .registration.registration import Registered as Registered
 from .registration.registration import register_asset as register_asset
 from .registration.registration import registration_cost as registration_cost
-from .registration.unexplained_segments import ResidualCandidates as ResidualCandidates
-from .registration.unexplained_segments import find_residual_candidates as find_residual_candidates
-from .registration.unexplained_segments import match_pieces_to_objects as match_pieces_to_objects
 from .registration.scene_registration import add_residual_candidates as add_residual_candidates
 from .registration.scene_registration import register_objects as register_objects
 from .registration.scene_registration import registered_object_fields as registered_object_fields
@@ -70,6 +67,9 @@ from .registration.size_check import deviation_from_measured_box as deviation_fr
 from .registration.size_check import enclosing_aabb as enclosing_aabb
 from .registration.size_check import is_match_certain as is_match_certain
 from .registration.size_check import upright_box_from_aabb as upright_box_from_aabb
+from .registration.unexplained_segments import ResidualCandidates as ResidualCandidates
+from .registration.unexplained_segments import find_residual_candidates as find_residual_candidates
+from .registration.unexplained_segments import match_pieces_to_objects as match_pieces_to_objects
 from .robot_pixels import check_joints as check_joints
 from .robot_pixels import robot_pixel_mask as robot_pixel_mask
 from .scenery import SortedCandidates as SortedCandidates

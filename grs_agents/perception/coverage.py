@@ -109,7 +109,7 @@ def measure_coverage(
         mask.put(pixels, True)
         box = _box_of_pixels(frame, table, mask)
         if box is not None:
-            reason = _why_unowned(mask, frame, rejected)
+            reason = _explain_unowned_region(mask, frame, rejected)
             regions.append((mask, UnownedRegion(share=len(pixels) / total, box=box, reason=reason)))
     return MeasuredCoverage(1 - np.count_nonzero(unowned) / total, above, owned, tuple(regions))
 
@@ -126,7 +126,7 @@ def _box_of_pixels(frame: RGBDFrame, table: TableFrame, mask: Mask) -> Aabb | No
     return Aabb(low=(low[0], low[1], low[2]), high=(high[0], high[1], high[2]))
 
 
-def _why_unowned(mask: Mask, frame: RGBDFrame, rejected: Sequence[Rejected]) -> str:
+def _explain_unowned_region(mask: Mask, frame: RGBDFrame, rejected: Sequence[Rejected]) -> str:
     """Why no object owns a region (H, W)."""
     count = int(np.count_nonzero(mask))
     for segment, reason in rejected:

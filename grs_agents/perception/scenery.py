@@ -59,7 +59,7 @@ def _explain_scenery(candidates: Sequence[Candidate], robot: Mask, points: Array
     """Why segments, by number, are no objects; those that may be objects, or were given as such, are not in it."""
     candidates = _without_given_masks(candidates)
     beside_robot = _dilate_mask(robot, CONFIG.meets)
-    why = {one.id: _why_scenery(one, candidates, points, table) for one in candidates}
+    why = {one.id: _explain_scenery_by_position(one, candidates, points, table) for one in candidates}
     why |= {one.id: ROBOT for one in candidates if _is_blurred_robot_edge(one.mask, beside_robot)}
     known = _union_of_masks(robot, [one for one in candidates if why[one.id]])
     walls = _find_straight_walls([one for one in candidates if not why[one.id]], known, points)
@@ -86,7 +86,9 @@ def _is_blurred_robot_edge(mask: Mask, beside_robot: Mask) -> bool:
     return not core.any() and bool(beside_robot[mask].mean() > CONFIG.beside)
 
 
-def _why_scenery(candidate: Candidate, candidates: Sequence[Candidate], points: Array, table: TableFrame) -> str:
+def _explain_scenery_by_position(
+    candidate: Candidate, candidates: Sequence[Candidate], points: Array, table: TableFrame
+) -> str:
     """Why one of the segments is no object, by where it is; empty if it may be one."""
     if enters_from_outside_view(candidate.mask, points, DEFAULT.segmentation):
         return ENTERING
@@ -130,7 +132,9 @@ def _is_bin(mask: Mask, others: Sequence[Candidate], points: Array) -> bool:
 def _find_straight_walls(candidates: Sequence[Candidate], left_out: Mask, points: Array) -> list[Candidate]:
     """The walls of a bin that is seen in part: long and thin segments with all others to one side, of which both ends
     meet another one, what was ``left_out`` (H, W), or the picture's border."""
-    ends = {one.id: _find_ends(one, points) for one in candidates if _is_straight_wall(one, candidates)}
+    ends = {
+        one.id: _end_pixels_of_long_segment(one, points) for one in candidates if _is_straight_wall(one, candidates)
+    }
     found: list[Candidate] = []
     edge = left_out.copy()
     edge[[0, -1]] = edge[:, [0, -1]] = True
@@ -158,7 +162,7 @@ def _is_straight_wall(candidate: Candidate, candidates: Sequence[Candidate]) -> 
     )
 
 
-def _find_ends(candidate: Candidate, points: Array) -> tuple[Mask, Mask]:
+def _end_pixels_of_long_segment(candidate: Candidate, points: Array) -> tuple[Mask, Mask]:
     """(H, W) the pixels of either end of a long segment."""
     length, width, _ = candidate.upright.size
     yaw = candidate.upright.yaw + (0 if length > width else np.pi / 2)

@@ -67,7 +67,7 @@ def _read_log_bytes(path: Path) -> bytes:
     return data
 
 
-class _Contained:
+class _ReportingExceptions:
     """Hands an exception of its block to ``report`` instead of raising it; interrupts go through."""
 
     def __init__(self, report: Callable[[Exception], None]) -> None:
@@ -145,7 +145,7 @@ class EventLog:
                 raise unwritable_error(self.path, error) from error
             self.sequence += 1
             for subscriber in self._subscribers:
-                with _Contained(partial(self._warn_subscriber_failed, subscriber, stamped)):
+                with _ReportingExceptions(partial(self._warn_subscriber_failed, subscriber, stamped)):
                     subscriber(stamped)
             return stamped
 

@@ -9,7 +9,7 @@ import numpy as np
 from grs_agents.models.offline.object_selection import (
     MAX_OBJECTS,
     find_plan_for_family,
-    is_apart,
+    is_clear_of_others,
     rank_movable_objects,
     relocate_misplaced_objects,
 )
@@ -188,7 +188,7 @@ def _candidate_object_sets(objects: Sequence[SceneObject], text: str) -> Iterato
 def _find_usable_containers(objects: Sequence[SceneObject]) -> tuple[SceneObject, ...]:
     """Containers on the table, in reach, with nothing in them or against them."""
     ready = [obj for obj in objects if obj.hollow and abs(obj.low) < 0.025 and is_reachable_object(obj)]
-    return tuple(obj for obj in ready if obj.category not in _TABLEWARE and is_apart(obj, objects, 0.0))
+    return tuple(obj for obj in ready if obj.category not in _TABLEWARE and is_clear_of_others(obj, objects, 0.0))
 
 
 _TABLEWARE = ("mug", "cup", "plate", "bowl")

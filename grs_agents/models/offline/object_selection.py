@@ -50,11 +50,11 @@ def rank_movable_objects(objects: Sequence[SceneObject]) -> list[list[SceneObjec
         others = sorted((obj for obj in loose if obj not in usable), key=_rate_difficulty)
         return [relocate_misplaced_objects([*usable, *others][:2], objects), usable]
     sure = [obj for obj in usable if is_steady_object(obj) and obj.is_flat_topped]
-    return [*_rank_by_room(sure, objects), *_rank_by_room(usable, objects), usable]
+    return [*_filter_by_clearance(sure, objects), *_filter_by_clearance(usable, objects), usable]
 
 
-def _rank_by_room(group: Sequence[SceneObject], objects: Sequence[SceneObject]) -> list[list[SceneObject]]:
-    return [[obj for obj in group if is_apart(obj, objects, gap)] for gap in _GAPS]
+def _filter_by_clearance(group: Sequence[SceneObject], objects: Sequence[SceneObject]) -> list[list[SceneObject]]:
+    return [[obj for obj in group if is_clear_of_others(obj, objects, gap)] for gap in _GAPS]
 
 
 def _rate_difficulty(obj: SceneObject) -> tuple[bool, bool, bool, float]:
@@ -70,7 +70,7 @@ def is_uncovered_object(obj: SceneObject, objects: Sequence[SceneObject]) -> boo
     )
 
 
-def is_apart(obj: SceneObject, objects: Sequence[SceneObject], gap: float) -> bool:
+def is_clear_of_others(obj: SceneObject, objects: Sequence[SceneObject], gap: float) -> bool:
     """Whether none of ``objects`` comes closer to it than ``gap`` (m), seen from above."""
     return not any(other is not obj and obj.footprint_rect.overlaps(other.footprint_rect, gap) for other in objects)
 

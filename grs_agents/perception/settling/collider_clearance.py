@@ -72,7 +72,7 @@ def clear_colliders(placed: Sequence[PlacedColliders]) -> list[tuple[Collider, .
     An object that would lose too much stays whole: it has to be moved.
     """
     parts = [
-        _Part(owner, _corners(collider) @ one.pose[:3, :3].T + one.pose[:3, 3])
+        _Part(owner, _collider_corners(collider) @ one.pose[:3, :3].T + one.pose[:3, 3])
         for owner, one in enumerate(placed)
         for collider in one.colliders
     ]
@@ -88,12 +88,12 @@ def clear_colliders(placed: Sequence[PlacedColliders]) -> list[tuple[Collider, .
         if not overlaps:
             break
         for overlap in overlaps:
-            _cut_back(parts, overlap, ranks)
+            _cut_parts_apart(parts, overlap, ranks)
     pairs = iter(parts)
     return [tuple(_cut_colliders(one, [next(pairs) for _ in one.colliders])) for one in placed]
 
 
-def _corners(collider: Collider) -> Array:
+def _collider_corners(collider: Collider) -> Array:
     """The corners (N, 3) of a collider, of a round one on a circle around it."""
     if isinstance(collider, Hull):
         return collider.corners
@@ -132,7 +132,7 @@ def _measure_overlaps(parts: Sequence[_Part], count: int) -> tuple[list[_Overlap
     return sorted(found.values(), key=lambda overlap: -overlap.depth), np.asarray(model.body_mass[1:], np.float64)
 
 
-def _cut_back(parts: Sequence[_Part], overlap: _Overlap, ranks: Sequence[Rank]) -> None:
+def _cut_parts_apart(parts: Sequence[_Part], overlap: _Overlap, ranks: Sequence[Rank]) -> None:
     """Cut two parts to either side of a plane, or the one of the lower rank."""
     one, other = (parts[number] for number in overlap.parts)
     first, second = ranks[one.owner], ranks[other.owner]

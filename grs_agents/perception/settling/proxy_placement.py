@@ -65,7 +65,7 @@ def place_apart(things: Sequence[Thing], folder: Path, library: Library) -> list
         for one in things
     ]
     return [
-        _write(replace(one, proxy=replace(one.proxy, colliders=colliders)), folder)
+        _write_proxy_of_object(replace(one, proxy=replace(one.proxy, colliders=colliders)), folder)
         if isinstance(one, UnknownObject)
         else one
         for one, colliders in zip(things, clear_colliders(placed), strict=True)
@@ -99,7 +99,7 @@ def settle_steadily(
     unsteady = [*map(_is_unsteady, things, first.placed, first.rest.placed)]
     if not any(unsteady):
         return first
-    plain = [_on_primitive(one) if moved else one for one, moved in zip(things, unsteady, strict=True)]
+    plain = [_replace_shape_by_primitive(one) if moved else one for one, moved in zip(things, unsteady, strict=True)]
     second = settle(plain)
     if sum(map(_is_unsteady, things, second.placed, second.rest.placed)) < sum(unsteady):
         return second
@@ -107,7 +107,7 @@ def settle_steadily(
     return first
 
 
-def _write(one: UnknownObject, folder: Path) -> PlacedObject:
+def _write_proxy_of_object(one: UnknownObject, folder: Path) -> PlacedObject:
     """Write the proxy of an object."""
     asset = write_proxy(folder, one.name, one.proxy, one.description)
     pose = object_pose(one.box)
@@ -122,7 +122,7 @@ def _asset_pose(one: PlacedObject, library: Library) -> "np.ndarray[tuple[int, .
     return pose_matrix(matrix_from_quaternion(turn), np.array(position))
 
 
-def _on_primitive(one: Thing) -> Thing:
+def _replace_shape_by_primitive(one: Thing) -> Thing:
     """An object whose shape is only seen: it stands on its box or cylinder."""
     if not isinstance(one, UnknownObject):
         return one

@@ -115,7 +115,7 @@ def _nearest_primitive(body: _Body) -> Shape | None:
     corners = body.vertices[body.faces]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     points, weights = corners.mean(axis=1), areas / areas.sum()
-    low, high = _spread(points, weights)
+    low, high = _weighted_bounds(points, weights)
     low[2], high[2] = 0.0, body.vertices[:, 2].max()
     middle, half = (low + high) / 2, (high - low) / 2
     local = points - middle
@@ -123,12 +123,15 @@ def _nearest_primitive(body: _Body) -> Shape | None:
     across = np.column_stack([np.hypot(local[:, 0], local[:, 1]) - radius, np.abs(local[:, 2]) - half[2]])
     box = Shape(kind="box", size=to_vec3(2 * half), position=to_vec3(middle))
     cylinder = Shape(kind="cylinder", size=(radius, float(2 * half[2])), position=to_vec3(middle))
-    tried = [(_distance(np.abs(local) - half, weights), box), (_distance(across, weights), cylinder)]
+    tried = [
+        (_mean_distance_to_sides(np.abs(local) - half, weights), box),
+        (_mean_distance_to_sides(across, weights), cylinder),
+    ]
     off, best = min(tried, key=lambda one: one[0])
     return best if off < CONFIG.primitive and body.volume > CONFIG.convex * shape_volume(best) else None
 
 
-def _spread(points: Array, weights: Array) -> tuple[Array, Array]:
+def _weighted_bounds(points: Array, weights: Array) -> tuple[Array, Array]:
     """Between which coordinates weighted points (N, 3) lie, but for the outermost shares."""
     low, high = np.zeros(3), np.zeros(3)
     for axis in range(3):
@@ -138,7 +141,7 @@ def _spread(points: Array, weights: Array) -> tuple[Array, Array]:
     return low, high
 
 
-def _distance(beyond: Array, weights: Array) -> float:
+def _mean_distance_to_sides(beyond: Array, weights: Array) -> float:
     """The mean distance (m) from a surface of weighted points so far (N, D) beyond its sides."""
     outside = np.linalg.norm(np.clip(beyond, 0, None), axis=1)
     return float(np.abs(outside + np.minimum(beyond.max(axis=1), 0)) @ weights)
@@ -260,7 +263,7 @@ def split_into_hulls(body: _Body) -> list[Array]:
     splitter = _Splitter(body)
     whole = splitter.piece(splitter.low, splitter.high)
     pieces = [whole] if splitter.volume >= CONFIG.convex * whole.size else _split_pieces(splitter, whole)
-    hulls = [_corners_between(body.edges, one.low, one.high) for one in pieces]
+    hulls = [_hull_corners_within_box(body.edges, one.low, one.high) for one in pieces]
     return [corners for corners in hulls if len(corners) > 3 and np.ptp(corners, axis=0).min() > CONFIG.thinnest]
 
 
@@ -280,14 +283,16 @@ def _split_pieces(splitter: _Splitter, whole: _Piece) -> list[_Piece]:
     return pieces
 
 
-def _corners_between(edges: Segments, low: Array, high: Array) -> Array:
+def _hull_corners_within_box(edges: Segments, low: Array, high: Array) -> Array:
     """The corners (N, 3) of the hull of what of a surface lies between two corners."""
     for axis, normal in enumerate(np.eye(3)):
-        edges = _clip(_clip(edges, normal, high[axis] + 1e-9), -normal, 1e-9 - low[axis])
+        edges = _clip_segments_to_half_space(
+            _clip_segments_to_half_space(edges, normal, high[axis] + 1e-9), -normal, 1e-9 - low[axis]
+        )
     return reduce_to_corners(edges.reshape(-1, 3)) if len(edges) else edges.reshape(-1, 3)
 
 
-def _clip(edges: Segments, normal: Array, offset: float) -> Segments:
+def _clip_segments_to_half_space(edges: Segments, normal: Array, offset: float) -> Segments:
     """What of segments lies where ``normal @ p <= offset``."""
     ends = edges @ normal - offset
     inside = (ends <= 0).any(axis=1)
@@ -320,7 +325,7 @@ def reduce_to_corners(points: Array) -> Array:
 
 
 @cache
-def _even_axes(fineness: int) -> Array:
+def _evenly_spread_axes(fineness: int) -> Array:
     """(K, 3) unit vectors, evenly spread, one of each two opposites."""
     every = icosphere(fineness)[0].round(9)
     return np.array([axis for axis in every if tuple(axis[::-1]) > (0.0, 0.0, 0.0)])
@@ -333,4 +338,4 @@ def _corner_axes() -> Array:
     around = np.column_stack([np.cos(bearings), np.sin(bearings)])
     steep = np.column_stack([around, np.full(12, 5.0)]) / np.sqrt(26)
     level = np.column_stack([around[:6], np.zeros(6)])
-    return np.concatenate([_even_axes(1), steep, level])
+    return np.concatenate([_evenly_spread_axes(1), steep, level])

@@ -45,7 +45,7 @@ def simplify_closed_mesh(vertices: Array, faces: Faces, most: int) -> tuple[Arra
     work = _Work(vertices.copy(), faces, _quadrics(vertices, faces), np.zeros(0, np.int64))
     for _ in range(_ROUNDS):
         spare = (len(work.faces) - most + 1) // 2
-        if spare <= 0 or not _collapse_round(work, spare):
+        if spare <= 0 or not _collapse_cheapest_edges(work, spare):
             break
     used, numbered = np.unique(work.faces, return_inverse=True)
     return work.vertices[used], numbered.reshape(-1, 3)
@@ -64,7 +64,7 @@ def _quadrics(vertices: Array, faces: Faces) -> Array:
     return np.stack(sums, axis=1).astype(np.float64)
 
 
-def _best_places(quadrics: Array, middles: Array) -> Array:
+def _least_error_positions(quadrics: Array, middles: Array) -> Array:
     """(C, 3) where the quadrics (C, 10) are least; where that is anywhere on a plane or a line, near the middles."""
     halves = quadrics[:, [0, 3, 4, 3, 1, 5, 4, 5, 2]].reshape(-1, 3, 3) * _HALF
     strength = _STIFF * quadrics[:, :3].sum(axis=1)[:, None] + 1e-12
@@ -73,7 +73,7 @@ def _best_places(quadrics: Array, middles: Array) -> Array:
     return np.asarray(np.linalg.solve(stiff, right[:, :, None]), np.float64)[:, :, 0]
 
 
-def _collapse_round(work: _Work, spare: int) -> bool:
+def _collapse_cheapest_edges(work: _Work, spare: int) -> bool:
     """Collapse the cheapest edges that are far enough apart, at most ``spare``; whether there were any."""
     edges = work.edges()
     a, b = edges.T
@@ -83,18 +83,18 @@ def _collapse_round(work: _Work, spare: int) -> bool:
     powers = np.stack([x * x, y * y, z * z, x * y, x * z, y * z, x, y, z, np.ones(len(x))], axis=1)
     costs = np.einsum("ij,ij->i", quadrics, powers)
     costs += 1e-9 * ((work.vertices[a] - work.vertices[b]) ** 2).sum(axis=1)  # of equals the shortest
-    costs[_contains(work.refused, work.keys(edges))] = np.inf
+    costs[_membership_mask(work.refused, work.keys(edges))] = np.inf
     chosen = _select_independent_edges(len(work.vertices), edges, costs, max(_CHEAPEST * len(edges), 4 * spare))[:spare]
     if not len(chosen):
         return False
-    places = _best_places(quadrics[chosen], middles[chosen])
+    places = _least_error_positions(quadrics[chosen], middles[chosen])
     good = _keeps_manifold(work, edges, chosen) & _keeps_faces_upright(work, edges[chosen], places)
     work.refused = np.sort(np.concatenate([work.refused, work.keys(edges[chosen[~good]])]))
     _collapse(work, edges[chosen[good]], places[good])
     return True
 
 
-def _contains(numbers: Faces, wanted: Faces) -> Mask:
+def _membership_mask(numbers: Faces, wanted: Faces) -> Mask:
     """(N,) which of the wanted are among sorted numbers."""
     if not len(numbers):
         return np.zeros(len(wanted), np.bool_)
@@ -122,7 +122,7 @@ def _keeps_manifold(work: _Work, edges: Faces, chosen: Faces) -> Mask:
     owner, neighbors = _neighbors(edges, len(work.vertices), edges[chosen, 0])
     far = edges[chosen, 1][owner]
     pairs = np.stack([np.minimum(neighbors, far), np.maximum(neighbors, far)], axis=1)
-    common = _contains(np.sort(work.keys(edges)), work.keys(pairs))
+    common = _membership_mask(np.sort(work.keys(edges)), work.keys(pairs))
     return np.asarray(np.bincount(owner[common], minlength=len(chosen)) == 2)
 
 

@@ -28,7 +28,7 @@ def carve_solid(seen: Observation, mirrors: list[Mirror], most_faces: int) -> tu
     grid = np.indices(tuple(counts)).reshape(3, -1).T * step + low
     values = seen.free_distance(grid)
     open_ = np.flatnonzero(~(values >= FAR))  # the rest is free whatever is mirrored
-    values[open_] = _limit_solid(seen, mirrors, body, grid[open_], step)
+    values[open_] = _signed_distance_to_solid(seen, mirrors, body, grid[open_], step)
     values = np.clip(np.maximum(values, -grid[:, 2]), -FAR, FAR).reshape(tuple(counts))
     values = surface_nets.smooth_grid(values)
     if values.min() >= 0:
@@ -39,7 +39,9 @@ def carve_solid(seen: Observation, mirrors: list[Mirror], most_faces: int) -> tu
     return simplify_closed_mesh(vertices, faces, most_faces)
 
 
-def _limit_solid(seen: Observation, mirrors: list[Mirror], body: Array, places: Array, step: float) -> Array:
+def _signed_distance_to_solid(
+    seen: Observation, mirrors: list[Mirror], body: Array, places: Array, step: float
+) -> Array:
     """(N,) how far places (N, 3) lie outside the solid, m, less than 0 inside."""
     own = seen.free_distance(places)
     views = [own, *(np.minimum(seen.free_distance(mirror.image(places)), 0.5 * FAR) for mirror in mirrors)]

@@ -22,10 +22,10 @@ def paint_mesh(seen: Observation, vertices: Array, faces: Faces) -> TexturedMesh
     shown = _visible_vertices(seen, vertices, faces)
     if shown.any():
         places = _extend_texture_coordinates(places, shown, _creased_vertices(vertices, faces), faces)
-    picture, (left, top) = _cut_picture(seen)
+    picture, (left, top) = _crop_photo_around_object(seen)
     height, width = picture.shape[:2]
     uvs = np.stack([(places[:, 0] - left + 0.5) / width, 1 - (places[:, 1] - top + 0.5) / height], axis=1)
-    return TexturedMesh(vertices, faces, np.clip(uvs, 0, 1), _limit_picture(picture))
+    return TexturedMesh(vertices, faces, np.clip(uvs, 0, 1), _shrink_to_file_size(picture))
 
 
 def _visible_vertices(seen: Observation, vertices: Array, faces: Faces) -> Mask:
@@ -88,7 +88,7 @@ def _extend_texture_coordinates(places: Array, shown: Mask, creased: Mask, faces
     return found
 
 
-def _cut_picture(seen: Observation) -> tuple[Image, tuple[int, int]]:
+def _crop_photo_around_object(seen: Observation) -> tuple[Image, tuple[int, int]]:
     """The photo around the object, what is not well inside its mask filled with what is, and its first column, row."""
     inner = seen.edge < -CONFIG.inset
     if inner.sum() < CONFIG.fewest:
@@ -99,7 +99,7 @@ def _cut_picture(seen: Observation) -> tuple[Image, tuple[int, int]]:
     return filled[top : top + height + 4, left : left + width + 4], (left, top)
 
 
-def _limit_picture(picture: Image) -> Image:
+def _shrink_to_file_size(picture: Image) -> Image:
     """The picture, made smaller if its file would be too large."""
     size = len(encode_png(picture))
     if size <= CONFIG.most_bytes:

@@ -25,14 +25,14 @@ def side_radii(seen: Observation, axis: Axis, heights: Array, largest: float) ->
     places[..., 0] = axis.x + radii[:, None] * np.cos(angles)
     places[..., 1] = axis.y + radii[:, None] * np.sin(angles)
     places[..., 2] = heights[:, None, None]
-    outside = _outside_mask(seen, places.reshape(-1, 3)).reshape(places.shape[:3])
+    outside = _pixel_distance_outside_mask(seen, places.reshape(-1, 3)).reshape(places.shape[:3])
     left = outside > 0
     first = np.where(left.any(axis=1), left.argmax(axis=1), len(radii) - 1)
     hidden = np.isnan(np.take_along_axis(outside, first[:, None], axis=1)[:, 0])
     return np.where(hidden, np.nan, radii[first])
 
 
-def _outside_mask(seen: Observation, places: Array) -> Array:
+def _pixel_distance_outside_mask(seen: Observation, places: Array) -> Array:
     """(N,) pixels outside the mask, less than 0 inside, of places (N, 3); NaN once something nearer hides them."""
     column, row, depth = seen.project(places)
     outside = sample(seen.edge, column, row, cv2.INTER_LINEAR, 50.0)
@@ -70,7 +70,7 @@ def top_height(seen: Observation, axis: Axis, radius: float, height: float) -> f
     far = (axis.x, axis.y) + radius * away / np.linalg.norm(away)
     reach = CONFIG.near + 2 * seen.noise
     heights = np.arange(height - reach, height + reach, CONFIG.step / 2)
-    outside = _outside_mask(seen, np.column_stack([np.broadcast_to(far, (len(heights), 2)), heights]))
+    outside = _pixel_distance_outside_mask(seen, np.column_stack([np.broadcast_to(far, (len(heights), 2)), heights]))
     if np.isnan(outside).any() or not (outside[0] <= 0 < outside[-1]):
         return height
     return (height + float(heights[np.argmax(outside > 0)])) / 2

@@ -95,7 +95,9 @@ def find_spot_aside(number: int, keep_free: Sequence[Prism], view: SceneView, li
     reserved = [Prism(prism.outline, 0.0, 1.0) for prism in (*keep_free, *_areas_reserved_by_goals(view, number))]
     holders = _enclosing_containers(number, view)
     taken = [*view.obstacles_to_plan_around([number], holders), *reserved]
-    wanted = [view.object_prism(other) for other in view.object_ids if other != number and _may_hold(other, view)]
+    wanted = [
+        view.object_prism(other) for other in view.object_ids if other != number and _may_receive_objects(other, view)
+    ]
     unmarked = [*taken, *(Prism(mark.outline, 0.0, 1.0) for mark in wanted)]
     (x0, x1), (y0, y1), _ = view.bounds.tolist()
     table = _region_from_bounds(x0, y0, x1, y1)
@@ -108,7 +110,7 @@ def find_spot_aside(number: int, keep_free: Sequence[Prism], view: SceneView, li
     return None
 
 
-def _may_hold(number: int, view: SceneView) -> bool:
+def _may_receive_objects(number: int, view: SceneView) -> bool:
     """Whether goals put things onto it or into it: a mark on the table, or something hollow."""
     return not view.object_model(number).colliders or view.is_object_hollow(number)
 

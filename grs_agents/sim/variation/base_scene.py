@@ -83,7 +83,7 @@ class BaseScene:
         self.instance, self.library = instance, library
         self._env = Environment(library=library, seed=instance.seed, budget=_ENDLESS, robot=instance.robot)
         self._env.timestep = instance.timestep
-        task = self._set_up(instance)
+        task = self._settle_instance(instance)
         ids = {number: own for own, number in task.ids.items()}
         view = SceneView(self._env, task.grs.stated, task.goals)
         self.arm = self._env.arm
@@ -96,12 +96,14 @@ class BaseScene:
         self._prisms = prisms = prisms_of_objects(instance, library)
         self.ceilings = {part: self._lift_heights_needed(part, instance.objects, instance.goals) for part in self.parts}
         self.standings = {
-            (index, number): standing(region, prisms[number], self._center(number, instance.objects))
+            (index, number): classify_standing(
+                region, prisms[number], self._object_position_xy(number, instance.objects)
+            )
             for index, region in enumerate(self.regions(instance.objects, instance.goals))
             for number in prisms
         }
 
-    def _set_up(self, instance: TaskInstance) -> InstanceTask:
+    def _settle_instance(self, instance: TaskInstance) -> InstanceTask:
         """The instance's scene, at rest, in the environment that is kept for it."""
         task = InstanceTask(instance)
         self._env.set_task(task)
@@ -122,7 +124,7 @@ class BaseScene:
     def explain_bad_start(self, instance: TaskInstance) -> str:
         """Why an episode cannot begin in a variation: it cannot be set up, does not stay, or meets a goal by itself."""
         try:
-            task = self._set_up(instance)
+            task = self._settle_instance(instance)
         except GrsError as error:
             return error.message
         if fallen := sorted(set(self._find_objects_moved_by_settling(instance, task)) - self.restless):
@@ -215,7 +217,7 @@ class BaseScene:
             if (number, index) not in owned
         ]
 
-    def _center(self, number: int, objects: Sequence[InstanceObject]) -> tuple[float, float]:
+    def _object_position_xy(self, number: int, objects: Sequence[InstanceObject]) -> tuple[float, float]:
         x, y, _ = next(item.pose[0] for item in objects if item.id == number)
         return (x, y)
 
@@ -262,7 +264,7 @@ class BaseScene:
             for number in (prisms.keys() - part.objects) if mine else part.objects:
                 if number == region.owner:
                     continue
-                before, now = self.standings[index, number], standing(region, prisms[number], centers[number])
+                before, now = self.standings[index, number], classify_standing(region, prisms[number], centers[number])
                 if now.centred != before.centred or (now.touches and not before.touches):
                     return False
         return True
@@ -278,7 +280,7 @@ class BaseScene:
         return all(depth <= max(TOUCHING, self.end_depths.get(pair, 0.0) + _DEEPER) for pair, depth in ends.items())
 
 
-def standing(region: Region, prism: Prism, center: tuple[float, float]) -> Standing:
+def classify_standing(region: Region, prism: Prism, center: tuple[float, float]) -> Standing:
     """How an object stands to a region."""
     if len(prism.outline) < 3 or len(region.outline) < 3:
         return Standing(False, False)

@@ -29,7 +29,7 @@ def add_distractors(
 
     Raises ``SimulationError`` where there is no room for one more.
     """
-    choice = list(_nameless_assets(instance, library))
+    choice = list(_assets_unlike_those_of_task(instance, library))
     if not choice:
         raise SimulationError("the library has no other everyday assets", "leave distractors out")
     taken = list(_taken_outlines(instance, library))
@@ -42,7 +42,7 @@ def add_distractors(
     return tuple(objects)
 
 
-def _nameless_assets(instance: TaskInstance, library: Library) -> Iterator[Asset]:
+def _assets_unlike_those_of_task(instance: TaskInstance, library: Library) -> Iterator[Asset]:
     """Everyday assets that are not like anything of the task: neither its kind, nor its sort in its colour."""
     own = [library.asset(item.asset) for item in instance.objects]
     kinds, looks = {asset.kind for asset in own}, {(asset.category, asset.color) for asset in own}

@@ -48,21 +48,23 @@ def find_parts(instance: TaskInstance, library: Library, view: SceneView, ids: M
     places = find_owned_places(instance, library, prisms)
     groups = _Groups(item.id for item in instance.objects)
     for tie in instance.ties:
-        groups.join(tie.parent, tie.child)
+        groups.join_groups_of(tie.parent, tie.child)
     for one, other in [*_carrying_pairs(view), *_leaning_pairs(view)]:
-        groups.join(ids[one], ids[other])
+        groups.join_groups_of(ids[one], ids[other])
     for one, other in places.between:
-        groups.join(one, other)
+        groups.join_groups_of(one, other)
     held = {
         item.id
         for item in instance.objects
         if item.role == "bystander"
         and item.category == "fixed"
         and prisms[item.id].low > _FLOATING
-        and len(groups.members(item.id)) == 1
+        and len(groups.group_of(item.id)) == 1
     }
     return tuple(
-        _make_part(members, instance, prisms, places) for members in groups.lists() if not held.intersection(members)
+        _make_part(members, instance, prisms, places)
+        for members in groups.all_groups()
+        if not held.intersection(members)
     )
 
 
@@ -72,18 +74,18 @@ class _Groups:
     def __init__(self, numbers: Iterable[int]) -> None:
         self._group = {number: [number] for number in numbers}
 
-    def join(self, one: int, other: int) -> None:
+    def join_groups_of(self, one: int, other: int) -> None:
         """Make the groups of two ids one."""
         first, second = self._group[one], self._group[other]
         if first is not second:
             first.extend(second)
             self._group.update(dict.fromkeys(second, first))
 
-    def members(self, number: int) -> list[int]:
+    def group_of(self, number: int) -> list[int]:
         """The group of an id."""
         return self._group[number]
 
-    def lists(self) -> list[list[int]]:
+    def all_groups(self) -> list[list[int]]:
         """Every group once."""
         return list({id(group): group for group in self._group.values()}.values())
 

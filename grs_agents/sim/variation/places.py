@@ -76,8 +76,8 @@ def find_owned_places(instance: TaskInstance, library: Library, prisms: Mapping[
             for index, target in enumerate(goal.targets)
         }
         places.targets.update(_drop_places_without_owner(targets))
-    told = [*_give_to_what_words_tell(instance, library, prisms, places)]
-    _let_neighbours_follow(instance, places.targets, prisms)
+    told = [*_assign_places_named_in_goal(instance, library, prisms, places)]
+    _assign_touching_targets(instance, places.targets, prisms)
     between = tuple((named[0], other) for named in told for other in named[1:])
     return OwnedPlaces(places.targets, places.zones, frozenset(one for named in told for one in named), between)
 
@@ -115,21 +115,23 @@ def _object_that_carries_target(
     return None if best is None else best[2]
 
 
-def _give_to_what_words_tell(
+def _assign_places_named_in_goal(
     instance: TaskInstance, library: Library, prisms: Mapping[int, Prism], places: OwnedPlaces
 ) -> Iterator[list[int]]:
     """Give places that lie on or in nothing to what a goal's words tell a side of; yields the ids of these."""
     for number, goal in enumerate(instance.goals):
         zones = [(number, index) for index in range(len(goal.zones)) if (number, index) not in places.zones]
         targets = [(number, index) for index in range(len(goal.targets)) if (number, index) not in places.targets]
-        named = _objects_told_of(instance, goal, library, prisms) if zones or targets else []
+        named = _find_objects_named_in_goal(instance, goal, library, prisms) if zones or targets else []
         if named:
             places.zones.update(dict.fromkeys(zones, named[0]))
             places.targets.update(dict.fromkeys(targets, named[0]))
             yield named
 
 
-def _objects_told_of(instance: TaskInstance, goal: Goal, library: Library, prisms: Mapping[int, Prism]) -> list[int]:
+def _find_objects_named_in_goal(
+    instance: TaskInstance, goal: Goal, library: Library, prisms: Mapping[int, Prism]
+) -> list[int]:
     """Ids of the objects beside the goal's places that its words name, nearest first; empty without a word of side."""
     if not _SIDE.search(goal.language):
         return []
@@ -159,7 +161,7 @@ def _gap_between_outlines(first: FloatArray, second: FloatArray) -> float:
     return float(signed_outline_gaps(first, second, _POINT)[0])
 
 
-def _let_neighbours_follow(instance: TaskInstance, targets: dict[Place, int], prisms: Mapping[int, Prism]) -> None:
+def _assign_touching_targets(instance: TaskInstance, targets: dict[Place, int], prisms: Mapping[int, Prism]) -> None:
     """Targets of pose goals that touch one that moves go with it: they are levels of a stack, or a row."""
     outlines = dict(_outlines_at_targets(instance, prisms))
     waiting = [place for place in outlines if place not in targets]

@@ -109,8 +109,8 @@ def _draw_poses(base: BaseScene, variation: Variation, rng: np.random.Generator)
         for rank in rng.permutation(len(waiting)):
             part = waiting[int(rank)]
             for _ in range(_TRIES):
-                move = _Move.draw(part, variation, rng)
-                tried, wanted = move.of_objects(objects), move.of_goals(goals)
+                move = _Move.draw_random(part, variation, rng)
+                tried, wanted = move.moved_objects(objects), move.moved_goals(goals)
                 if _is_on_table(part, tried) and _stands_well(base, part, tried, wanted):
                     objects, goals = tried, wanted
                     break
@@ -143,13 +143,13 @@ class _Move:
         self._turn = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, turn))
 
     @classmethod
-    def draw(cls, part: Part, variation: Variation, rng: np.random.Generator) -> "_Move":
+    def draw_random(cls, part: Part, variation: Variation, rng: np.random.Generator) -> "_Move":
         """A random one."""
         x, y, turn = rng.uniform(-1, 1, 3).tolist()
         shift = (variation.jitter * x, variation.jitter * y)
         return cls(part, shift, variation.yaw * turn if part.turns else 0.0)
 
-    def of_pose(self, pose: Pose) -> Pose:
+    def moved_pose(self, pose: Pose) -> Pose:
         """Where something of the part comes to be."""
         (x, y, z), rotation = pose
         px, py = self.part.pivot
@@ -157,14 +157,14 @@ class _Move:
         place = (px + float(dx) + self._shift[0], py + float(dy) + self._shift[1], z)
         return place, transforms.multiply_quaternions(self._turn, rotation)
 
-    def of_objects(self, objects: Sequence[InstanceObject]) -> tuple[InstanceObject, ...]:
+    def moved_objects(self, objects: Sequence[InstanceObject]) -> tuple[InstanceObject, ...]:
         """All objects, those of the part moved."""
         own = self.part.objects
         return tuple(
-            item.model_copy(update={"pose": self.of_pose(item.pose)}) if item.id in own else item for item in objects
+            item.model_copy(update={"pose": self.moved_pose(item.pose)}) if item.id in own else item for item in objects
         )
 
-    def of_goals(self, goals: Sequence[Goal]) -> tuple[Goal, ...]:
+    def moved_goals(self, goals: Sequence[Goal]) -> tuple[Goal, ...]:
         """All goals, their targets and zones moved that belong to the part."""
         return tuple(self._move_goal(number, goal) for number, goal in enumerate(goals))
 
@@ -173,11 +173,11 @@ class _Move:
         if not any(place[0] == number for place in places):
             return goal
         targets = tuple(
-            self.of_pose(target) if (number, index) in self.part.targets else target
+            self.moved_pose(target) if (number, index) in self.part.targets else target
             for index, target in enumerate(goal.targets)
         )
         zones = tuple(
-            Zone(pose=self.of_pose(zone.pose), size=zone.size) if (number, index) in self.part.zones else zone
+            Zone(pose=self.moved_pose(zone.pose), size=zone.size) if (number, index) in self.part.zones else zone
             for index, zone in enumerate(goal.zones)
         )
         return goal.model_copy(update={"targets": targets, "zones": zones})
