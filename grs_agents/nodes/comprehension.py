@@ -37,6 +37,7 @@ from grs_agents.perception import (
     center_objects_in_workspace,
     check_joints,
     describe_coverage,
+    describe_depth_shift,
     describe_table_doubts,
     draw_object_names,
     frame_as_saved,
@@ -110,7 +111,7 @@ def read_photo(state: RunState, services: Services) -> Update:
     frame = read_scene(Path(state["scene_path"]), _make_depth_estimator(services), services.config.depth.field_of_view)
     noise = measure_depth_noise(frame)
     frame = smooth_depth_noise(frame, noise)
-    notes = [*frame.notes, *_check_robot_joints(frame, services)]
+    notes = [*frame.notes, *describe_depth_shift(frame), *_check_robot_joints(frame, services)]
     files = save_frame(frame, services.folder)
     services.keep_photo(frame_as_saved(frame, state["scene_path"]))
     camera = frame.camera.model_dump(mode="json")

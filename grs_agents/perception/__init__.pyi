@@ -18,6 +18,8 @@ from .coverage import MeasuredCoverage as MeasuredCoverage
 from .coverage import describe_coverage as describe_coverage
 from .coverage import measure_coverage as measure_coverage
 from .coverage import pixels_above_table as pixels_above_table
+from .depth_alignment import describe_depth_shift as describe_depth_shift
+from .depth_alignment import measure_depth_shift as measure_depth_shift
 from .depth_noise import DepthNoise as DepthNoise
 from .depth_noise import measure_depth_noise as measure_depth_noise
 from .depth_noise import smooth_depth_noise as smooth_depth_noise
