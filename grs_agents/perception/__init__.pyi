@@ -12,7 +12,6 @@ from .background_reconstruction import Background as Background
 from .background_reconstruction import cover_points_with_boxes as cover_points_with_boxes
 from .background_reconstruction import reconstruct_background as reconstruct_background
 from .configuration import DEFAULT as DEFAULT
-from .configuration import RULES as RULES
 from .configuration import Segmentation as Segmentation
 from .coverage import MeasuredCoverage as MeasuredCoverage
 from .coverage import describe_coverage as describe_coverage
@@ -76,6 +75,7 @@ from .robot_pixels import check_joints as check_joints
 from .robot_pixels import robot_pixel_mask as robot_pixel_mask
 from .scenery import SortedCandidates as SortedCandidates
 from .scenery import leave_out_scenery as leave_out_scenery
+from .segmentation import RULES as RULES
 from .segmentation.candidates import center_objects_in_workspace as center_objects_in_workspace
 from .segmentation.candidates import fit_asset_to_box as fit_asset_to_box
 from .segmentation.candidates import measure_candidates as measure_candidates

@@ -18,5 +18,6 @@ from .patch_cutting import grow_labels as grow_labels
 from .patch_cutting import join_enclosed_fragments as join_enclosed_fragments
 from .patch_cutting import smooth_frame_depth as smooth_frame_depth
 from .rim_fit import fit_bowl_rim as fit_bowl_rim
+from .rules import RULES as RULES
 from .segmentation import enters_from_outside_view as enters_from_outside_view
 from .segmentation import is_sensor_noise as is_sensor_noise
