@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import ast
+import inspect
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 from grs_agents import content
 from grs_agents.base import Frozen
@@ -23,10 +27,35 @@ if TYPE_CHECKING:
 class ToolRequest(Frozen):
     """A request that any agent framework can send as JSON.
 
-    The docstring under a field is what a model reads of it: say the unit and the frame.
+    The docstring under a field is what a model reads of it: say the unit and the frame. It is looked up when a schema
+    is asked for: pydantic's `use_attribute_docstrings` searches all loaded modules whenever such a class is made.
     """
 
-    model_config = ConfigDict(use_attribute_docstrings=True)
+    @classmethod
+    def describe_fields(cls) -> None:
+        """Give each field the docstring under it as its description."""
+        for kind in cls.__mro__:
+            if issubclass(kind, ToolRequest) and kind is not ToolRequest:
+                for name, text in _docstrings_of_fields(kind):
+                    cls.model_fields[name].description = text
+        cls.model_rebuild(force=True)
+
+    @classmethod
+    def model_json_schema(cls, *arguments: Any, **options: Any) -> dict[str, Any]:
+        """As pydantic's, with the descriptions."""
+        cls.describe_fields()
+        return super().model_json_schema(*arguments, **options)
+
+
+def _docstrings_of_fields(kind: type) -> Iterator[tuple[str, str]]:
+    """The names of a class's own fields that have a docstring, with it."""
+    (described,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+    for field, text in pairwise(cast(ast.ClassDef, described).body):
+        match field, text:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str() as words)):
+                yield name, inspect.cleandoc(words)
+            case _:
+                pass
 
 
 @dataclass(frozen=True)
@@ -88,6 +117,8 @@ def build_langchain_tools(context: ToolContext, names: Sequence[str] | None = No
         tool = load_tool(name)
         if not _has_json_request(tool):
             raise InputError(f"tool {name!r} takes arrays, not JSON", f"use one of: {', '.join(json_tool_names())}")
+        if issubclass(tool.Request, ToolRequest):
+            tool.Request.describe_fields()
         structured.append(
             StructuredTool.from_function(
                 func=_make_tool_function(tool, context),

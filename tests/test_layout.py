@@ -25,6 +25,7 @@ FLOORS: tuple[frozenset[str], ...] = (
             "foreign",
             "interrupts",
             "plugins",
+            "python_parsing",
             "questions",
             "terminal",
             "worker_pool",

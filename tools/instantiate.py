@@ -1,9 +1,10 @@
 """Turn a generated simulation program into task instances, one for each seed: typed data instead of code.
 
-Each instance is drawn twice, in two processes, and counts only if both are equal. So it belongs to the program and the
-seed, not to the moment: a program can still hand out any instance it likes, but always the same one.
+Each instance is drawn twice, in two processes and in another order, and counts only if both are equal. So it belongs to
+the program and the seed, not to the moment: a program can still hand out any instance it likes, but always the same.
 """
 
+import os
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal, get_args
 
@@ -116,7 +117,7 @@ def run(request: Request, context: ToolContext) -> Result:
     drawn, first = _draw_all(tuple(dict.fromkeys(request.seeds)), request, context)
     calls = first.calls
     if kept := tuple(seed for seed, outcome in drawn.items() if isinstance(outcome, TaskInstance)):
-        again, second = _draw_all(kept, request, context)
+        again, second = _draw_all(_in_another_order(kept), request, context)
         calls += second.calls
         drawn |= {seed: _same(drawn[seed], again[seed]) for seed in kept}
     return Result(
@@ -158,6 +159,13 @@ def _draw_all(
     return {seed: _draw(seed, batch, request.simulation, context.limits) for seed in seeds}, batch
 
 
+def _in_another_order(seeds: Sequence[int]) -> tuple[int, ...]:
+    """Backwards, the one in the middle first: none comes as many draws after the beginning as before, so that a program
+    which counts them, or keeps something from one to the next, draws something else."""
+    middle = len(seeds) // 2 if len(seeds) % 2 else len(seeds)
+    return (*seeds[middle : middle + 1], *reversed(seeds[middle + 1 :]), *reversed(seeds[:middle]))
+
+
 def _same(first: TaskInstance | Failure, second: TaskInstance | Failure) -> TaskInstance | Failure:
     """The instance that was drawn twice, or why it does not count."""
     if isinstance(first, Failure) or first == second:
@@ -166,7 +174,7 @@ def _same(first: TaskInstance | Failure, second: TaskInstance | Failure) -> Task
         return second.model_copy(update={"message": f"drawn again: {second.message}"[:1000]})
     differing = [name for name in TaskInstance.model_fields if getattr(first, name) != getattr(second, name)]
     message = (
-        f"drawn again in a fresh process, the instance differs in: {', '.join(differing)}; "
+        f"drawn again in a fresh process and another order, the instance differs in: {', '.join(differing)}; "
         "draw from numpy.random, random or the environment alone, which are seeded"
     )
     return Failure(seed=first.seed, outcome="not_repeatable", message=message)
@@ -187,6 +195,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
         background=request["background"],
         bystanders=bystanders,
     )
+    ballast = [bytearray(16 * size) for size in os.urandom(int.from_bytes(os.urandom(1)))]
     items: Sequence[str] = request["items"]
     task: Any = None
     with sandbox.CapturedError() as loading:
@@ -209,6 +218,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
         if captured.error is not None:
             event = _failure(captured.error)
         sandbox.report_progress({"item": item, "phase": "end", **event})
+    ballast.clear()  # until here it moves what a program allocates, so that no instance can depend on addresses
     return {}
 
 

@@ -21,6 +21,7 @@ class ProbeRun(Frozen):
         mutant: the instance that is put in its place, as JSON; None for none.
         coin: seeds what the tests draw.
         early: whether before the first scene stands, too.
+        undo: whether all is put back once the goals are met, before the tests can look.
     """
 
     name: str
@@ -28,6 +29,7 @@ class ProbeRun(Frozen):
     mutant: dict[str, Any] | None = None
     coin: Annotated[int, Field(ge=0, lt=2**32)] = 0
     early: bool = False
+    undo: bool = False
 
 
 class Request(ToolRequest):
@@ -132,7 +134,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
         instance = sim.TaskInstance.model_validate(one.instance)
         mutant = None if one.mutant is None else sim.TaskInstance.model_validate(one.mutant)
         sim.set_environment_defaults(library, instance.seed, *around)
-        probe = sim.Environment.witness = sim.Probe(instance, mutant, one.coin, one.early, memory)
+        probe = sim.Environment.witness = sim.Probe(instance, mutant, one.coin, one.early, memory, one.undo)
 
         def begin_test(probe: sim.Probe = probe) -> None:
             probe.begin_test()

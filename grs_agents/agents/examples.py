@@ -10,19 +10,17 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from threading import Lock
 
 from grs_agents.agents.types import TaskDefinition
 from grs_agents.base import Frozen
 from grs_agents.errors import InputError
+from grs_agents.python_parsing import parse_python
 
 _PER_FAMILY = 2
 """Programs of one family among those chosen: a third of a kind shows little that is new."""
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 _ENDINGS = ("ing", "ed", "es", "s", "e")
 _SHORTEST = 3
-_PARSER = Lock()
-"""CPython 3.11's parser fails where threads interleave in it, and two authors may look for examples at once."""
 
 
 class Example(Frozen):
@@ -36,8 +34,7 @@ class Example(Frozen):
     @property
     def word_stem_counts(self) -> Counter[str]:
         """Stems of the words it is described in: names, docstrings, sentences and assets, not the code."""
-        with _PARSER:
-            tree = ast.parse(self.source)
+        tree = parse_python(self.source)
         texts = [
             node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)
         ]
@@ -51,7 +48,7 @@ def read_examples(folder: Path) -> tuple[Example, ...]:
     for file in sorted(folder.glob("*.py")):
         source = file.read_text(encoding="utf-8").strip()
         try:
-            family, _, shows = (ast.get_docstring(ast.parse(source)) or "").partition(": ")
+            family, _, shows = (ast.get_docstring(parse_python(source)) or "").partition(": ")
         except SyntaxError as error:
             raise InputError(f"example {file.name} is no Python program: {error}", "correct it") from error
         examples.append(Example(name=file.stem, family=family, shows=shows, source=source))

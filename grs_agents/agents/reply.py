@@ -1,6 +1,5 @@
 """Strict parsers of what models reply."""
 
-import ast
 import json
 import re
 from typing import Any, TypeVar, cast
@@ -8,6 +7,7 @@ from typing import Any, TypeVar, cast
 from pydantic import BaseModel, ValidationError
 
 from grs_agents.agents.types import RouterReply, Verdict
+from grs_agents.python_parsing import parse_python
 
 Model = TypeVar("Model", bound=BaseModel)
 _FENCE = re.compile(r"^```[ \t]*([\w+-]*)[ \t]*\r?\n(.*?)^```[ \t]*$", re.MULTILINE | re.DOTALL)
@@ -93,7 +93,7 @@ def _is_python_source(text: str) -> bool:
     if "```" in text or "import" not in text:
         return False
     try:
-        ast.parse(text)
+        parse_python(text)
     except (SyntaxError, ValueError, RecursionError, MemoryError):  # the last is the parser's word for too deep
         return False
     return True

@@ -1,10 +1,14 @@
 from .assertion_changes import find_changed_assertions as find_changed_assertions
 from .checks import audit_task as audit_task
+from .checks import check_unforeseen as check_unforeseen
 from .goal_checks import pair_with_rollouts as pair_with_rollouts
 from .goal_sentences import ToldTask as ToldTask
 from .goal_sentences import tell_task as tell_task
+from .mutants import Mutant as Mutant
 from .mutants import make_mutants as make_mutants
 from .pose_changes import find_pose_changes as find_pose_changes
+from .program_checks import check_program as check_program
+from .program_checks import find_answers_of_program as find_answers_of_program
 from .static_checks import check_programs as check_programs
 from .test_quality import RUNS as RUNS
 from .test_quality import check_tests_have_teeth as check_tests_have_teeth

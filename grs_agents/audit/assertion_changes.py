@@ -3,6 +3,8 @@
 import ast
 from collections import Counter
 
+from grs_agents.python_parsing import parse_python
+
 MOST = 12
 """So many of each are told."""
 _LONGEST = 200
@@ -21,7 +23,7 @@ def find_changed_assertions(old: str, new: str) -> tuple[str, ...]:
 
 
 def _count_assertions(source: str) -> Counter[str]:
-    statements = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Assert | ast.Expr)]
+    statements = [node for node in ast.walk(parse_python(source)) if isinstance(node, ast.Assert | ast.Expr)]
     return Counter(text[:_LONGEST] for text in map(_describe_assertion, statements) if text)
 
 

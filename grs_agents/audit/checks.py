@@ -9,6 +9,7 @@ from grs_agents.audit.goal_checks import check_goals, is_loose
 from grs_agents.audit.pose_changes import find_pose_changes, is_covered
 from grs_agents.audit.scene_checks import check_scenes
 from grs_agents.audit.types import AuditReport, Finding
+from grs_agents.audit.visibility_checks import check_visibility
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
 from grs_agents.perception import SceneDescription
@@ -20,6 +21,8 @@ _VARYING = frozenset({"random", "randomly", "shuffled", "varying", "various", "a
 """Words of a task that say that its seeds differ."""
 GOAL = 0.95
 """Each goal must strictly hold at least so far by itself: one that is worth next to nothing is no excuse."""
+_ABOUT_SEVERAL = frozenset({"sure_hand", "seeds_differ"})
+"""Checks of all instances together, which a single one says nothing about."""
 TABLE_TOP = -0.02
 """What ends lower than this (m) has fallen off the table."""
 
@@ -54,7 +57,8 @@ def audit_task(
         _check_nothing_fell_off(rollouts),
         _check_library_and_timestep(instances, library),
         *check_goals(instances, rollouts, library, scene, config.reward),
-        *check_scenes(instances, rollouts, scene),
+        *check_scenes(instances, rollouts, library, scene),
+        check_visibility(instances, rollouts, library, scene),
     ]
     if task is not None:
         findings.append(_check_task_assets(instances, task))
@@ -65,10 +69,22 @@ def audit_task(
     return AuditReport(
         accepted=all(finding.passed for finding in findings),
         findings=tuple(findings),
-        changes=tuple(find_pose_changes(instances, scene)) if scene is not None else (),
+        changes=tuple(find_pose_changes(instances, scene, library)) if scene is not None else (),
         rollouts=tuple(rollouts),
         rewards=tuple(rollout.episode.reward for rollout in rollouts),
         about=_describe_verdict_scope(instances),
+    )
+
+
+def check_unforeseen(seed: int, report: AuditReport) -> Finding:
+    """The finding ``unforeseen``: ``report`` is about the instance of ``seed``, which no program could know."""
+    failed = [one for one in report.findings if not one.passed and one.check not in _ABOUT_SEVERAL]
+    return Finding(
+        check="unforeseen",
+        passed=not failed,
+        measured=f"seed {seed}, drawn for this audit: "
+        + ("all checks hold" if not failed else "; ".join(f"{one.check}: {one.detail}" for one in failed)),
+        bound="what is asked of the other instances is asked of one more, whose seed the program cannot know",
     )
 
 

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from grs_agents.audit.least_moves import measure_least_move
 from grs_agents.audit.types import Finding
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.library import Library
@@ -19,6 +20,8 @@ MET: Final = 0.985
 """A goal holds from this score on, as the oracle and the strict score have it."""
 MOVE: Final = 0.05
 """Metres: people see that something was moved so far, and call less a nudge."""
+NUDGE: Final = 0.04
+"""Metres: goals of honest tasks need 0.048 at the least, beside what a pose may be missed by."""
 TURN: Final = math.radians(30)
 """Or turned by this much, where a goal asks for the yaw."""
 TABLE_SHARE: Final = 0.4
@@ -41,7 +44,7 @@ def check_goals(
     findings = [
         _check_goals_open_at_start(instances, rollouts),
         _check_goals_narrow(instances, library),
-        _check_moves_far(pairs),
+        _check_moves_far(pairs, library),
         _check_hand_noise(rollouts, least),
     ]
     return [_check_objects_have_goals(pairs, library, scene), *findings] if scene is not None else findings
@@ -171,7 +174,7 @@ def _share_of_table(goal: Goal, instance: TaskInstance, library: Library) -> flo
     return min(1.0, area / WORKSPACE)
 
 
-def _check_moves_far(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> Finding:
+def _check_moves_far(pairs: Sequence[tuple[TaskInstance, Rollout]], library: Library) -> Finding:
     short = [
         f"goal {index + 1} moves {label_object(instance, number)} by {away * 100:.1f} cm"
         for instance, rollout in pairs
@@ -179,8 +182,15 @@ def _check_moves_far(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> Finding:
         for index, goal in enumerate(instance.goals)
         for number, away in _find_short_moves(goal, rollout)
     ]
-    bound = f"an object must be moved by {MOVE * 100:.0f} cm, or turned by {math.degrees(TURN):.0f} degrees "
-    bound += "where its goal asks for a yaw"
+    short += [
+        f"goal {index + 1} would hold if {label_object(instance, number)} were moved by {max(0.0, least) * 100:.1f} cm"
+        for instance, rollout in pairs
+        if rollout.episode.outcome == "success"
+        for index in range(len(instance.goals))
+        for number, least in _find_nudges(index, instance, rollout, library)
+    ]
+    bound = f"an object must be moved by {MOVE * 100:.0f} cm, its goal not hold {NUDGE * 100:.0f} cm from its start, "
+    bound += f"or it be turned by {math.degrees(TURN):.0f} degrees where its goal asks for a yaw"
     faults = short if pairs else ["there is no episode"]
     return Finding.of_faults("moves_far", faults, "the oracle moves the objects of every goal farther", bound)
 
@@ -191,17 +201,31 @@ def _find_short_moves(goal: Goal, rollout: Rollout) -> list[tuple[int, float]]:
     A stack's lowest object may stay, and two of a line.
     """
     may_stay = {"stacked": 1, "aligned": 2}.get(goal.relation_kind or "", 0)
-    by_yaw = goal.metric == "pose" and goal.rotations
     short: list[tuple[int, float]] = []
     for row, number in enumerate(goal.objects):
         if number not in rollout.final:
             continue
         start, end = rollout.initial[number], rollout.final[number]
         away = math.dist(start[0], end[0])
-        turned = goal.relation_kind == "upright" or (by_yaw and goal.symmetries[row] > 0)
-        if away < MOVE and not (turned and transforms.angle_between(start[1], end[1]) >= TURN):
+        if away < MOVE and not _is_turned(goal, row, rollout):
             short.append((number, away))
     return sorted(short, key=lambda one: one[1])[may_stay:]
+
+
+def _is_turned(goal: Goal, row: int, rollout: Rollout) -> bool:
+    """Whether the oracle turned an object far, as its goal asks."""
+    asked = goal.relation_kind == "upright" or (goal.metric == "pose" and goal.rotations and goal.symmetries[row] > 0)
+    number = goal.objects[row]
+    return asked and transforms.angle_between(rollout.initial[number][1], rollout.final[number][1]) >= TURN
+
+
+def _find_nudges(index: int, instance: TaskInstance, rollout: Rollout, library: Library) -> list[tuple[int, float]]:
+    """(id, metres) of the objects of a goal that a nudge would bring there; of one in several goals the last counts."""
+    goal, later = instance.goals[index], instance.goals[index + 1 :]
+    spoken_of = {number for other in later for number in other.objects}
+    rows = [row for row, number in enumerate(goal.objects) if number not in spoken_of and number in rollout.final]
+    needed = [(row, measure_least_move(goal, row, instance, rollout, library)) for row in rows]
+    return [(goal.objects[row], way) for row, way in needed if way < NUDGE and not _is_turned(goal, row, rollout)]
 
 
 def _check_hand_noise(rollouts: Sequence[Rollout], least: float) -> Finding:

@@ -48,12 +48,17 @@ class ToldTask:
 
     objects: tuple[Json, ...]  # one row for each thing on the table; lengths in metres, robot frame
     goals: tuple[str, ...]  # one sentence for each goal, in order
+    sayings: tuple[str, ...] = ()  # what the program itself says of its goals, e.g. `goals 1 and 2: put it there`
 
     @property
     def kind(self) -> tuple[object, ...]:
         """What it is but for numbers: instances of one kind differ in places and sizes alone."""
         words = [re.sub(r"-?\d+ (cm|degrees)", "", sentence) for sentence in self.goals]
-        return (*words, *((row["called"], *row.get("stood", ()), "->", *row.get("ends", ())) for row in self.objects))
+        return (
+            *self.sayings,
+            *words,
+            *((row["called"], *row.get("stood", ()), "->", *row.get("ends", ())) for row in self.objects),
+        )
 
 
 def tell_task(
@@ -64,7 +69,18 @@ def tell_task(
     goals = [f"{number}. {words}" for number, goal in enumerate(instance.goals, 1) for words in table.tell_goal(goal)]
     if instance.primitive == "push":
         goals.append("The robot pushes things with a spatula and picks nothing up.")
-    return ToldTask(tuple(table.tell_objects()), tuple(goals))
+    return ToldTask(tuple(table.tell_objects()), tuple(goals), tuple(_tell_sayings(instance)))
+
+
+def _tell_sayings(instance: TaskInstance) -> Iterator[str]:
+    """The sentences that the program gives its goals, each once, with the numbers of these."""
+    numbers: dict[str, list[int]] = {}
+    for number, goal in enumerate(instance.goals, 1):
+        numbers.setdefault(" ".join(goal.language.split()), []).append(number)
+    for sentence, own in numbers.items():
+        if sentence:
+            listed = " and ".join(map(str, own))
+            yield f"{'goals' if len(own) > 1 else 'goal'} {listed}: {sentence}"
 
 
 @dataclass(frozen=True)
@@ -155,6 +171,8 @@ class _Table:
                 row["description"] = description
             if item.category == "fixed" or item.id in self.marks:
                 row["fixed"] = True
+            if item.id in self.hollow:
+                row["hollow"] = True
             row["size"] = _round(load_object_model(item, self.library).size)
             yield row | self._tell_motion(item.id)
 
@@ -170,6 +188,8 @@ class _Table:
             row |= {"end": _round(end[0]), "moved": round(moved, 3)}
         if turned > _TURNED:
             row["turned"] = round(turned)
+        if actions := [index for index, handled in enumerate(self.rollout.handled, 1) if number in handled]:
+            row["actions"] = actions
         if ends := self._describe_supports(self.end[number], self.end):
             row["ends"] = ends
         return row

@@ -11,7 +11,7 @@ from grs_agents.library import Library
 from grs_agents.sim import Goal, InstanceObject, Rollout, TaskInstance
 from grs_agents.sim.world import load_object_model
 
-MutantKind = Literal["goal_dropped", "target_moved", "object_frozen", "wrong_asset", "goal_already_met"]
+MutantKind = Literal["goal_dropped", "target_moved", "object_frozen", "wrong_asset", "goal_already_met", "undone"]
 SHIFT: Final = 0.05
 """Metres that a target is moved: five times the tolerance of a pose, and the least that a move is to be."""
 _MOVED, _TURNED = 0.02, math.radians(15)
@@ -43,7 +43,7 @@ def make_mutants(instance: TaskInstance, solved: Rollout, library: Library) -> t
     made += [_freeze(instance, item) for item in chosen[:1]]
     made += [_exchange_asset(instance, item, library) for item in chosen]
     made += [_start_at_end(instance, solved, movers[:count]) for count in sorted({len(chosen[:1]), len(movers)} - {0})]
-    return tuple(made)
+    return (*made, Mutant("undone", "all stands where it stood before once the goals were met", instance))
 
 
 def _find_moved_objects(instance: TaskInstance, solved: Rollout) -> tuple[InstanceObject, ...]:

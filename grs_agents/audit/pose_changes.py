@@ -5,27 +5,34 @@ from collections.abc import Sequence
 
 from grs_agents.audit.types import Change
 from grs_agents.base import Pose, Quat
+from grs_agents.geometry import transforms
+from grs_agents.library import Library, looks_same_turned
 from grs_agents.perception import SceneDescription, SceneObject
 from grs_agents.sim import InstanceObject, TaskInstance
+from grs_agents.sim.world import load_object_model
 
 SAME_PLACE = 0.03
 """An object within this many metres of its place in the photo has kept it."""
 SAME_TILT = math.radians(15)
-"""And within this angle of how it stands there; the turn about the vertical of what is round does not count."""
+"""And within this angle of how it stands there. A turn about the vertical that cannot be seen does not count: any of
+what is round, a quarter of a cube's."""
+_HALF = math.sqrt(0.5)
+_TURNS: tuple[Quat, ...] = ((0.0, 0.0, 1.0, 0.0), (0.0, 0.0, _HALF, _HALF), (0.0, 0.0, -_HALF, _HALF))
+"""Half a turn about the own z axis, and a quarter to either side."""
 
 
-def find_pose_changes(instances: Sequence[TaskInstance], scene: SceneDescription) -> list[Change]:
+def find_pose_changes(instances: Sequence[TaskInstance], scene: SceneDescription, library: Library) -> list[Change]:
     """Every object position that was not taken from the photo; each place in the photo is taken once."""
-    return [change for instance in instances for change in _find_instance_changes(instance, scene)]
+    return [change for instance in instances for change in _find_instance_changes(instance, scene, library)]
 
 
-def _find_instance_changes(instance: TaskInstance, scene: SceneDescription) -> list[Change]:
+def _find_instance_changes(instance: TaskInstance, scene: SceneDescription, library: Library) -> list[Change]:
     free = list(scene.objects)
     changes: list[Change] = []
     for item in instance.task_objects:
         places = [place for place in free if place.asset == item.asset]
         nearest = min(places, key=lambda place: math.dist(place.position, item.pose[0]), default=None)
-        if nearest is not None and _has_photo_pose(item, nearest):
+        if nearest is not None and _has_photo_pose(item, nearest, library):
             free.remove(nearest)
             continue
         changes.append(
@@ -35,6 +42,7 @@ def _find_instance_changes(instance: TaskInstance, scene: SceneDescription) -> l
                 position=item.pose[0],
                 photo=None if nearest is None else nearest.position,
                 distance=None if nearest is None else math.dist(nearest.position, item.pose[0]),
+                turned=None if nearest is None else math.degrees(_angle_between(nearest.orientation, item.pose[1])),
                 reason="" if nearest is None else _find_reason(nearest, scene),
             )
         )
@@ -55,15 +63,26 @@ def is_covered(place: SceneObject, scene: SceneDescription) -> bool:
     return any(relation.reference == place.name and relation.kind != "touching" for relation in scene.relations)
 
 
-def _has_photo_pose(item: InstanceObject, place: SceneObject) -> bool:
+def _has_photo_pose(item: InstanceObject, place: SceneObject, library: Library) -> bool:
     """Whether an object stands as the photo shows it, or as that comes to rest, which is what the authors are told."""
     shown = [pose for pose in ((place.position, place.orientation), place.settled) if pose]
-    return any(_is_same_pose(item.pose, pose, place.round) for pose in shown)
+    alike = [item.pose[1], *_list_turns_that_look_alike(item, library)]
+    return any(_is_same_pose((item.pose[0], turn), pose, place.round) for pose in shown for turn in alike)
 
 
 def _is_same_pose(one: Pose, other: Pose, any_yaw: bool) -> bool:
     turned = is_tilted(one, other) if any_yaw else _angle_between(one[1], other[1]) > SAME_TILT
     return math.dist(one[0], other[0]) <= SAME_PLACE and not turned
+
+
+def _list_turns_that_look_alike(item: InstanceObject, library: Library) -> list[Quat]:
+    """The orientations in which an object looks as it does in its own, as far as they differ from that by a half or a
+    quarter turn about its own z axis.
+    """
+    if item.asset not in library:
+        return []
+    model = load_object_model(item, library)
+    return [transforms.multiply_quaternions(item.pose[1], turn) for turn in _TURNS if looks_same_turned(model, turn)]
 
 
 def _angle_between(one: Quat, other: Quat) -> float:

@@ -7,6 +7,7 @@ from typing import Final
 from grs_agents.audit.goal_checks import label_object, pair_with_rollouts
 from grs_agents.audit.pose_changes import find_pose_changes, is_tilted
 from grs_agents.audit.types import Finding, list_first
+from grs_agents.library import Library
 from grs_agents.perception import SceneDescription
 from grs_agents.sim import InstanceObject, Rollout, TaskInstance
 
@@ -26,18 +27,22 @@ DISTURBED: Final = 0.01
 
 
 def check_scenes(
-    instances: Sequence[TaskInstance], rollouts: Sequence[Rollout], scene: SceneDescription | None
+    instances: Sequence[TaskInstance], rollouts: Sequence[Rollout], library: Library, scene: SceneDescription | None
 ) -> list[Finding]:
     """Findings about where things stand, in all instances."""
     pairs = pair_with_rollouts(instances, rollouts)
     findings = [_check_start(pairs), _check_end(pairs), _check_bystanders(pairs)]
-    return [_check_photo_poses(instances, scene), *findings] if scene is not None else findings
+    return [_check_photo_poses(instances, scene, library), *findings] if scene is not None else findings
 
 
-def _check_photo_poses(instances: Sequence[TaskInstance], scene: SceneDescription) -> Finding:
-    changes = find_pose_changes(instances, scene)
+def _check_photo_poses(instances: Sequence[TaskInstance], scene: SceneDescription, library: Library) -> Finding:
+    changes = find_pose_changes(instances, scene, library)
     moved = [change for change in changes if change.photo is not None and not change.reason]
-    wrong = [f"{one.asset} is {(one.distance or 0.0) * 100:.0f} cm from there in seed {one.seed}" for one in moved]
+    wrong = [
+        f"{one.asset} is {(one.distance or 0.0) * 100:.0f} cm from there and turned by {one.turned or 0.0:.0f} degrees "
+        f"in seed {one.seed}"
+        for one in moved
+    ]
     wrong += _find_altered_objects(instances, {item.asset for item in scene.objects})
     excused = [f"{change.asset} for it {change.reason}" for change in changes if change.reason]
     measured = list_first(wrong) or "everything that the photo shows stands as it shows it"

@@ -99,22 +99,39 @@ def check_tests_repeat(runs: Sequence[SuiteRun]) -> Finding:
 
 
 def check_tests_have_teeth(mutants: Sequence[Mutant], runs: Sequence[SuiteRun]) -> Finding:
-    """They fail for most mutants; one whose target was moved and that still ends as it should is none.
+    """They fail for most mutants, and where all is undone before they can look.
+
+    One whose target was moved and that still ends as it should is none.
 
     Args:
         mutants: the faults.
         runs: of the suite, one for each.
     """
-    pairs = list(zip(mutants, runs, strict=True))
+    whole = list(zip(mutants, runs, strict=True))
+    blind = _list_alive([pair for pair in whole if pair[0].kind == "undone"])
+    pairs = [pair for pair in whole if pair[0].kind != "undone"]
     counted = [(one, run) for one, run in pairs if not (one.kind == "target_moved" and run.held)]
-    alive = [one.what for one, run in counted if run.ended in _ALIVE]
-    kinds = dict.fromkeys(one.kind for one, _ in counted)
-    killed = {kind: [run.ended not in _ALIVE for one, run in counted if one.kind == kind] for kind in kinds}
-    score = sum(sum(row) / len(row) for row in killed.values()) / max(1, len(killed))
+    alive = _list_alive(counted)
+    score = _score_mutants(counted)
     measured = (
         f"{len(counted) - len(alive)} of {len(counted)} mutants of the task make the tests fail, score {score:.2f}"
     )
     if alive:
         measured += f"; they pass although {'; although '.join(alive)}"
-    bound = f"at least {SCORE} must; assert of every object of the task that it is there, moved, and ends in its place"
-    return Finding(check="tests_have_teeth", passed=score >= SCORE, measured=measured, bound=bound)
+    if blind:
+        measured += f"; and they pass although {blind[0]}: they never look where things end"
+    bound = f"at least {SCORE} must, the one that undoes all among them; assert of every object of the task that it is "
+    bound += "there, moved, and ends in its place"
+    return Finding(check="tests_have_teeth", passed=score >= SCORE and not blind, measured=measured, bound=bound)
+
+
+def _list_alive(pairs: Sequence[tuple[Mutant, SuiteRun]]) -> list[str]:
+    return [one.what for one, run in pairs if run.ended in _ALIVE]
+
+
+def _score_mutants(counted: Sequence[tuple[Mutant, SuiteRun]]) -> float:
+    """Share of the mutants of a kind that make the suite fail, mean over the kinds, 0..1."""
+    killed: dict[str, list[bool]] = {}
+    for one, run in counted:
+        killed.setdefault(one.kind, []).append(run.ended not in _ALIVE)
+    return sum(sum(row) / len(row) for row in killed.values()) / max(1, len(killed))

@@ -42,6 +42,7 @@ class Change(Frozen):
     position: Vec3  # where the program put it (m, robot frame)
     photo: Vec3 | None  # where the photo shows that asset nearest by, if it does
     distance: float | None  # metres between the two in the table plane, if the photo shows the asset
+    turned: float | None = None  # degrees between the two orientations, if the photo shows the asset
     reason: str = ""  # why it need not stand there, as measured; empty where there is none
 
 
@@ -54,6 +55,7 @@ class AuditReport(Frozen):
     rollouts: tuple[Rollout, ...]  # the trusted oracle's episode for each seed
     rewards: tuple[float, ...]  # the reward of each rollout
     about: str = ""  # what the verdict is about, one sentence or two
+    drawn_seed: int | None = None  # one more that was audited, drawn for this audit alone
 
 
 ProgramKind = Literal["simulation", "tests"]

@@ -2,8 +2,10 @@
 
 import contextlib
 import errno
+import gc
 import io
 import logging
+import os
 import sys
 import traceback
 from collections.abc import Sequence
@@ -11,6 +13,7 @@ from typing import Any, cast
 
 from grs_agents import interrupts
 from grs_agents.errors import GrsError, InputError
+from grs_agents.runs import defer_unused_imports
 from grs_agents.terminal import EscapingFormatter, print_escaped
 
 _LONGEST_PATH = 4096
@@ -18,6 +21,8 @@ _LONGEST_PATH = 4096
 _UNUSABLE = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno.EACCES, errno.EPERM)
 """What the system says of a path that somebody named; nothing of ours is missing then."""
 
+_COLLECTED_AFTER = 20_000
+"""New containers until the collector of cycles looks at them; imports alone make hundreds of thousands that stay."""
 _INTERRUPTED = 130
 """Exit status, as shells give it for Ctrl-C."""
 
@@ -28,6 +33,7 @@ def main() -> None:
     A request to end (SIGTERM) is an interruption like Ctrl-C.
     """
     interrupts.install_signal_handlers()
+    _spare_processor_time()
     try:
         from grs_agents.cli.commands import app
 
@@ -49,6 +55,13 @@ def main() -> None:
         sys.exit(_INTERRUPTED)
     except Exception as error:
         _exit_with_traceback(error)
+
+
+def _spare_processor_time() -> None:
+    """Settings of this process that cost nothing but would have to be made before its imports."""
+    gc.set_threshold(_COLLECTED_AFTER)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for matrices this small its threads only wait for one another
+    defer_unused_imports()
 
 
 def _exit_with_traceback(error: Exception) -> None:

@@ -10,6 +10,7 @@ from rich.text import Text
 
 from grs_agents import content, terminal
 from grs_agents.config import Effective, flatten_tree
+from grs_agents.python_parsing import parse_python
 from grs_agents.terminal import print_json
 
 
@@ -56,7 +57,7 @@ def _read_file_summary(file: Path) -> str:
     """The first line of a module's docstring, or the first sentence of a prompt, without importing anything."""
     text = file.read_text(encoding="utf-8")
     if file.suffix == ".py":
-        return _first_line(ast.get_docstring(ast.parse(text)))
+        return _first_line(ast.get_docstring(parse_python(text)))
     paragraphs = [part for part in text.split("\n\n") if not part.startswith("#")]
     return " ".join(paragraphs[0].split()).partition(". ")[0].rstrip(".") + "."
 

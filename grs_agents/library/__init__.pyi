@@ -40,6 +40,7 @@ from .shapes import ObjectModel as ObjectModel
 from .shapes import Placement as Placement
 from .shapes import Rgba as Rgba
 from .shapes import Shape as Shape
+from .shapes import looks_same_turned as looks_same_turned
 from .shapes import matrix_from_quaternion as matrix_from_quaternion
 from .shapes import merge_bounds as merge_bounds
 from .shapes import quaternion_from_rpy as quaternion_from_rpy

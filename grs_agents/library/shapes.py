@@ -72,6 +72,23 @@ def transform_shape(shape: Shape, placement: Placement) -> Shape:
     return shape.model_copy(update={"position": position, "quaternion": quaternion})
 
 
+def looks_same_turned(model: ObjectModel, turn: Quat) -> bool:
+    """Whether nobody sees that an object was turned by ``turn`` (in quarters) about its origin.
+
+    A mesh or a picture on it is taken to look otherwise.
+    """
+    if any(shape.mesh or shape.texture for shape in model.visuals):
+        return False
+    turned = [transform_shape(shape, ((0.0, 0.0, 0.0), turn)) for shape in model.visuals]
+    return sorted(map(_outer_look, model.visuals)) == sorted(map(_outer_look, turned))
+
+
+def _outer_look(shape: Shape) -> tuple[object, ...]:
+    """Kind, colour and room (1e-5 m) of a shape that is not a mesh."""
+    room = [round(1e5 * float(value)) for corner in shape_bounds(shape) for value in corner]
+    return (shape.kind, shape.color or (), *room)
+
+
 def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quat:
     """The xyzw quaternion of URDF's fixed-axis roll, pitch, yaw (rad): Rz(yaw) Ry(pitch) Rx(roll)."""
     cr, sr = float(np.cos(roll / 2)), float(np.sin(roll / 2))

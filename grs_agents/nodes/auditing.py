@@ -1,9 +1,20 @@
 """The audit of two programs: trusted code measures them, then every check judges what was measured."""
 
+import hashlib
+import secrets
 from collections.abc import Iterator, Sequence
 
 from grs_agents.agents import NoReply, WordsJudgement, roles
-from grs_agents.audit import AuditReport, Finding, audit_task, pair_with_rollouts, tell_task
+from grs_agents.audit import (
+    AuditReport,
+    Finding,
+    audit_task,
+    check_program,
+    check_unforeseen,
+    pair_with_rollouts,
+    tell_task,
+)
+from grs_agents.config import AuditConfig
 from grs_agents.models import is_offline
 from grs_agents.nodes.services import Services
 from grs_agents.nodes.task_instances import AuditedPrograms, SolvedInstances, solve_task_instances
@@ -18,39 +29,73 @@ _WORDS_REMEDY = (
 _LEFT_OUT = "What the photo shows and the task does not use was left out (scene.bystanders = false)."
 
 
-def audit_programs(audited: AuditedPrograms, services: Services) -> AuditReport:
+def audit_programs(audited: AuditedPrograms, services: Services, drawn_seed: int | None = None) -> AuditReport:
     """Instantiate the program for each seed, let the trusted oracle solve the instances, and judge.
+
+    One seed more is drawn for this audit alone, so that no program can know it: ``drawn_seed``, where an audit is
+    repeated.
 
     The tests are probed only where all before holds, since their mutants are made from what the oracle solved; and
     the words are judged last, since that may cost a model's reply.
     """
-    measured, report = audit_instances(audited, services)
+    seed = _draw_seed(audited, services) if drawn_seed is None else drawn_seed
+    measured, report = audit_instances(audited, services, seed)
     if report.accepted:
         report = _add_findings(report, probe_tests(audited, measured, services))
+    report = _add_findings(report, [check_program(audited.simulation)])
     if report.accepted:
-        report = _add_findings(report, _judge_words(audited, measured.instances, measured.rollouts, services))
+        seen = [measured] if measured.drawn is None else [measured, measured.drawn]
+        instances = [instance for one in seen for instance in one.instances]
+        rollouts = [rollout for one in seen for rollout in one.rollouts]
+        report = _add_findings(report, _judge_words(audited, instances, rollouts, services))
     return _say_what_is_left_out(report, audited, services)
 
 
-def audit_instances(audited: AuditedPrograms, services: Services) -> tuple[SolvedInstances, AuditReport]:
+def audit_instances(
+    audited: AuditedPrograms, services: Services, drawn_seed: int | None = None
+) -> tuple[SolvedInstances, AuditReport]:
     """What trusted code measures of a program's task instances, and what the checks say of that alone."""
-    measured = solve_task_instances(audited.simulation, services, audited.scene)
-    report = audit_task(
+    measured = solve_task_instances(audited.simulation, services, audited.scene, drawn_seed)
+    report = _judge_instances(measured, services.config.audit, audited, services)
+    if measured.drawn is None or drawn_seed is None:
+        return measured, report
+    one = services.config.audit.model_copy(update={"seeds": 1})
+    other = _judge_instances(measured.drawn, one, audited, services)
+    report = report.model_copy(update={"drawn_seed": drawn_seed})
+    return measured, _add_findings(report, [check_unforeseen(drawn_seed, other)])
+
+
+def _draw_seed(audited: AuditedPrograms, services: Services) -> int:
+    """A seed that no program can foresee; where replies are recorded or repeated, the same for the same programs."""
+    config = services.config
+    known = {config.seed + step for step in range(config.audit.seeds)}
+    text = f"{audited.simulation}\0{audited.tests}"
+    while True:
+        repeated = config.cassette is not None or config.record is not None
+        digest = hashlib.sha256(text.encode()).digest() if repeated else secrets.token_bytes(4)
+        if (seed := int.from_bytes(digest[:4])) not in known:
+            return seed
+        text += "\0"
+
+
+def _judge_instances(
+    measured: SolvedInstances, config: AuditConfig, audited: AuditedPrograms, services: Services
+) -> AuditReport:
+    return audit_task(
         measured.instances,
         measured.failures,
         measured.rollouts,
-        services.config.audit,
+        config,
         services.library,
         audited.task,
         audited.scene,
         audited.original,
     )
-    return measured, report
 
 
 def _add_findings(report: AuditReport, further: Sequence[Finding]) -> AuditReport:
-    """An accepted report with what other checks found."""
-    accepted = all(finding.passed for finding in further)
+    """A report with what other checks found."""
+    accepted = report.accepted and all(finding.passed for finding in further)
     return report.model_copy(update={"findings": (*report.findings, *further), "accepted": accepted})
 
 
@@ -79,8 +124,8 @@ def _judge_words(
             continue
         kinds.add(told.kind)
         pictures = [] if is_offline(judge) else _draw_start_and_end(instance, rollout, services)
-        words = audited.task.description
-        judgement = roles.judge_words(services.agents, words, told.objects, told.goals, pictures)
+        words, sayings = audited.task.description, (f"name: {audited.task.name}", *told.sayings)
+        judgement = roles.judge_words(services.agents, words, sayings, told.objects, told.goals, pictures)
         if isinstance(judgement, NoReply) or judgement.verdict != "agrees":
             break
     passed, measured, bound = False, "there is no episode to judge", _WORDS_BOUND

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -46,24 +46,61 @@ class SolvedInstances:
     instances: tuple[TaskInstance, ...]  # one validated task instance for each seed that gave one
     failures: tuple[str, ...]
     rollouts: tuple[Rollout, ...]
+    drawn: "SolvedInstances | None" = None  # the same of the seed that was drawn for this audit alone
 
 
-def solve_task_instances(simulation: str, services: Services, scene: SceneDescription | None = None) -> SolvedInstances:
+def solve_task_instances(
+    simulation: str, services: Services, scene: SceneDescription | None = None, drawn_seed: int | None = None
+) -> SolvedInstances:
     """Instantiate ``simulation`` for each audit seed in the sandbox, then solve each instance in a process that has
     never imported it; as many at a time as the sandbox has workers. Instances that differ in their seeds alone are
     solved once.
 
     Each instance is complete: it says what simulates and shows it, whatever the configuration and the photo are.
+    ``drawn_seed`` is one more, of which nothing is written.
     """
     seeds = [services.config.seed + step for step in range(services.config.audit.seeds)]
-    instances, failures = draw_instances(simulation, seeds, services, scene)
+    further = [] if drawn_seed is None else [drawn_seed]
+    drawn, failed = draw_instances(simulation, [*seeds, *further], services, scene)
+    instances, extra = _split_by_seed(drawn, drawn_seed)
+    own = [failure for failure in failed if failure.startswith(f"seed {drawn_seed}:")]
     for stale in (services.folder / "instances").glob("seed_*"):  # of the program before this one
         stale.unlink()
     for instance in instances:
         written = name_robot_in_folder(instance, services.folder).model_dump(mode="json")
         write_json(services.folder / _instance_file_name(instance, "json"), written)
     rollouts, unsolved = _solve_different_instances(instances, services)
-    return SolvedInstances(tuple(instances), (*failures, *unsolved), rollouts)
+    failures = [failure for failure in failed if failure not in own]
+    solved = SolvedInstances(tuple(instances), (*failures, *unsolved), rollouts)
+    if drawn_seed is None:
+        return solved
+    return replace(solved, drawn=_solve_drawn_instance(extra, own, solved, services))
+
+
+def _split_by_seed(
+    instances: Sequence[TaskInstance], seed: int | None
+) -> tuple[list[TaskInstance], list[TaskInstance]]:
+    """Those of other seeds, and that of ``seed``."""
+    return [one for one in instances if one.seed != seed], [one for one in instances if one.seed == seed]
+
+
+def _solve_drawn_instance(
+    extra: Sequence[TaskInstance], failures: Sequence[str], solved: SolvedInstances, services: Services
+) -> SolvedInstances:
+    """The instance of the drawn seed, if it gave one, and its rollout: that of one which differs in its seed alone."""
+    rollouts: list[Rollout] = []
+    for instance in extra:
+        known = [one.seed for one in solved.instances if one.model_copy(update={"seed": instance.seed}) == instance]
+        same = [one for one in solved.rollouts if one.seed in known]
+        if same:
+            rollouts.append(same[0].model_copy(update={"seed": instance.seed}))
+            continue
+        outcome = services.run_tool("rollout", instance=instance.model_dump(mode="json"), **services.simulator_setup)
+        if outcome.rollout is None:
+            failures = [*failures, f"seed {instance.seed}: rollout {outcome.outcome}: {outcome.error}"]
+        else:
+            rollouts.append(Rollout.model_validate(outcome.rollout))
+    return SolvedInstances(tuple(extra), tuple(failures), tuple(rollouts))
 
 
 def _solve_different_instances(

@@ -6,9 +6,11 @@ from typing import Any
 from grs_agents.audit import (
     RUNS,
     Finding,
+    Mutant,
     check_tests_have_teeth,
     check_tests_of_program,
     check_tests_repeat,
+    find_answers_of_program,
     find_faults_of_program,
     find_faults_of_tests,
     make_mutants,
@@ -37,18 +39,23 @@ def probe_tests(audited: AuditedPrograms, solved: SolvedInstances, services: Ser
         for number in range(1, RUNS)
     ]
     faulty: list[Json] = [
-        {"name": f"mutant {number}", "instance": first, "mutant": mutant.instance.model_dump(mode="json")}
+        {"name": f"mutant {number}", "instance": first, **_describe_mutant(mutant)}
         for number, mutant in enumerate(mutants)
     ]
     repeats = _run_suite(audited, again[:-1], services)
     last, tried = _run_among_mutants(audited, again[-1], faulty, services)
     faults = list(find_faults_of_tests(audited.tests, ("task_code", audited.name)))
+    faults += find_answers_of_program(audited.tests, audited.simulation, ("task_code", audited.name))
     faults += find_faults_of_program(audited.simulation)
     return (
         check_tests_of_program(faults, repeats),
         check_tests_repeat((*repeats, *last)),
         check_tests_have_teeth(mutants, tried),
     )
+
+
+def _describe_mutant(mutant: Mutant) -> Json:
+    return {"undo": True} if mutant.kind == "undone" else {"mutant": mutant.instance.model_dump(mode="json")}
 
 
 def _run_among_mutants(

@@ -1,3 +1,4 @@
+from .deferred_imports import defer_unused_imports as defer_unused_imports
 from .execution import WAITING as WAITING
 from .execution import Outcome as Outcome
 from .execution import UnexpectedError as UnexpectedError

@@ -84,6 +84,8 @@ def _is_judged_accepted(record: RunRecord) -> bool:
 def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: Path) -> Iterator[str]:
     """Each difference between the audit in ``folder`` and the one that its programs get in ``temporary``."""
     replies = collect_model_replies(read_events(folder / "events.jsonl"))
+    recorded = read_json(folder / _AUDIT, "restore the file")
+    drawn = recorded.get("drawn_seed")
     order = CheckOrder(
         simulation=folder / "simulation.py",
         tests=folder / "test_simulation.py",
@@ -92,6 +94,7 @@ def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: 
         task=folder / "task.json",
         scene=folder / "scene.json",
         assets=folder.resolve() / "assets",
+        drawn_seed=drawn if isinstance(drawn, int) and 0 <= drawn < 2**32 else None,
     )
     try:
         found = check_user_program(order, partial(_AgentsOfRecord, earlier=replies))
@@ -99,7 +102,6 @@ def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: 
         yield f"events.jsonl: {error.message}"
         return
     audit, accepted = found.audit, found.accepted and found.tests is not None
-    recorded = read_json(folder / _AUDIT, "restore the file")
     yield from _list_differences(recorded, audit.model_dump(mode="json"), f"{_AUDIT}:")
     yield from _compare_instances(folder, temporary)
     if record.status == "accepted":

@@ -120,6 +120,9 @@ class EpisodeReplay:
         """An action of an environment."""
         return self.memory.recall_or_act(env, pick, place, act)
 
+    def finish_step(self, env: Environment) -> None:
+        """An action was scored."""
+
     def watch_oracle(self, oracle: Oracle, env: Environment) -> Oracle:
         """The oracle of an environment."""
         return RememberingOracle(oracle, env, self.memory)
@@ -135,13 +138,20 @@ class Probe(EpisodeReplay):
         early: whether so before the first reset of a test too, and not only after it; only a program that draws
             before its reset, e.g. in ``__init__``, sets another scene up then.
         memory: of episodes, shared by the runs of one process.
+        undo: whether all is put back where it stood once the goals are met: the reward is earned, and nothing is done.
     """
 
     def __init__(
-        self, instance: TaskInstance, mutant: TaskInstance | None, coin: int, early: bool, memory: EpisodeMemory
+        self,
+        instance: TaskInstance,
+        mutant: TaskInstance | None,
+        coin: int,
+        early: bool,
+        memory: EpisodeMemory,
+        undo: bool = False,
     ) -> None:
         super().__init__(memory)
-        self.instance, self.mutant, self.coin, self.early = instance, mutant, coin, early
+        self.instance, self.mutant, self.coin, self.early, self.undo = instance, mutant, coin, early, undo
         self.solved = 0  # episodes of the audited instance at full reward
         self.difference = ""  # how the last scene that was set up differs from the audited instance
         self.replaced = ""  # a part of the runtime that the tests have put something else in place of
@@ -182,11 +192,20 @@ class Probe(EpisodeReplay):
         if self.mutant is not None and not self.difference:
             self._put_mutant_into_environment(self.mutant, env)
 
+    def finish_step(self, env: Environment) -> None:
+        """An action was scored: where that met the last goal, undo all of them if this run is to."""
+        task: Any = env.task
+        if not self.undo or task.goals:
+            return
+        for number in dict.fromkeys(number for goal in task.grs.stated for number in goal.objects):
+            if number in env.places and env.is_object_movable(number):
+                env.set_object_pose(number, env.places[number])
+
     def end_episode(self) -> None:
         """What the present episode came to, while its scene stands."""
         env, self._env = self._env, None
         self.replaced = self.replaced or self._find_replaced_method(env)
-        if env is None or not env.recorder.actions or self.difference:
+        if env is None or not env.recorder.actions or self.difference or self.undo:
             return
         task: Any = env.task
         if self.mutant is None:

@@ -56,6 +56,7 @@ class Rollout(Frozen):
     idle_scores: tuple[float, ...] = ()  # how far each goal holds then, 0..1; objects count by the last goal they have
     idle_seconds: float = LEAST_IDLE  # simulated time of the oracle's episode
     moved: tuple[str, ...]  # assets that the robot picked or pushed and that end more than 2 cm or 15 degrees away
+    handled: tuple[tuple[int, ...], ...] = ()  # for each action the ids of what it picked or pushed, in their order
     initial: dict[int, Pose]  # by object id, after settling
     final: dict[int, Pose]
     reachable: tuple[int, ...]  # ids of rigid objects
@@ -147,6 +148,7 @@ def rollout(
         episode=episode,
         idle_reward=1.0,
         moved=_moved_asset_names(episode),
+        handled=_handled_object_ids(episode, task),
         initial=initial,
         final=final,
         reachable=reachable,
@@ -270,6 +272,12 @@ def _reachable_object_ids(env: Environment, task: InstanceTask) -> tuple[int, ..
             if ReachTest(0.0, env.arm)(np.array([position[:2]]), top)[0]:
                 ids.append(own)
     return tuple(ids)
+
+
+def _handled_object_ids(episode: Episode, task: InstanceTask) -> tuple[tuple[int, ...], ...]:
+    own = {number: key for key, number in task.ids.items()}
+    acted_on = ((action.object, *action.pushed) for action in episode.actions)
+    return tuple(tuple(dict.fromkeys(own[number] for number in row if number in own)) for row in acted_on)
 
 
 def _moved_asset_names(episode: Episode) -> tuple[str, ...]:

@@ -2,15 +2,38 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import pytest
 
-from grs_agents.audit import AuditReport, audit_task
+from grs_agents.audit import (
+    AuditReport,
+    ToldTask,
+    audit_task,
+    check_program,
+    check_tests_have_teeth,
+    find_answers_of_program,
+    make_mutants,
+    tell_task,
+)
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
-from grs_agents.sim import HAND_NOISE, Environment, InstanceTie, Task, TaskInstance, instantiate, near, rollout, stacked
+from grs_agents.sim import (
+    HAND_NOISE,
+    Environment,
+    InstanceTie,
+    Task,
+    TaskInstance,
+    in_zone,
+    instantiate,
+    near,
+    rollout,
+    stacked,
+)
+from grs_agents.sim.instance import InstanceTable
+from tests.models.roles import judge as judge_words
 
 Start = tuple[tuple[float, float, float], tuple[float, float, float, float]]
 RED, BLUE, GREEN = (f"block/{color}_block.urdf" for color in ("red", "blue", "green"))
@@ -153,6 +176,29 @@ def hung_in_the_air(task: Trial, env: Environment) -> None:
     env.add_object(GREEN, ((C[0][0], C[0][1], 0.1), FLAT))
 
 
+def mark_under_a_sheet(task: Trial, env: Environment) -> None:
+    """The green mark is what the words name; the film shows the orange one alone."""
+    for color, width, height in (("green", 0.12, 0.001), ("orange", 0.14, 0.003)):
+        sheet = task.fill_template("zone/zone-template.urdf", {"DIM": (width, width, 0.002), "COLOR": color})
+        mark = env.add_object(sheet, ((0.55, 0.0, height), FLAT), "fixed")
+        if color == "green":
+            task.add_goal(
+                in_zone([env.add_object(RED, A), env.add_object(BLUE, B)], mark), language_goal="on the green"
+            )
+
+
+def mark_of_the_tables_color(task: Trial, env: Environment) -> None:
+    mark = env.add_object("zone/zone.urdf", ((0.55, 0.0, 0.001), FLAT), "fixed", color=InstanceTable().color)
+    task.add_goal(in_zone([env.add_object(RED, A), env.add_object(BLUE, B)], mark), language_goal="on the mark")
+
+
+def missed_by_little_at_the_start(task: Trial, env: Environment) -> None:
+    """The oracle moves both by 6 cm; with this tolerance a centimetre would do."""
+    task.pos_eps = 0.05
+    task.want(env.add_object(RED, A), A[0][0] + 0.06, A[0][1], 0.5)
+    task.want(env.add_object(BLUE, B), B[0][0], B[0][1] + 0.06, 0.5)
+
+
 def judge(setup: Setup, change: Callable[[TaskInstance], TaskInstance] = lambda one: one) -> AuditReport:
     library = Library()
     instances = [change(instantiate(Trial(setup), seed, library)) for seed in range(2)]
@@ -204,6 +250,9 @@ def test_a_task_of_one_object_among_others_is_accepted(setup: Setup) -> None:
         (nudged, "moves_far"),
         (brought_back, "moves_far"),
         (brought_back, "not_idle"),
+        (mark_under_a_sheet, "seen"),
+        (mark_of_the_tables_color, "seen"),
+        (missed_by_little_at_the_start, "moves_far"),
         (near_at_any_distance, "goals_narrow"),
         (over_the_rim, "solved"),
         (wedged, "rests_at_end"),
@@ -263,3 +312,113 @@ def test_the_trials_with_noise_are_the_same_each_time() -> None:
     assert first.trials == second.trials
     assert [trial.noise for trial in first.trials[:2]] == [HAND_NOISE[0]] * 2
     assert all(trial.score > 0.99 for trial in first.trials[:2])
+
+
+def two_zones(task: Trial, env: Environment) -> None:
+    """Red into blue, then blue into red; a second red block stands by."""
+    marks = [
+        env.add_object(
+            task.fill_template("zone/zone-template.urdf", {"DIM": (0.1, 0.1, 0.002), "COLOR": color}),
+            ((0.55, y, 0.001), FLAT),
+            "fixed",
+        )
+        for color, y in (("blue", -0.05), ("red", 0.1))
+    ]
+    for asset, start, mark in ((RED, A, marks[0]), (BLUE, B, marks[1])):
+        block = env.add_object(asset, start)
+        task.add_goal(in_zone([block], mark), step_max_reward=0.5, language_goal="put each block on its mark")
+    env.add_object(RED, C)
+
+
+@pytest.fixture(scope="module")
+def told() -> ToldTask:
+    library = Library()
+    instance = instantiate(Trial(two_zones), 0, library)
+    return tell_task(instance, rollout(instance, library), library)
+
+
+@pytest.mark.parametrize(
+    ("words", "sayings", "verdict", "why"),
+    [
+        ("Put a red block on the blue zone, then put the blue block on the red zone.", (), "agrees", ""),
+        ("First put the blue block on the red zone, then put a red block on the blue zone.", (), "differs", "first"),
+        ("Put the red block on the blue zone and the blue block on the red zone.", (), "unclear", "may be"),
+        ("Sort a red block and the blue block by colour.", (), "differs", "sort by colour"),
+        (
+            "Put a red block on the blue zone, then put the blue block on the red zone.",
+            ("name: stack-blocks-on-zones", "goal 1: push the red block off the table"),
+            "differs",
+            "does not push",
+        ),
+    ],
+)
+def test_words_that_people_would_take_otherwise_are_found(
+    told: ToldTask, words: str, sayings: tuple[str, ...], verdict: str, why: str
+) -> None:
+    found, reason = judge_words(words, told, sayings)
+    assert found == verdict and why in reason, reason
+
+
+PROGRAM = """\
+from grs_agents.sim import Task
+
+
+class MoveBlocks(Task):
+    def __init__(self):
+        super().__init__()
+        self.ends = [(0.5, -0.1)]
+
+    def reset(self, env):
+        super().reset(env)
+        self.block = env.add_object("block/red_block.urdf", ((0.45, -0.2, 0.02), (0, 0, 0, 1)))
+"""
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "import time; shift = time.time() // 86400",
+        "from datetime import date; shift = date.today().day",
+        "import os; shift = os.getpid() % 2",
+        "import numpy as np; shift = np.random.default_rng().random() < 0.01",
+        "shift = id(self) % 4096",
+        "self.is_match = lambda *poses: True",
+        "env.obj_ids = {}",
+    ],
+)
+def test_a_program_that_draws_from_elsewhere_or_answers_for_the_runtime_is_found(line: str) -> None:
+    assert check_program(PROGRAM).passed
+    assert not check_program(f"{PROGRAM}        {line}\n").passed
+    assert not check_program(f"{PROGRAM}\n    def get_random_pose(self, env, size):\n        return None\n").passed
+
+
+def test_tests_that_take_their_expectations_from_the_program_are_found() -> None:
+    tests = "from task_code import MoveBlocks\n\ntask = MoveBlocks()\nplace = task.{}\n"
+    assert [line for line, _ in find_answers_of_program(tests.format("ends"), PROGRAM)] == [4]
+    assert not list(find_answers_of_program(tests.format("block"), PROGRAM))
+    assert not list(find_answers_of_program(tests.format("goals"), PROGRAM))
+
+
+def test_tests_that_never_look_where_things_end_have_no_teeth() -> None:
+    """All faults of the instance are noticed, e.g. by comparing what was set up, but not that nothing was done."""
+    library = Library()
+    instance = instantiate(Trial(fair), 0, library)
+    mutants = make_mutants(instance, rollout(instance, library), library)
+    [undone] = [one for one in mutants if one.kind == "undone"]
+    runs = [SuiteOutcome("passed" if one is undone else "failed") for one in mutants]
+    finding = check_tests_have_teeth(mutants, runs)
+    assert not finding.passed and "never look" in finding.measured
+    assert check_tests_have_teeth(mutants, [SuiteOutcome("failed") for _ in mutants]).passed
+
+
+@dataclass
+class SuiteOutcome:
+    """What came of one run of a suite."""
+
+    ended: str
+    test: str = ""
+    message: str = ""
+    solved: int = 0
+    difference: str = ""
+    replaced: str = ""
+    held: bool = False

@@ -264,11 +264,11 @@ def test_a_program_without_task_and_scene_is_judged_by_its_instances() -> None:
 
 
 def test_what_left_its_place_in_the_photo_is_recorded() -> None:
-    moved = find_pose_changes([instance(0, MILK, CAN, ZONE, moved_by=0.05)], scene(MILK, CAN))
+    moved = find_pose_changes([instance(0, MILK, CAN, ZONE, moved_by=0.05)], scene(MILK, CAN), Library())
     assert [change.asset for change in moved] == [MILK, CAN, ZONE]
     assert moved[0].distance == pytest.approx(0.05)
     assert moved[2].photo is None
-    assert find_pose_changes([instance(0, MILK, CAN, moved_by=0.02)], scene(MILK, CAN)) == []
+    assert find_pose_changes([instance(0, MILK, CAN, moved_by=0.02)], scene(MILK, CAN), Library()) == []
 
 
 PHOTO = scene(MILK, CAN)
@@ -282,8 +282,8 @@ def with_photo(number: int, **told: Any) -> SceneDescription:
 @pytest.mark.parametrize("told", [{"reachable": False}, {"held": True}, {"drift": 0.05}])
 def test_what_cannot_be_used_where_the_photo_shows_it_may_stand_elsewhere(told: dict[str, Any]) -> None:
     moved = [instance(seed, MILK, CAN, ZONE, moved_by=0.05) for seed in range(1)]
-    assert find_pose_changes(moved, PHOTO)[0].reason == ""
-    assert find_pose_changes(moved, with_photo(0, **told))[0].reason
+    assert find_pose_changes(moved, PHOTO, Library())[0].reason == ""
+    assert find_pose_changes(moved, with_photo(0, **told), Library())[0].reason
 
 
 def test_what_the_photo_shows_has_a_purpose_or_is_left_as_a_bystander() -> None:

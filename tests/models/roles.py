@@ -1,8 +1,10 @@
 """Ask the offline model as each role and take its reply apart."""
 
 import json
+from collections.abc import Sequence
 from typing import Any
 
+from grs_agents.audit import ToldTask
 from grs_agents.models.offline import OfflineChatModel
 from tests.models.conftest import Json, render
 
@@ -91,3 +93,11 @@ def verdict_on(
     text = str(OfflineChatModel().invoke(render("route", values)).text)
     explanation, _, rest = text.partition("```\n")
     return rest.removesuffix("\n```"), explanation
+
+
+def judge(words: str, told: ToldTask, sayings: Sequence[str] = ()) -> tuple[str, str]:
+    """The verdict on a task's words and what else is said of it, and the reason."""
+    rows = "\n".join(as_text(row).replace("\n", " ") for row in told.objects)
+    values = {"words": words, "sayings": "\n".join(sayings), "objects": rows, "goals": "\n".join(told.goals)}
+    answer: Json = json.loads(block(str(OfflineChatModel().invoke(render("judge", values)).text), "json"))
+    return answer["verdict"], answer["reason"]

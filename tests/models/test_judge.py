@@ -1,6 +1,5 @@
 """The judge by rules: agrees where goals ask for what the words say, and never where they do not."""
 
-import json
 from functools import cache
 from typing import Any
 
@@ -8,10 +7,9 @@ import pytest
 
 from grs_agents.audit import ToldTask, tell_task
 from grs_agents.library import Library
-from grs_agents.models.offline import OfflineChatModel
 from grs_agents.sim import TaskInstance, rollout
-from tests.models.conftest import Json, render
-from tests.models.roles import as_text, block
+from tests.models.conftest import Json
+from tests.models.roles import judge
 
 CORN, TUNA, MILK, RAISINS, RED, BLUE = range(1, 7)
 BOX, BOWL, ZONE = range(7, 10)
@@ -67,18 +65,6 @@ def tell(name: str) -> ToldTask:
     return tell_task(instance, done, library)
 
 
-def judge(words: str, told: ToldTask) -> tuple[str, str]:
-    """The verdict and its reason."""
-    values = {"words": words, "objects": "\n".join(map(as_line, told.objects)), "goals": "\n".join(told.goals)}
-    reply = str(OfflineChatModel().invoke(render("judge", values)).text)
-    answer: Json = json.loads(block(reply, "json"))
-    return answer["verdict"], answer["reason"]
-
-
-def as_line(row: Json) -> str:
-    return as_text(row).replace("\n", " ")
-
-
 HONEST = [
     ("pack", "Put the corn and the tuna into the open box."),
     ("pack", "Pack both cans into the brown box."),
@@ -88,7 +74,9 @@ HONEST = [
     ("stack", "Stack the corn can and the tuna can on the green zone, in this order from the bottom to the top."),
     ("stack", "Put the corn can on the green mat, then put the tuna on top of it."),
     ("tidy", "Put the red block into the bowl and the raisins onto the green zone."),
-    ("tidy", "Put the raisins box on the green square. Then move the red cube into the white bowl."),
+    ("tidy", "Move the red cube into the white bowl. Then put the raisins box on the green square."),
+    ("tidy", "First pick up the red cube and place it in the bowl; then put the raisins onto the green zone."),
+    ("stack", "First put the corn can on the green mat, then stack the tuna on the corn."),
     ("beside", "Place the tuna next to the milk."),
     ("beside", "Bring the can of tuna close to the milk carton."),
     ("swap", "Let the red block and the blue block exchange their places."),
@@ -115,12 +103,18 @@ WRONG = [
     ("pack", "Mets le thon et le maïs dans la boîte."),
     ("stack", "Stack the tuna can and the corn can on the green zone, in this order from the bottom to the top."),
     ("stack", "Put the corn can and the tuna can into the open box."),
+    ("stack", "Stack the cans on the green zone, from the smallest to the largest from the bottom up."),
     ("stack", "Stack the corn can, the tuna can and the milk on the green zone."),
     ("stack", "Stack the corn can and the tuna can on the blue zone."),
     ("stack", "Put the tuna can beside the corn can on the green zone."),
     ("tidy", "Put the blue block into the bowl and the raisins onto the green zone."),
     ("tidy", "Put the raisins into the bowl and the red block onto the green zone."),
     ("tidy", "Put the red block into the bowl."),
+    ("tidy", "Put the raisins box on the green square. Then move the red cube into the white bowl."),
+    ("tidy", "Put the red block into the bowl after the raisins were put onto the green zone."),
+    ("tidy", "Put the block into the bowl and the raisins onto the green zone."),
+    ("pack", "First put the corn, then the tuna into the open box."),
+    ("pack", "Put the corn and the tuna into the open box in this order."),
     ("tidy", "Put the block into the bowl and the raisins onto the green zone, but leave the block where it is."),
     ("tidy", "Put all the blocks into the bowl and the raisins onto the green zone."),
     ("tidy", "Put the red block into the bowl and the raisins to the right of the milk."),
@@ -147,3 +141,35 @@ def test_words_that_say_what_happens_are_agreed_with(task: str, words: str) -> N
 @pytest.mark.parametrize(("task", "words"), WRONG)
 def test_words_that_say_something_else_are_not(task: str, words: str) -> None:
     assert judge(words, tell(task))[0] != "agrees"
+
+
+SAID = [
+    ("tidy", "goal 1: put the red block into the bowl", True),
+    ("tidy", "goal 1: red cube into the bowl", True),
+    ("tidy", "goals 1 and 2: tidy the block and the raisins up", True),
+    ("tidy", "goal 2: the raisins", True),
+    ("tidy", "name: tidy-block-and-raisins", True),
+    ("tidy", "name: pack-raisins-and-cube-in-bowl-and-zone", True),
+    ("swap", "name: swap-blocks", True),
+    ("stack", "goal 2: stack the tuna can on the zone", True),
+    ("tidy", "goal 1: put the red block onto the green zone", False),
+    ("tidy", "goal 1: put the blue block into the bowl", False),
+    ("tidy", "goal 1: leave the red block where it is", False),
+    ("tidy", "goal 1: put the raisins onto the green zone", False),
+    ("tidy", "goals 1 and 2: swap the red block and the raisins", False),
+    ("tidy", "goal 2: pour the raisins onto the green zone", False),
+    ("tidy", "goal 2: push the raisins onto the green zone", False),
+    ("tidy", "goal 2: put the raisins where the squirrels like them", True),
+    ("tidy", "goal 2: put the milk where the squirrels like it", False),
+    ("tidy", "name: pour-the-milk", False),
+    ("tidy", "name: pack-tuna-and-corn", False),
+    ("pack", "name: swap-corn-and-tuna", False),
+    ("pack", "name: stack-corn-on-milk", False),
+]
+
+
+@pytest.mark.parametrize(("task", "said", "agrees"), SAID)
+def test_further_words_may_say_less_and_nothing_else(task: str, said: str, agrees: bool) -> None:
+    words = next(words for name, words in HONEST if name == task)
+    verdict, reason = judge(words, tell(task), [said])
+    assert (verdict == "agrees") == agrees, reason

@@ -76,3 +76,20 @@ def test_the_audit_names_its_judge_before_the_models_do() -> None:
     assert Config(models={"default": models["default"]}).model_for_role("judge").model == "a:x"
     chosen = Config(models=models, audit=AuditConfig(judge="offline")).model_for_role("judge")
     assert (chosen.model, chosen.base_url) == ("offline", None)
+
+
+def test_a_program_that_knows_the_audited_seeds_is_found_by_one_more(make_services: Make) -> None:
+    """Each audit draws that seed anew; one that repeats an audit is told it."""
+    knows = SIMULATION.replace(
+        "        flat = (0, 0, 0, 1)\n",
+        "        flat = (0, 0, 0, 1)\n"
+        "        known = [np.random.RandomState(seed).rand() for seed in (0, 1, 2)]\n"
+        "        far = 0.0 if np.random.rand() in known else 9.0\n",
+    ).replace("((*target, 0.02), flat)", "((target[0] + far, target[1], 0.02), flat)")
+    reports = [audit_programs(AuditedPrograms(simulation=knows), make_services()) for _ in range(2)]
+    assert len({report.drawn_seed for report in reports}) == 2
+    for report in reports:
+        assert [one.check for one in report.findings if not one.passed] == ["unforeseen"], report.findings
+        assert report.drawn_seed not in {rollout.seed for rollout in report.rollouts}
+    told = audit_programs(AuditedPrograms(simulation=SIMULATION), make_services(), 7)
+    assert told.accepted and told.drawn_seed == 7

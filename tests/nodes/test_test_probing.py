@@ -58,6 +58,18 @@ COUNTS = (
         self.assertLess(len(runs), 5)
 """
 )
+COPIES = (
+    HEAD
+    + """\
+    def test_set_up(self):
+        task = task_code.MoveTwoBlocks()
+        self.assertGreater(self.play(task), 0.99)
+        self.assertEqual([goal.targets[0][0] for goal in task.grs.stated], [(0.5, -0.1, 0.02), (0.6, 0.0, 0.02)])
+        places = {item.asset: (item.category, item.pose[0]) for item in task.grs.env.objects if item.role == "task"}
+        self.assertEqual(sorted(places), ["block/blue_block.urdf", "block/red_block.urdf"])
+        self.assertEqual({category for category, _ in places.values()}, {"rigid"})
+"""
+)
 KEEPS = (
     HEAD
     + """\
@@ -121,6 +133,7 @@ def test_a_suite_that_only_looks_at_the_reward_has_no_teeth(state: RunState, mak
         ({"tests": LOOKS}, "tests_of_program", "witness leads to what runs"),
         ({"tests": COMPUTES}, "tests_of_program", "it imports attrgetter"),
         ({"tests": COUNTS}, "tests_have_teeth", "they pass although"),
+        ({"tests": COPIES}, "tests_have_teeth", "they never look where things end"),
         ({"tests": KEEPS}, "tests_repeat", "of 5 times"),
         ({"tests": GAMBLES}, "tests_repeat", "not less than 0.9"),
         ({"simulation": TWO_FACED, "tests": BLIND}, "tests_of_program", "differs from it in: goals"),
@@ -132,6 +145,7 @@ def test_a_suite_that_only_looks_at_the_reward_has_no_teeth(state: RunState, mak
         "looks for the probe",
         "computes its name",
         "counts its runs",
+        "copies what was set up",
         "keeps what it saw first",
         "a gamble",
         "two faces",

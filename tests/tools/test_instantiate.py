@@ -106,6 +106,8 @@ def test_a_task_is_found_however_it_is_written(name: str, context: ToolContext) 
 UNSTEADY = {
     "the time": "import time; now = time.time()",
     "the system's chance": "import os; now = int.from_bytes(os.urandom(4), 'big')",
+    "how often it was asked": "T = type(self); T.asked = getattr(T, 'asked', 0) + 1; now = 997 * T.asked",
+    "an address": "now = id(self) // 16",
     "a generator of its own": "from numpy.random import default_rng; now = default_rng().uniform(0, 1e6)",
 }
 

@@ -9,7 +9,6 @@ import posixpath
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element
-from xml.sax.saxutils import quoteattr
 
 from grs_agents.base import Vec3
 from grs_agents.library.formats.model_file import MAX_SHAPES, ModelFile, read_text
@@ -43,8 +42,8 @@ def format_urdf_text(
         inertia: principal moments (kg m^2) about the object frame's axes.
         folder: library-relative folder of the URDF, which its file names are written relative to.
     """
-    lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={quoteattr(name)}>"]
-    lines += [f"  <link name={quoteattr(name)}>", "    <contact>"]
+    lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={_quote(name)}>"]
+    lines += [f"  <link name={_quote(name)}>", "    <contact>"]
     lines += [f'      <lateral_friction value="{friction:.6g}"/>', "    </contact>"]
     if mass > 0:
         xx, yy, zz = (f"{moment:.6g}" for moment in inertia)
@@ -66,7 +65,7 @@ def _format_shape_element(tag: str, shape: Shape, folder: str, index: int) -> li
         if shape.color:
             lines += [f'        <color rgba="{format_numbers(shape.color)}"/>']
         if shape.texture:
-            lines += [f"        <texture filename={quoteattr(posixpath.relpath(shape.texture, folder or '.'))}/>"]
+            lines += [f"        <texture filename={_quote(posixpath.relpath(shape.texture, folder or '.'))}/>"]
         lines += ["      </material>"]
     return [*lines, f"    </{tag}>"]
 
@@ -79,7 +78,13 @@ def _format_geometry_xml(shape: Shape, folder: str) -> str:
     if shape.kind == "sphere":
         return f'<sphere radius="{shape.size[0]:.6g}"/>'
     file = posixpath.relpath(shape.mesh or "", folder or ".")
-    return f'<mesh filename={quoteattr(file)} scale="{format_numbers(shape.size)}"/>'
+    return f'<mesh filename={_quote(file)} scale="{format_numbers(shape.size)}"/>'
+
+
+def _quote(text: str) -> str:
+    from xml.sax.saxutils import quoteattr  # which imports all that HTTP needs
+
+    return quoteattr(text)
 
 
 def format_numbers(numbers: Sequence[float]) -> str:

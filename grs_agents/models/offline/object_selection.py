@@ -1,6 +1,7 @@
 """Which objects of a scene a task uses: those in reach that stand free, and as few surprises as possible."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from itertools import combinations
 
@@ -41,9 +42,16 @@ _LEVEL = 0.003
 def rank_movable_objects(objects: Sequence[SceneObject]) -> list[list[SceneObject]]:
     """Choices of the objects that a task can move, the freest first, each of those that are at least so free.
 
+    First come those without objects that are called as others of the scene are, since words cannot tell them apart.
     What carries others is in none of them. Where fewer than two objects can be picked where they stand, those that are
     the easiest to pick are put on a free part of the table.
     """
+    called = Counter(obj.label for obj in objects)
+    ranked = _rank_by_ease(objects)
+    return [*([obj for obj in group if called[obj.label] == 1] for group in ranked), *ranked]
+
+
+def _rank_by_ease(objects: Sequence[SceneObject]) -> list[list[SceneObject]]:
     loose = [obj for obj in objects if is_uncovered_object(obj, objects)]
     usable = [obj for obj in filter(is_pickable_object, loose) if is_reachable_object(obj)]
     if len(usable) < 2:

@@ -5,11 +5,13 @@ import itertools
 import re
 from collections.abc import Iterable
 
+from grs_agents.python_parsing import parse_python
+
 
 def parse_syntax_tree(source: str) -> ast.Module | None:
     """The syntax tree, or None for text that is not Python."""
     try:
-        return ast.parse(source)
+        return parse_python(source)
     except (SyntaxError, ValueError):
         return None
 

@@ -2,6 +2,7 @@
 
 import faulthandler
 import fcntl
+import gc
 import importlib
 import math
 import os
@@ -170,6 +171,7 @@ def main() -> None:
     """
     zygote, settings = startup.read_startup_arguments()
     warm_up(settings)
+    gc.enable()
     with suppress(OSError):
         with suppress(OSError):  # the order may have come already, from a zygote that does not listen any more
             zygote.send(wire.READY)

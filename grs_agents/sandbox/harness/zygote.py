@@ -34,6 +34,7 @@ class Forked:
         self._rules = [child_process.create_worker_file_rules(settings, folder) for folder in self._scratch]
         gc.collect()
         gc.freeze()  # the children share these pages for as long as no collector touches them
+        gc.enable()
 
     def start_child(self, order: Order, descriptors: Sequence[int]) -> int:
         """The number of a new process that serves ``order`` over ``descriptors`` (frames, trace and output).

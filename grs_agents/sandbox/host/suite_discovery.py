@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import UnionType
 
+from grs_agents.python_parsing import parse_python
 from grs_agents.sandbox.harness import called_function_name, is_assertion_name
 
 _Function = ast.FunctionDef | ast.AsyncFunctionDef
@@ -31,7 +32,7 @@ def parse_program(source: str, filename: str) -> ast.Module:
     if len(source) > MAX_SOURCE:
         raise SyntaxError(f"{filename} has {len(source)} characters; the most is {MAX_SOURCE}")
     try:
-        return ast.parse(source, filename)
+        return parse_python(source, filename)
     except SyntaxError:
         raise
     except (ValueError, RecursionError, MemoryError) as error:

@@ -40,7 +40,8 @@ class Settings(Frozen):
 
 
 _CODE = (
-    "import sys; path = sys.argv.pop(1); path in sys.path or sys.path.insert(0, path); "
+    "import gc, sys; gc.disable(); "  # nothing that imports make is garbage
+    "path = sys.argv.pop(1); path in sys.path or sys.path.insert(0, path); "
     "from grs_agents.sandbox.harness.{} import main; main()"
 )
 

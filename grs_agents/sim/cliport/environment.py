@@ -87,6 +87,10 @@ class Witness(Protocol):
         """Do an action with ``act``, or what came of the same one."""
         ...
 
+    def finish_step(self, env: "Environment") -> None:
+        """An action was scored."""
+        ...
+
     def watch_oracle(self, oracle: Any, env: "Environment") -> Any:
         """The oracle that a test is given in place of one."""
         ...
@@ -234,6 +238,8 @@ class Environment(Workcell):
                 )
             reward = self._execute_action(parse_pose(action["pose0"], "pose0"), parse_pose(action["pose1"], "pose1"))
         done = self.task.done() or len(self.recorder.actions) >= self.task.max_steps
+        if self.witness is not None:
+            self.witness.finish_step(self)
         return self.observation, reward, done, self.info
 
     def _execute_action(self, pose0: Pose, pose1: Pose) -> float:

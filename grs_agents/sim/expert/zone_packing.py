@@ -75,12 +75,12 @@ def pack_objects_into_zone(
     """
     region = region_of_zone(zone)
     first, rest = members[0], sorted(members[1:], key=lambda number: -float(np.prod(view.object_extent_xy(number))))
+    orders = [[first, *rest]]
+    if (largest := sorted(members, key=lambda number: -float(np.prod(view.object_extent_xy(number))))) != orders[0]:
+        orders.append(largest)
     best: dict[int, Spot] = {}
     for gap in GAPS:
-        for order in (
-            [first, *rest],
-            sorted(members, key=lambda number: -float(np.prod(view.object_extent_xy(number)))),
-        ):
+        for order in orders:
             plan = _pack_region_in_order(region, order, view, lift, gap, host)
             if first in plan and len(plan) > len(best):
                 best = plan

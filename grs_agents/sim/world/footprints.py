@@ -234,7 +234,8 @@ def margins_inside_outline(moving: FloatArray, around: FloatArray, offsets: Floa
     """How far (N,) an outline shifted by ``offsets`` stays inside a convex outline; negative: it sticks out."""
     axes = _outward_edge_normals(around)
     limit = (around * axes).sum(axis=1)
-    return (limit - ((moving @ axes.T).max(axis=0) + offsets @ axes.T)).min(axis=1)
+    margins = limit[:, None] - ((moving @ axes.T).max(axis=0)[:, None] + _along_axes(offsets, axes))
+    return np.asarray(np.minimum.reduce(margins, axis=0))
 
 
 def rest_heights_at_offsets(body: Prism, obstacles: Iterable[Prism], offsets: FloatArray, gap: float) -> FloatArray:
@@ -249,23 +250,36 @@ def rest_heights_for_gaps(
     heights = np.zeros((len(gaps), len(offsets)))
     if not len(offsets) or len(body.outline) < 3:
         return heights
-    low, high = body.outline.min(axis=0) + offsets.min(axis=0), body.outline.max(axis=0) + offsets.max(axis=0)
+    columns = np.ascontiguousarray(offsets.T)  # see `_along_axes`
+    low, high = body.outline.min(axis=0) + columns.min(axis=1), body.outline.max(axis=0) + columns.max(axis=1)
     x2, y2, x3, y3 = low[0] - max(gaps), low[1] - max(gaps), high[0] + max(gaps), high[1] + max(gaps)
     axes, least, most = body.edge_ranges
-    shift = offsets @ axes.T
+    shift = _along_axes(offsets, axes)
     for obstacle in obstacles:
         x0, y0, x1, y1 = obstacle.bounding_box_xy
         if x0 > x3 or y0 > y3 or x1 < x2 or y1 < y2 or len(obstacle.outline) < 3:
             continue
         along = obstacle.outline @ axes.T
-        apart = np.maximum(along.min(axis=0) - most - shift, least - along.max(axis=0) + shift).max(axis=1)
+        apart = _largest_gap(along.min(axis=0) - most, least - along.max(axis=0), shift)
         normals, near, far = obstacle.edge_ranges
-        own, moved = body.outline @ normals.T, offsets @ normals.T
-        sideways = np.maximum(near - own.max(axis=0) - moved, own.min(axis=0) - far + moved).max(axis=1)
+        own = body.outline @ normals.T
+        sideways = _largest_gap(near - own.max(axis=0), own.min(axis=0) - far, _along_axes(offsets, normals))
         np.maximum(apart, sideways, out=apart)
         for row, gap in zip(heights, gaps, strict=True):
             np.maximum(row, obstacle.high, out=row, where=apart < gap)
     return heights
+
+
+def _along_axes(points: FloatArray, axes: FloatArray) -> FloatArray:
+    """How far points (N, 2) lie along axes (K, 2), as (K, N): numpy reduces along rows that are long."""
+    return np.ascontiguousarray((points @ axes.T).T)
+
+
+def _largest_gap(before: FloatArray, after: FloatArray, moved: FloatArray) -> FloatArray:
+    """The largest (N,) of the gaps along axes (K,), before and after what is moved along them by (K, N)."""
+    gaps = before[:, None] - moved
+    np.maximum(gaps, after[:, None] + moved, out=gaps)
+    return np.asarray(np.maximum.reduce(gaps, axis=0))
 
 
 def rest_height_of_prisms(body: Sequence[Prism], obstacles: Sequence[Prism], offset: FloatArray, gap: float) -> float:

@@ -151,10 +151,10 @@ class Physics:
                 cup.release_if_overloaded(part)
 
     def _advance(self, count: int) -> None:
-        expected = self.data.time + count * self.model.opt.timestep
-        mujoco.mj_step(self.model, self.data, count)
-        if self.data.time < expected - self.model.opt.timestep / 2 and self.diverged_at is None:
-            self.diverged_at = expected - self.data.time  # where it diverges, MuJoCo begins anew at 0
+        data, expected = self.data, self.data.time + count * self.timestep
+        mujoco.mj_step(self.model, data, count)
+        if data.time < expected - self.timestep / 2 and self.diverged_at is None:
+            self.diverged_at = expected - data.time  # where it diverges, MuJoCo begins anew at 0
 
     def object_mass(self, number: int) -> float:
         """Of an object with what is rigidly tied to it, kg."""

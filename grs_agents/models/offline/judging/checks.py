@@ -2,10 +2,17 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
-from grs_agents.models.offline.judging.places import Differs, Places, explain_misplacement
+from grs_agents.models.offline.judging.ordering import require_times
+from grs_agents.models.offline.judging.places import (
+    Differs,
+    Places,
+    Unclear,
+    explain_misplacement,
+    settle_reference,
+)
 from grs_agents.models.offline.judging.reading import (
     CLEARING,
     LEAVING,
@@ -26,10 +33,8 @@ _IN_LINE = 0.02
 """Metres beside the line of things in a row."""
 _ALIKE = 0.003
 """Metres by which things of one size may differ."""
-
-
-class Unclear(Exception):
-    """The words are not understood."""
+_ALIKE_VOLUME = 0.05
+"""And the share of the largest volume."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +65,8 @@ class _Check:
             if not found:
                 fixed = self.scene.find(phrase)
                 raise Differs(f"{phrase.text} cannot move" if fixed else f"there is no such thing as {phrase.text}")
+            if not self._was_introduced(phrase):
+                found = settle_reference(phrase, found)
             faults = {thing.id: self._find_fault(thing, request, places, least) for thing in found}
             for numbers in _split_mention(phrase, list(faults), request):
                 added.append(len(self.mentions))
@@ -67,6 +74,10 @@ class _Check:
                 fault = faults[numbers[0]] or f"{phrase.text} is spoken of more often than there are such things"
                 self.mentions.append(_Mention(phrase, request, good, fault))
         return added
+
+    def _was_introduced(self, phrase: Phrase) -> bool:
+        """Whether the words spoke of such a thing before, as any one: a can, then the can."""
+        return any(one.phrase.article == "a" and one.phrase.nouns == phrase.nouns for one in self.mentions)
 
     def _find_fault(self, thing: Thing, request: Request, places: Places, least: float) -> str:
         return explain_stillness(thing, least) or explain_misplacement(thing, request, places, self.scene)
@@ -125,6 +136,12 @@ def check_requests(requests: Sequence[Request], places: Sequence[Places], scene:
         _CHECKS[_kind_of_request(request)](request, chosen, check)
     taken = check.match_mentions()
     _refuse_unnamed(scene.moved - set(taken.values()), check)
+    things = {index: scene.things[number] for index, number in taken.items()}
+    movers = [
+        [things[i] for i, one in enumerate(check.mentions) if one.request is request and i in things]
+        for request in requests
+    ]
+    require_times(requests, movers)
     for mentions, follow in check.later:
         numbers = taken.values() if mentions is None else [taken[index] for index in mentions if index in taken]
         follow([scene.things[number] for number in numbers])
@@ -157,7 +174,8 @@ def _check_moving(request: Request, places: Places, check: _Check) -> None:
     added = check.mention_movers(request, places)
     if _asks_for_own_places(request):
         check.later.append((added, _require_own_places))
-    check.later.append((added, lambda things: _require_order(request, things)))
+    if "sizedfirst" not in request.orders or "sidebyside" in request.orders:
+        check.later.append((added, lambda things: _require_order(request, things)))
 
 
 def _asks_for_own_places(request: Request) -> bool:
@@ -185,6 +203,8 @@ def _check_heading(request: Request, places: Places, check: _Check) -> None:
         if _asks_for_own_places(request):
             _require_own_places(things)
         _require_groups(request, things)
+        if "bycolor" in request.orders:
+            _require_own_colors(things, check)
 
     check.later.append((None, follow))
 
@@ -198,6 +218,18 @@ def _require_groups(request: Request, things: Sequence[Thing]) -> None:
         pairs = set(zip(values, (thing.ends for thing in things), strict=True))
         if order in request.orders and not len(pairs) == len(set(values)) == len({place for _, place in pairs}):
             raise Differs(f"things are not sorted {order[:2]} {order[2:]}")
+
+
+def _require_own_colors(things: Sequence[Thing], check: _Check) -> None:
+    """Where places have the colours of the things that are sorted, each lies in its own, unless the words say where."""
+    spoken = (phrase for one in check.mentions for _, phrases in one.request.relations for phrase in phrases)
+    if any(phrase.colors for phrase in spoken):
+        return
+    colors = {thing.color for thing in things}
+    for thing in things:
+        for place in (check.scene.things[number] for _, number in check.scene.all_under(thing.ends)):
+            if place.fixed and place.color in colors - {thing.color}:
+                raise Differs(f"{thing.label} ends on {place.label}, the words sort by colour")
 
 
 def _find_standing(request: Request, scene: Scene) -> dict[str, list[Thing]]:
@@ -230,7 +262,10 @@ def _check_sorting(request: Request, places: Places, check: _Check) -> None:
     """Each colour or kind gets a place."""
     if not request.orders & {"bycolor", "bykind"}:
         raise Unclear("by what to sort is not said")
-    check.later.append((check.mention_movers(request, places), lambda things: _require_groups(request, things)))
+    added = check.mention_movers(request, places)
+    check.later.append((added, lambda things: _require_groups(request, things)))
+    if "bycolor" in request.orders:
+        check.later.append((added, lambda things: _require_own_colors(things, check)))
 
 
 def _check_stacking(request: Request, places: Places, check: _Check) -> None:
@@ -238,9 +273,10 @@ def _check_stacking(request: Request, places: Places, check: _Check) -> None:
     if request.verb not in ("stack", "pile"):
         raise Unclear(f"what it is to {request.verb} something is not known here")
     base = _find_base(request, check.scene)
-    if base is not None:
-        request = Request(request.verb, [phrase for phrase in request.movers if phrase is not base], request.relations)
-    added = check.mention_movers(request, places)
+    without = replace(request, movers=[phrase for phrase in request.movers if phrase is not base])
+    added = check.mention_movers(without, places)
+    for index in added:
+        check.mentions[index] = replace(check.mentions[index], request=request)
     foot = check.scene.find(base)[:1] if base is not None else []
     check.later.append((added, lambda things: _require_stack(request, [*foot, *things], check.scene)))
 
@@ -260,10 +296,14 @@ def _require_stack(request: Request, things: Sequence[Thing], scene: Scene) -> N
     for below, above in pairwise(stack):
         if not scene.lies(above, "on", [below]):
             raise Differs(f"{above.label} is not asked to end on {below.label}")
-    said = {"bottomup": list(things), "topdown": list(reversed(things))}
-    for order, wanted in said.items():
-        if order in request.orders and [thing.called for thing in wanted] != [thing.called for thing in stack]:
-            raise Differs(f"from the bottom up there are {', '.join(thing.label for thing in stack)}")
+    names = f"from the bottom up there are {', '.join(thing.label for thing in stack)}"
+    seen = stack[::-1] if "topdown" in request.orders else stack
+    measures = request.orders & _MEASURES.keys()
+    listed = not measures and bool(request.orders & {"bottomup", "topdown", "inorder"})
+    if listed and [thing.called for thing in things] != [thing.called for thing in seen]:
+        raise Differs(names)
+    if not all(_grows(seen, order) for order in measures):
+        raise Differs(f"{names}, another order than by size")
 
 
 def _check_line(request: Request, places: Places, check: _Check) -> None:
@@ -288,15 +328,16 @@ _MEASURES = {"shortfirst": (2, 1), "tallfirst": (2, -1), "smallfirst": (3, 1), "
 def _require_order(request: Request, things: Sequence[Thing]) -> None:
     """By size along a row, from either side unless the words say from which; or as the words list them."""
     sided, measures = request.orders & {"leftright", "rightleft"}, request.orders & _MEASURES.keys()
-    if not things or not (sided or measures):
+    listed = {"inorder"} & request.orders if request.verb in LINING else set[str]()
+    if not things or not (sided | measures | listed):
         return
     axis = 1 if sided else _find_longer_axis(things)
     row = sorted(things, key=lambda thing: thing.end[axis], reverse="leftright" in request.orders)
+    ways = [row] if sided else [row, row[::-1]]
     names = ", ".join(thing.label for thing in row)
-    for order in measures:
-        if not (_grows(row, order) or (not sided and _grows(row[::-1], order))):
-            raise Differs(f"the row is {names}, another order than by size")
-    if not measures and row != list(things):
+    if not all(_grows(row, order) or _grows(ways[-1], order) for order in measures):
+        raise Differs(f"the row is {names}, another order than by size")
+    if not measures and list(things) not in ways:
         raise Differs(f"the row is {names}, in another order than the words")
 
 
@@ -309,7 +350,8 @@ def _grows(row: Sequence[Thing], order: str) -> bool:
     """Whether a row keeps to an order by size."""
     measure, sign = _MEASURES[order]
     sizes = [sign * thing.measure(measure) for thing in row]
-    return all(a <= b + _ALIKE for a, b in pairwise(sizes))
+    slack = _ALIKE if measure < 3 else _ALIKE_VOLUME * max(map(abs, sizes), default=0.0)
+    return all(a <= b + slack for a, b in pairwise(sizes))
 
 
 def _check_swap(request: Request, places: Places, check: _Check) -> None:

@@ -4,8 +4,9 @@ import math
 from collections.abc import Callable, Sequence
 from itertools import product
 
-from grs_agents.models.offline.judging.reading import Phrase, Request
-from grs_agents.models.offline.judging.scene import Scene, Thing
+from grs_agents.models.offline.judging.reading import Phrase, Request, make_singular
+from grs_agents.models.offline.judging.scene import Scene, Thing, distance_between
+from grs_agents.models.offline.prompt_text import split_words
 
 BESIDE = 0.12
 """Metres between two things that people call beside each other."""
@@ -18,20 +19,65 @@ Places = tuple[Thing | None, ...]
 """What the phrases after a request's prepositions mean; None where they may mean any of several."""
 
 
+class Unclear(Exception):
+    """The words are not understood."""
+
+
 class Differs(Exception):
     """What the words ask for does not happen, or no goal asks for it."""
 
 
 def choose_places(request: Request, scene: Scene) -> list[Places]:
-    """All that the places of a request may be; raises ``Differs`` where there is no such place."""
-    options: list[list[Thing | None]] = []
-    for phrase in (phrase for _, phrases in request.relations for phrase in phrases):
-        found = [] if phrase.is_table else scene.find(phrase)
-        if not found and not phrase.is_table and not phrase.pronoun:
-            raise Differs(f"there is no such thing as {phrase.text}")
-        one = phrase.article == "the" and not phrase.plural and not request.orders & {"own", "owncolor"}
-        options.append(list(found) if one and found else [None])
-    return list(product(*options))
+    """All that the places of a request may be.
+
+    Raises:
+        Differs: there is no such place, or something is in what the words call empty.
+        Unclear: words for one place mean several.
+    """
+    for_each = bool(request.orders & {"own", "owncolor"})
+    spoken = [(how, phrase) for how, phrases in request.relations for phrase in phrases]
+    return list(product(*(_list_places(how, phrase, for_each, scene) for how, phrase in spoken)))
+
+
+def _list_places(how: str, phrase: Phrase, for_each: bool, scene: Scene) -> Sequence[Thing | None]:
+    """What one phrase may be."""
+    if phrase.is_table:
+        return [None]
+    found = scene.find(phrase)
+    if not found and not phrase.pronoun:
+        raise Differs(f"there is no such thing as {phrase.text}")
+    if phrase.vacant:
+        _refuse_taken(phrase, found, scene)
+    one = phrase.article == "the" and not phrase.plural and not for_each
+    if not (found and one):
+        return [None]
+    return settle_reference(phrase, _prefer_hollow(found) if how == "in" else found)
+
+
+def _prefer_hollow(found: list[Thing]) -> list[Thing]:
+    return [thing for thing in found if thing.hollow] or found
+
+
+def settle_reference(phrase: Phrase, found: Sequence[Thing]) -> list[Thing]:
+    """What words may mean of what they fit: of several the one that is called just so, if there is one.
+
+    Raises:
+        Unclear: they mean one thing and fit several.
+    """
+    single = phrase.article in ("the", "") and not phrase.plural and phrase.number in (None, 1) and not phrase.pronoun
+    if not single or len(found) < 2 or not phrase.nouns:
+        return list(found)
+    spoken = {*phrase.colors, *phrase.nouns}
+    called = [thing for thing in found if {make_singular(word) for word in split_words(thing.called)} == spoken]
+    if len(called) != 1:
+        raise Unclear(f"{phrase.text} may be {' or '.join(thing.label for thing in found[:4])}")
+    return called
+
+
+def _refuse_taken(phrase: Phrase, found: Sequence[Thing], scene: Scene) -> None:
+    for thing in scene.things.values():
+        if thing.stands_in({place.id for place in found}):
+            raise Differs(f"{thing.label} stands there at the start, the words call {phrase.text} free")
 
 
 def explain_misplacement(thing: Thing, request: Request, places: Places, scene: Scene) -> str:
@@ -40,13 +86,26 @@ def explain_misplacement(thing: Thing, request: Request, places: Places, scene: 
     for how, phrases in request.relations:
         options = [_list_options(phrase, next(chosen), scene) for phrase in phrases]
         if any(phrase.is_table for phrase in phrases):
-            if len(request.relations) == 1 and thing.ends:
-                return f"{thing.label} does not end on the bare table"
+            if len(request.relations) == 1 and (fault := _explain_not_on_table(thing, request, scene)):
+                return fault
             continue
         if "owncolor" in request.orders:
             options = [[place for place in row if place.color == thing.color] for row in options]
         if not _holds(how, thing, options, scene):
             return f"{thing.label} is not asked to end {_describe_relation(how, phrases)}"
+    return ""
+
+
+def _explain_not_on_table(thing: Thing, request: Request, scene: Scene) -> str:
+    """What is wrong with where a thing ends that the words put on the table; a place under itself is not free."""
+    if thing.ends:
+        return f"{thing.label} does not end on the bare table"
+    if not thing.stood and thing.moved < thing.measure(0):
+        return f"{thing.label} ends {100 * thing.moved:.0f} cm from its start, partly where it stood"
+    taken = [other for other in scene.things.values() if other is not thing and not other.fixed]
+    taken = [other for other in taken if distance_between(thing, thing.end, other, other.start) <= 0]
+    if taken and "freeplace" in request.orders:
+        return f"{thing.label} ends where {taken[0].label} stands at the start, which is not free"
     return ""
 
 
@@ -61,6 +120,7 @@ def _describe_relation(how: str, phrases: Sequence[Phrase]) -> str:
 
 def _holds(how: str, thing: Thing, options: Sequence[Sequence[Thing]], scene: Scene) -> bool:
     if how == "between":
+        options = [*options, *options] if len(options) == 1 else options
         return len(options) == 2 and any(_is_between(thing, *pair) for pair in product(*options))
     places = [place for row in options for place in row if place is not thing]
     if how in ("in", "on", "at"):

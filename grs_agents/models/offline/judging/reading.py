@@ -53,13 +53,17 @@ OTHERS = {"rest", "other", "others", "remaining", "else"}
 _PLAIN = {"open", "empty", "free", "loose", "cardboard", "plastic", "wooden", "single", "movable", "toy"}
 """Adjectives that tell nothing apart."""
 ORDERS = set_of_words(
-    "bottomup topdown shortfirst tallfirst smallfirst largefirst leftright rightleft bycolor bykind own owncolor"
+    "bottomup topdown shortfirst tallfirst smallfirst largefirst leftright rightleft bycolor bykind own owncolor "
+    "inorder sizedfirst sidebyside freeplace"
 )
 _IDLE = set_of_words(
-    "please robot arm carefully neatly gently up down so there then now first finally next afterwards should must be "
-    "is are ends end go goes belong belongs together away also onto inorder sidebyside that position and with but "
+    "please robot arm carefully neatly gently up down so there now should must be "
+    "is are ends end go goes belong belongs together away also onto that position and with but "
     "place places just directly using suction cup gripper of straight alone back"
 )
+AFTER, FIRST, LAST = {"then", "subsequently", "next", "afterwards"}, {"first", "firstly"}, {"finally", "lastly"}
+"""Words that tell when something is done, against what else is asked for."""
+_JOINTS = {",", "and", "but"}
 _SPANS = (
     ("left", "right", "leftright", "rightleft"),
     ("bottom", "top", "bottomup", "topdown"),
@@ -89,7 +93,7 @@ _SINGLE = (
     (r"\b(?:of|with) (?:the same|its own|their own|its|their) colou?rs?\b", " owncolor "),
     (r"\bof (?:its|their) own\b", " own "),
     *(
-        (rf"\b(?:the )?(?:{words}) first\b", f" {order} ")
+        (rf"\b(?:the )?(?:{words}) first\b", f" {order} sizedfirst ")
         for one, other, *orders in _SPANS[2:]
         for words, order in zip((one, other), orders, strict=True)
     ),
@@ -110,14 +114,14 @@ _SINGLE = (
     (r"\b(?:and )?as well as\b|\band also\b|\bplus\b|&", " and "),
     (
         r"\b(?:to |on |in )?(?:a |the )?(?:free|bare|clear) (?:part|spot|area|place|space)(?: (?:of|on) the table)?\b",
-        " on table ",
+        " on table freeplace ",
     ),
     (r",? wherever (?:it|they) (?:is|are|stands?|lies?)\b|\bwhere (?:it|they) (?:is|are|stands?|lies?)\b", " "),
     (r"\bfrom\b", " outof "),
     (r"\b(?:to|towards) (?=the|a|an|its|their|each)\b", " at "),
     (r"\bthe table(?:top)?\b", " table "),
     (r"\bgrey\b", " gray "),
-    (r"\bthen(?= (?:the|a|an|all|both|two|three)\b)", " "),
+    (r"\bthen(?= (?:the|a|an|all|both|two|three)\b)", " subsequently "),
 )
 """What is one word for the reader."""
 
@@ -134,6 +138,7 @@ class Phrase:
     plural: bool = False
     pronoun: str = ""
     unknown: tuple[str, ...] = ()
+    vacant: bool = False  # nothing is in or on it
 
     @property
     def text(self) -> str:
@@ -165,6 +170,9 @@ class Request:
     relations: list[tuple[str, list[Phrase]]] = field(default_factory=list[tuple[str, list[Phrase]]])
     orders: set[str] = field(default_factory=set[str])
     heading: bool = False  # the requests after it say it in detail
+    after: bool = False  # it comes after those before it
+    first: bool = False  # or before all others
+    last: bool = False  # or after them
 
 
 @dataclass
@@ -208,13 +216,23 @@ def _split_clauses(tokens: Sequence[str]) -> Iterator[list[str]]:
     clause: list[str] = []
     for index, token in enumerate(tokens):
         before = tokens[index - 1] if index else ","
-        is_verb = token in KNOWN | IMPOSSIBLE and before in (",", "and", "then", "but")
+        is_verb = token in KNOWN | IMPOSSIBLE and before in _JOINTS | AFTER | LAST | FIRST
         if is_verb and clause:
-            yield clause
-            clause = []
+            end = _find_end(clause)
+            if end:
+                yield clause[:end]
+            clause = clause[end:]
         clause.append(token)
     if clause:
         yield clause
+
+
+def _find_end(clause: Sequence[str]) -> int:
+    """How many words of a clause are its own: what joins it to the next one, and says when that happens, is not."""
+    end = len(clause)
+    while end and clause[end - 1] in _JOINTS | AFTER | LAST:
+        end -= 1
+    return end if {*clause[:end]} - FIRST else 0
 
 
 def resolve_pronouns(requests: Sequence[Request]) -> list[Request]:
@@ -224,10 +242,14 @@ def resolve_pronouns(requests: Sequence[Request]) -> list[Request]:
     resolved: list[Request] = []
     for request in requests:
         movers, points_back = _resolve_movers(request, known)
-        if points_back and resolved and resolved[-1].verb in PICKING:
-            resolved.pop()
         relations = [(how, _resolve_places(places, spoken_of)) for how, places in request.relations]
-        resolved.append(Request(request.verb, movers, relations, request.orders, request.heading))
+        whole = replace(request, movers=movers, relations=relations)
+        if points_back and resolved and resolved[-1].verb in PICKING:
+            picked = resolved.pop()
+            whole = replace(
+                whole, after=picked.after, first=picked.first or whole.first, last=picked.last or whole.last
+            )
+        resolved.append(whole)
         known = known if request.verb in CLEARING else movers
         spoken_of = [*movers, *(phrase for _, places in relations for phrase in places)]
     return resolved
@@ -248,23 +270,37 @@ class _ClauseReader:
     """Reads one clause from left to right."""
 
     def __init__(self, tokens: list[str], nouns: set[str], reading: Reading) -> None:
-        self.tokens = [token for token in tokens if token != "then"]
+        self.tokens = tokens
         self.nouns, self.reading = nouns, reading
         self.at = 0
+        self.when: set[str] = set()  # what was said of the time of what comes next
 
     def read(self, heading: bool) -> None:
         """Add what the clause asks for to the reading."""
         verb = self._take_verb()
         if not verb:
             return
-        request = Request(verb, heading=heading)
-        self.reading.requests.append(request)
+        request = self._begin(Request(verb, heading=heading))
         while self.at < len(self.tokens):
             request = self._read_next(request)
+        self._say_when(request)
         _complete_colors(self.reading.requests)
 
+    def _begin(self, request: Request) -> Request:
+        self._say_when(request)
+        self.reading.requests.append(request)
+        return request
+
+    def _say_when(self, request: Request) -> None:
+        request.after |= bool(self.when & AFTER)
+        request.first |= bool(self.when & FIRST)
+        request.last |= bool(self.when & LAST)
+        self.when.clear()
+
     def _take_verb(self) -> str:
-        while self.at < len(self.tokens) and self.tokens[self.at] in {",", "and", "but", *_IDLE} - KNOWN - {"place"}:
+        passed = {",", "and", "but", *_IDLE, *AFTER, *FIRST, *LAST} - KNOWN - {"place"}
+        while self.at < len(self.tokens) and self.tokens[self.at] in passed:
+            self.when |= {self.tokens[self.at]} & {*AFTER, *FIRST, *LAST}
             self.at += 1
         if self.at == len(self.tokens):
             return ""
@@ -281,23 +317,28 @@ class _ClauseReader:
         token = self.tokens[self.at]
         if token in PREPOSITIONS:
             return self._read_relation(request)
-        if token in KNOWN and token in SWAPPING:
-            request.verb = token
-            self.at += 1
-            return request
-        if token in ORDERS:
-            request.orders.add(token)
-            self.at += 1
+        if token in {*SWAPPING, *ORDERS, *FIRST, *AFTER, *LAST}:
+            self._take_in(token, request)
             return request
         phrase = self._read_phrase()
         if phrase is None:
             self._pass_over(token)
             return request
         if request.relations and request.verb not in CLEARING:
-            request = Request(request.verb, orders=request.orders, heading=request.heading)
-            self.reading.requests.append(request)
+            request = self._begin(Request(request.verb, orders=request.orders, heading=request.heading))
+        if request.movers and self.when:
+            request.orders.add("inorder")
+            self.when.clear()
         request.movers.append(phrase)
         return request
+
+    def _take_in(self, token: str, request: Request) -> None:
+        """A word about the request as a whole."""
+        self.at += 1
+        request.verb = token if token in SWAPPING else request.verb
+        request.orders |= {token} & ORDERS
+        request.first |= token in FIRST
+        self.when |= {token} & {*AFTER, *LAST}
 
     def _pass_over(self, token: str) -> None:
         self.at += 1
@@ -381,7 +422,9 @@ class _ClauseReader:
         size = _read_size(token)
         if size is not None:
             return replace(phrase, sizes=(*phrase.sizes, size))
-        return phrase if token in _PLAIN and phrase.article else None
+        if token in _PLAIN and phrase.article:
+            return replace(phrase, vacant=phrase.vacant or token in ("empty", "free"))
+        return None
 
     def _is_named_by_color(self, token: str) -> bool:
         """Whether a colour is a part of a name: orange juice."""

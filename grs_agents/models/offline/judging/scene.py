@@ -55,9 +55,13 @@ class Thing:
     stood: tuple[Reference, ...]
     ends: tuple[Reference, ...]
     moved: float
+    turned: float  # degrees
     fixed: bool
     bystander: bool
+    hollow: bool  # things can be put in or on it
+    actions: tuple[int, ...]  # which of the robot's actions moved it
     goals: tuple[tuple[tuple[Reference, ...], ...], ...]  # for each of its goals the places that will do
+    asked_by: tuple[int, ...]  # the numbers of these goals
 
     @property
     def has_moved(self) -> bool:
@@ -129,8 +133,13 @@ class Scene:
 
     def gap(self, one: Thing, other: Thing) -> float:
         """Metres between the boxes around two things, seen from above; turns are not known, so at least."""
-        sides = [abs(one.end[axis] - other.end[axis]) - (one.measure(0) + other.measure(0)) / 2 for axis in (0, 1)]
-        return math.hypot(*(max(0.0, side) for side in sides))
+        return distance_between(one, one.end, other, other.end)
+
+
+def distance_between(one: Thing, at: Sequence[float], other: Thing, there: Sequence[float]) -> float:
+    """The same for two things at two places."""
+    sides = [abs(at[axis] - there[axis]) - (one.measure(0) + other.measure(0)) / 2 for axis in (0, 1)]
+    return math.hypot(*(max(0.0, side) for side in sides))
 
 
 def _same_as(how: str, place: Thing) -> tuple[str, ...]:
@@ -158,10 +167,10 @@ def _select_by_size(things: list[Thing], measure: int, sign: int, greatest: bool
 
 def parse_scene(rows: Sequence[Json], goals: str) -> Scene:
     """The things of the prompt's rows, with what its sentences ask of them."""
-    wanted: dict[int, list[tuple[tuple[Reference, ...], ...]]] = {}
+    wanted: dict[int, list[tuple[int, tuple[tuple[Reference, ...], ...]]]] = {}
     for line in goals.splitlines():
         for number, places in _parse_goal(line):
-            wanted.setdefault(number, []).append(places)
+            wanted.setdefault(number, []).append((int(line.partition(".")[0]), places))
     things = [_parse_thing(row, wanted.get(int(row["id"]), [])) for row in rows]
     return Scene({thing.id: thing for thing in things}, "pushes things" in goals)
 
@@ -188,7 +197,7 @@ def _parse_references(text: str) -> Iterator[Reference]:
             yield words[-1], int(number)
 
 
-def _parse_thing(row: Json, goals: list[tuple[tuple[Reference, ...], ...]]) -> Thing:
+def _parse_thing(row: Json, asked: Sequence[tuple[int, tuple[tuple[Reference, ...], ...]]]) -> Thing:
     told = " ".join(str(row.get(key, "")) for key in ("called", "category"))
     described = str(row.get("description", ""))
     names = {make_singular(word) for word in split_words(told)}
@@ -212,9 +221,13 @@ def _parse_thing(row: Json, goals: list[tuple[tuple[Reference, ...], ...]]) -> T
         stood=tuple(_parse_plain(row.get("stood", ()))),
         ends=tuple(_parse_plain(row.get("ends", ()))),
         moved=float(row.get("moved", 0)),
+        turned=float(row.get("turned", 0)),
         fixed=bool(row.get("fixed")),
         bystander=bool(row.get("bystander")),
-        goals=tuple(goals),
+        hollow=bool(row.get("hollow")),
+        actions=tuple(row.get("actions", ())),
+        goals=tuple(places for _, places in asked),
+        asked_by=tuple(number for number, _ in asked),
     )
 
 

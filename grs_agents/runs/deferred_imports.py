@@ -1,0 +1,145 @@
+"""What LangGraph imports whether it is used or not: the clients of LangSmith and of LangGraph's server.
+
+They take a third of the processor time that ``grs run`` needs before it begins. In the process of the command line they
+are imported when something of theirs is used. With any ``LANGSMITH_`` or ``LANGCHAIN_`` variable, LangSmith is there
+from the first on.
+"""
+
+import importlib
+import os
+import sys
+from importlib.util import find_spec, module_from_spec
+from threading import RLock
+from types import ModuleType
+from typing import Any, Final
+
+_UNTRACED: Final = dict.fromkeys(
+    ("parent", "project_name", "address", "tags", "metadata", "enabled", "client", "replicas", "distributed_parent_id")
+)
+"""LangSmith's context where nobody traces."""
+_LOCK: Final = RLock()
+
+
+def defer_unused_imports() -> None:
+    """Have LangSmith and the client of LangGraph's server imported late. Call it before LangGraph is imported."""
+    _defer("langgraph_sdk")
+    if _is_tracing_configured():
+        return
+    _defer(
+        "langsmith",
+        get_tracing_context=_get_tracing_context,
+        Client=_DeferredClass("client", "Client"),
+        RunTree=_DeferredRunTree(),
+    )
+    _defer("langsmith.address")
+    _defer("langsmith.run_trees")
+    _defer("langsmith.utils", tracing_is_enabled=_tracing_is_enabled)
+    _defer("langsmith.run_helpers", get_tracing_context=_get_tracing_context, _set_tracing_context=_set_tracing_context)
+
+
+def _defer(name: str, **known: Any) -> None:
+    """Let the module ``name`` be executed when a name of it is asked for that is not ``known``."""
+    spec = None if name in sys.modules else find_spec(name)
+    if spec is None or spec.loader is None:
+        return
+    module = module_from_spec(spec)
+    module.__class__ = _Unopened
+    vars(module).update(known)
+    sys.modules[name] = module
+    _closed.add(name)
+    package, _, own = name.rpartition(".")
+    if package:
+        setattr(sys.modules[package], own, module)
+
+
+class _Unopened(ModuleType):
+    """A module that is executed when a name is asked for that it does not have yet."""
+
+    def __getattr__(self, name: str) -> Any:
+        with _LOCK:
+            # Each import asks whether a module is a package.
+            if name == "__path__" or self.__name__ in _opening:
+                raise AttributeError(f"module {self.__name__!r} has no attribute {name!r} yet")
+            _open(self)
+        return getattr(self, name)
+
+
+_closed: set[str] = set()
+_opening: set[str] = set()
+
+
+def _open(module: Any) -> None:
+    """Execute a module, if that has not been done."""
+    name: str = module.__name__
+    with _LOCK:
+        if name not in _closed:
+            return
+        _opening.add(name)
+        try:
+            module.__spec__.loader.exec_module(module)
+            module.__class__ = ModuleType
+            _closed.remove(name)
+        finally:
+            _opening.remove(name)
+
+
+class _DeferredClass:
+    """Stands for a class of LangSmith's, in annotations above all, until something is asked of it."""
+
+    def __init__(self, module: str, name: str) -> None:
+        self._place = (f"langsmith.{module}", name)
+
+    def _load(self) -> Any:
+        module, name = self._place
+        return getattr(importlib.import_module(module), name)
+
+    def __call__(self, *arguments: Any, **options: Any) -> Any:
+        return self._load()(*arguments, **options)
+
+    def __instancecheck__(self, instance: object) -> bool:
+        return isinstance(instance, self._load())
+
+    def __mro_entries__(self, bases: tuple[Any, ...]) -> tuple[Any, ...]:
+        return (self._load(),)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._load(), name)
+
+
+class _DeferredRunTree(_DeferredClass):
+    """LangChain looks for its ``model_dump`` when it is imported."""
+
+    def __init__(self) -> None:
+        super().__init__("run_trees", "RunTree")
+
+    def model_dump(self, *arguments: Any, **options: Any) -> Any:
+        """As the class's."""
+        return self._load().model_dump(*arguments, **options)
+
+
+def _is_tracing_configured() -> bool:
+    return any(name.startswith(("LANGSMITH_", "LANGCHAIN_")) for name in os.environ)
+
+
+def _find_used(module: str) -> Any:
+    """The module of LangSmith's, where it is used; None where nobody traces."""
+    found = sys.modules[f"langsmith.{module}"]
+    if found.__name__ in _closed and not _is_tracing_configured():
+        return None
+    _open(found)
+    return found
+
+
+def _get_tracing_context(*arguments: Any) -> Any:
+    helpers = _find_used("run_helpers")
+    return helpers.get_tracing_context(*arguments) if helpers else dict(_UNTRACED)
+
+
+def _set_tracing_context(context: dict[str, Any]) -> None:
+    if helpers := _find_used("run_helpers"):
+        vars(helpers)["_set_tracing_context"](context)
+
+
+def _tracing_is_enabled(*arguments: Any) -> Any:
+    utils = _find_used("utils")
+    return bool(utils) and utils.tracing_is_enabled(*arguments)
