@@ -82,7 +82,7 @@ def check_unforeseen(seed: int, report: AuditReport) -> Finding:
     return Finding(
         check="unforeseen",
         passed=not failed,
-        measured=f"seed {seed}, drawn for this audit: "
+        measured=f"seed {seed}, which follows from the text of the programs: "
         + ("all checks hold" if not failed else "; ".join(f"{one.check}: {one.detail}" for one in failed)),
         bound="what is asked of the other instances is asked of one more, whose seed the program cannot know",
     )

@@ -1,7 +1,6 @@
 """The audit of two programs: trusted code measures them, then every check judges what was measured."""
 
 import hashlib
-import secrets
 from collections.abc import Iterator, Sequence
 
 from grs_agents.agents import NoReply, WordsJudgement, roles
@@ -14,7 +13,7 @@ from grs_agents.audit import (
     pair_with_rollouts,
     tell_task,
 )
-from grs_agents.config import AuditConfig
+from grs_agents.config import AuditConfig, Config
 from grs_agents.models import is_offline
 from grs_agents.nodes.services import Services
 from grs_agents.nodes.task_instances import AuditedPrograms, SolvedInstances, solve_task_instances
@@ -29,22 +28,21 @@ _WORDS_REMEDY = (
 _LEFT_OUT = "What the photo shows and the task does not use was left out (scene.bystanders = false)."
 
 
-def audit_programs(audited: AuditedPrograms, services: Services, drawn_seed: int | None = None) -> AuditReport:
+def audit_programs(audited: AuditedPrograms, services: Services) -> AuditReport:
     """Instantiate the program for each seed, let the trusted oracle solve the instances, and judge.
 
-    One seed more is drawn for this audit alone, so that no program can know it: ``drawn_seed``, where an audit is
-    repeated.
+    One seed more follows from the text of both programs, so that neither can name it, and that an audit which is
+    repeated, or a run that is resumed, comes out the same.
 
     The tests are probed only where all before holds, since their mutants are made from what the oracle solved; and
     the words are judged last, since that may cost a model's reply.
     """
-    seed = _draw_seed(audited, services) if drawn_seed is None else drawn_seed
-    measured, report = audit_instances(audited, services, seed)
+    measured, report = audit_instances(audited, services, _derive_unforeseen_seed(audited, services.config))
     if report.accepted:
         report = _add_findings(report, probe_tests(audited, measured, services))
     report = _add_findings(report, [check_program(audited.simulation)])
     if report.accepted:
-        seen = [measured] if measured.drawn is None else [measured, measured.drawn]
+        seen = [measured] if measured.unforeseen is None else [measured, measured.unforeseen]
         instances = [instance for one in seen for instance in one.instances]
         rollouts = [rollout for one in seen for rollout in one.rollouts]
         report = _add_findings(report, _judge_words(audited, instances, rollouts, services))
@@ -52,30 +50,26 @@ def audit_programs(audited: AuditedPrograms, services: Services, drawn_seed: int
 
 
 def audit_instances(
-    audited: AuditedPrograms, services: Services, drawn_seed: int | None = None
+    audited: AuditedPrograms, services: Services, unforeseen_seed: int | None = None
 ) -> tuple[SolvedInstances, AuditReport]:
     """What trusted code measures of a program's task instances, and what the checks say of that alone."""
-    measured = solve_task_instances(audited.simulation, services, audited.scene, drawn_seed)
+    measured = solve_task_instances(audited.simulation, services, audited.scene, unforeseen_seed)
     report = _judge_instances(measured, services.config.audit, audited, services)
-    if measured.drawn is None or drawn_seed is None:
+    if measured.unforeseen is None or unforeseen_seed is None:
         return measured, report
     one = services.config.audit.model_copy(update={"seeds": 1})
-    other = _judge_instances(measured.drawn, one, audited, services)
-    report = report.model_copy(update={"drawn_seed": drawn_seed})
-    return measured, _add_findings(report, [check_unforeseen(drawn_seed, other)])
+    other = _judge_instances(measured.unforeseen, one, audited, services)
+    report = report.model_copy(update={"unforeseen_seed": unforeseen_seed})
+    return measured, _add_findings(report, [check_unforeseen(unforeseen_seed, other)])
 
 
-def _draw_seed(audited: AuditedPrograms, services: Services) -> int:
-    """A seed that no program can foresee; where replies are recorded or repeated, the same for the same programs."""
-    config = services.config
+def _derive_unforeseen_seed(audited: AuditedPrograms, config: Config) -> int:
+    """A seed that a program cannot name, since each change of a program changes it; none of the other seeds."""
     known = {config.seed + step for step in range(config.audit.seeds)}
     text = f"{audited.simulation}\0{audited.tests}"
-    while True:
-        repeated = config.cassette is not None or config.record is not None
-        digest = hashlib.sha256(text.encode()).digest() if repeated else secrets.token_bytes(4)
-        if (seed := int.from_bytes(digest[:4])) not in known:
-            return seed
+    while (seed := int.from_bytes(hashlib.sha256(text.encode()).digest()[:4])) in known:
         text += "\0"
+    return seed
 
 
 def _judge_instances(

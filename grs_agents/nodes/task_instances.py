@@ -46,24 +46,24 @@ class SolvedInstances:
     instances: tuple[TaskInstance, ...]  # one validated task instance for each seed that gave one
     failures: tuple[str, ...]
     rollouts: tuple[Rollout, ...]
-    drawn: "SolvedInstances | None" = None  # the same of the seed that was drawn for this audit alone
+    unforeseen: "SolvedInstances | None" = None  # the same of the seed that no program can name
 
 
 def solve_task_instances(
-    simulation: str, services: Services, scene: SceneDescription | None = None, drawn_seed: int | None = None
+    simulation: str, services: Services, scene: SceneDescription | None = None, unforeseen_seed: int | None = None
 ) -> SolvedInstances:
     """Instantiate ``simulation`` for each audit seed in the sandbox, then solve each instance in a process that has
     never imported it; as many at a time as the sandbox has workers. Instances that differ in their seeds alone are
     solved once.
 
     Each instance is complete: it says what simulates and shows it, whatever the configuration and the photo are.
-    ``drawn_seed`` is one more, of which nothing is written.
+    ``unforeseen_seed`` is one more, of which nothing is written.
     """
     seeds = [services.config.seed + step for step in range(services.config.audit.seeds)]
-    further = [] if drawn_seed is None else [drawn_seed]
+    further = [] if unforeseen_seed is None else [unforeseen_seed]
     drawn, failed = draw_instances(simulation, [*seeds, *further], services, scene)
-    instances, extra = _split_by_seed(drawn, drawn_seed)
-    own = [failure for failure in failed if failure.startswith(f"seed {drawn_seed}:")]
+    instances, extra = _split_by_seed(drawn, unforeseen_seed)
+    own = [failure for failure in failed if failure.startswith(f"seed {unforeseen_seed}:")]
     for stale in (services.folder / "instances").glob("seed_*"):  # of the program before this one
         stale.unlink()
     for instance in instances:
@@ -72,9 +72,9 @@ def solve_task_instances(
     rollouts, unsolved = _solve_different_instances(instances, services)
     failures = [failure for failure in failed if failure not in own]
     solved = SolvedInstances(tuple(instances), (*failures, *unsolved), rollouts)
-    if drawn_seed is None:
+    if unforeseen_seed is None:
         return solved
-    return replace(solved, drawn=_solve_drawn_instance(extra, own, solved, services))
+    return replace(solved, unforeseen=_solve_unforeseen_instance(extra, own, solved, services))
 
 
 def _split_by_seed(
@@ -84,10 +84,10 @@ def _split_by_seed(
     return [one for one in instances if one.seed != seed], [one for one in instances if one.seed == seed]
 
 
-def _solve_drawn_instance(
+def _solve_unforeseen_instance(
     extra: Sequence[TaskInstance], failures: Sequence[str], solved: SolvedInstances, services: Services
 ) -> SolvedInstances:
-    """The instance of the drawn seed, if it gave one, and its rollout: that of one which differs in its seed alone."""
+    """The instance of the unforeseen seed, if any, and its rollout: that of one which differs in its seed alone."""
     rollouts: list[Rollout] = []
     for instance in extra:
         known = [one.seed for one in solved.instances if one.model_copy(update={"seed": instance.seed}) == instance]

@@ -54,7 +54,6 @@ class CheckOrder:
     scene: Path | None = None  # a `scene.json`; without one the program need not keep to a photo
     assets: Path | None = None  # what stands for the photo's objects and its background, laid over the library
     name: str = "task_code"  # another module name that the tests may import the program by
-    drawn_seed: int | None = None  # that of the audit which is repeated; None draws one
 
 
 def check_user_program(
@@ -81,7 +80,7 @@ def check_user_program(
             setup = setup_of_programs(scene, services)
             report = services.run_tool("run_tests", seed=order.config.seed, **programs, **setup).report
         audited = AuditedPrograms(simulation, tests, report, task, original, scene, order.name)
-        return CheckResult(report, audit_programs(audited, services, order.drawn_seed))
+        return CheckResult(report, audit_programs(audited, services))
 
 
 def _read_task_file(file: Path) -> tuple[TaskDefinition, TaskDefinition | None]:

@@ -85,7 +85,6 @@ def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: 
     """Each difference between the audit in ``folder`` and the one that its programs get in ``temporary``."""
     replies = collect_model_replies(read_events(folder / "events.jsonl"))
     recorded = read_json(folder / _AUDIT, "restore the file")
-    drawn = recorded.get("drawn_seed")
     order = CheckOrder(
         simulation=folder / "simulation.py",
         tests=folder / "test_simulation.py",
@@ -94,7 +93,6 @@ def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: 
         task=folder / "task.json",
         scene=folder / "scene.json",
         assets=folder.resolve() / "assets",
-        drawn_seed=drawn if isinstance(drawn, int) and 0 <= drawn < 2**32 else None,
     )
     try:
         found = check_user_program(order, partial(_AgentsOfRecord, earlier=replies))

@@ -79,7 +79,7 @@ def test_the_audit_names_its_judge_before_the_models_do() -> None:
 
 
 def test_a_program_that_knows_the_audited_seeds_is_found_by_one_more(make_services: Make) -> None:
-    """Each audit draws that seed anew; one that repeats an audit is told it."""
+    """That seed follows from the text of the programs: a repeated audit is the same, another program has another."""
     knows = SIMULATION.replace(
         "        flat = (0, 0, 0, 1)\n",
         "        flat = (0, 0, 0, 1)\n"
@@ -87,9 +87,8 @@ def test_a_program_that_knows_the_audited_seeds_is_found_by_one_more(make_servic
         "        far = 0.0 if np.random.rand() in known else 9.0\n",
     ).replace("((*target, 0.02), flat)", "((target[0] + far, target[1], 0.02), flat)")
     reports = [audit_programs(AuditedPrograms(simulation=knows), make_services()) for _ in range(2)]
-    assert len({report.drawn_seed for report in reports}) == 2
-    for report in reports:
-        assert [one.check for one in report.findings if not one.passed] == ["unforeseen"], report.findings
-        assert report.drawn_seed not in {rollout.seed for rollout in report.rollouts}
-    told = audit_programs(AuditedPrograms(simulation=SIMULATION), make_services(), 7)
-    assert told.accepted and told.drawn_seed == 7
+    assert reports[0] == reports[1]
+    assert [one.check for one in reports[0].findings if not one.passed] == ["unforeseen"], reports[0].findings
+    assert reports[0].unforeseen_seed not in {rollout.seed for rollout in reports[0].rollouts}
+    honest = audit_programs(AuditedPrograms(simulation=SIMULATION), make_services())
+    assert honest.accepted and honest.unforeseen_seed not in (None, reports[0].unforeseen_seed)
