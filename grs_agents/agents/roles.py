@@ -175,19 +175,19 @@ def fix_task(agents: Agents, judged: JudgedPrograms, known: Sequence[str], fixtu
 def judge_words(
     agents: Agents,
     words: str,
-    sayings: Sequence[str],
+    other_texts: Sequence[str],
     objects: Sequence[Json],
     goals: Sequence[str],
     images: Sequence[str],
 ) -> WordsJudgement | NoReply:
     """Compare a task's ``words`` with ``goals`` in sentences and what happened to ``objects``, without the program.
 
-    ``sayings`` are further words that people see, one line each: the task's name, what the program calls its goals.
+    ``other_texts`` are further words that people see, one line each: the task's name, what the program calls its goals.
     ``images``: the table at the start and at the end, or none.
     """
     values = {
         "words": words,
-        "sayings": "\n".join(sayings),
+        "other_texts": "\n".join(other_texts),
         "objects": to_json_lines(objects),
         "goals": "\n".join(goals) or "(there is no goal)",
     }

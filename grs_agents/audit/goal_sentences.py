@@ -48,14 +48,14 @@ class ToldTask:
 
     objects: tuple[Json, ...]  # one row for each thing on the table; lengths in metres, robot frame
     goals: tuple[str, ...]  # one sentence for each goal, in order
-    sayings: tuple[str, ...] = ()  # what the program itself says of its goals, e.g. `goals 1 and 2: put it there`
+    other_texts: tuple[str, ...] = ()  # what the program itself says of its goals, e.g. `goals 1 and 2: put it there`
 
     @property
     def kind(self) -> tuple[object, ...]:
         """What it is but for numbers: instances of one kind differ in places and sizes alone."""
         words = [re.sub(r"-?\d+ (cm|degrees)", "", sentence) for sentence in self.goals]
         return (
-            *self.sayings,
+            *self.other_texts,
             *words,
             *((row["called"], *row.get("stood", ()), "->", *row.get("ends", ())) for row in self.objects),
         )

@@ -158,13 +158,13 @@ def find_answers_of_program(
         for alias in node.names if node.module in modules else ():
             if alias.name not in classes and alias.name != "*":
                 yield node.lineno, f"they take {alias.name} from the program, which it tests itself by then"
-    said = _find_own_sayings(program) - suite.given_names
+    said = _find_own_attributes(program) - suite.given_names
     for node in suite.nodes_of(ast.Attribute):
         if node.attr in said and isinstance(node.ctx, ast.Load):
             yield node.lineno, f"they ask the program for {node.attr} instead of saying what is right"
 
 
-def _find_own_sayings(program: ProgramSource) -> set[str]:
+def _find_own_attributes(program: ProgramSource) -> set[str]:
     """Attributes that a program gives its task, and methods of its own; but ids of objects, and what every task has."""
     given: set[str] = set()
     for node in program.nodes_of(ast.Assign):

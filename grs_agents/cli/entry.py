@@ -33,7 +33,7 @@ def main() -> None:
     A request to end (SIGTERM) is an interruption like Ctrl-C.
     """
     interrupts.install_signal_handlers()
-    _spare_processor_time()
+    _reduce_startup_cost()
     try:
         from grs_agents.cli.commands import app
 
@@ -57,7 +57,7 @@ def main() -> None:
         _exit_with_traceback(error)
 
 
-def _spare_processor_time() -> None:
+def _reduce_startup_cost() -> None:
     """Settings of this process that cost nothing but would have to be made before its imports."""
     gc.set_threshold(_COLLECTED_AFTER)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for matrices this small its threads only wait for one another

@@ -118,8 +118,8 @@ def _judge_words(
             continue
         kinds.add(told.kind)
         pictures = [] if is_offline(judge) else _draw_start_and_end(instance, rollout, services)
-        words, sayings = audited.task.description, (f"name: {audited.task.name}", *told.sayings)
-        judgement = roles.judge_words(services.agents, words, sayings, told.objects, told.goals, pictures)
+        words, other_texts = audited.task.description, (f"name: {audited.task.name}", *told.other_texts)
+        judgement = roles.judge_words(services.agents, words, other_texts, told.objects, told.goals, pictures)
         if isinstance(judgement, NoReply) or judgement.verdict != "agrees":
             break
     passed, measured, bound = False, "there is no episode to judge", _WORDS_BOUND

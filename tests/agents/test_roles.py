@@ -25,7 +25,9 @@ ASKED: dict[str, Callable[[Agents], object]] = {
     "fix_code": lambda agents: roles.fix_code(agents, JUDGED, "<api>"),
     "fix_tests": lambda agents: roles.fix_tests(agents, JUDGED, "<api>"),
     "fix_task": lambda agents: roles.fix_task(agents, JUDGED, ["a"], "<fixtures>"),
-    "judge": lambda agents: roles.judge_words(agents, "<words>", ["<sayings>"], [{"x": "<objects>"}], ["<goals>"], []),
+    "judge": lambda agents: roles.judge_words(
+        agents, "<words>", ["<other_texts>"], [{"x": "<objects>"}], ["<goals>"], []
+    ),
 }
 MOST_CHARACTERS = 24_900
 """Of the fixed text of all these prompts together."""

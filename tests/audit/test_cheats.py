@@ -338,7 +338,7 @@ def told() -> ToldTask:
 
 
 @pytest.mark.parametrize(
-    ("words", "sayings", "verdict", "why"),
+    ("words", "other_texts", "verdict", "why"),
     [
         ("Put a red block on the blue zone, then put the blue block on the red zone.", (), "agrees", ""),
         ("First put the blue block on the red zone, then put a red block on the blue zone.", (), "differs", "first"),
@@ -353,9 +353,9 @@ def told() -> ToldTask:
     ],
 )
 def test_words_that_people_would_take_otherwise_are_found(
-    told: ToldTask, words: str, sayings: tuple[str, ...], verdict: str, why: str
+    told: ToldTask, words: str, other_texts: tuple[str, ...], verdict: str, why: str
 ) -> None:
-    found, reason = judge_words(words, told, sayings)
+    found, reason = judge_words(words, told, other_texts)
     assert found == verdict and why in reason, reason
 
 

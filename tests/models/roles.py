@@ -95,9 +95,9 @@ def verdict_on(
     return rest.removesuffix("\n```"), explanation
 
 
-def judge(words: str, told: ToldTask, sayings: Sequence[str] = ()) -> tuple[str, str]:
+def judge(words: str, told: ToldTask, other_texts: Sequence[str] = ()) -> tuple[str, str]:
     """The verdict on a task's words and what else is said of it, and the reason."""
     rows = "\n".join(as_text(row).replace("\n", " ") for row in told.objects)
-    values = {"words": words, "sayings": "\n".join(sayings), "objects": rows, "goals": "\n".join(told.goals)}
+    values = {"words": words, "other_texts": "\n".join(other_texts), "objects": rows, "goals": "\n".join(told.goals)}
     answer: Json = json.loads(block(str(OfflineChatModel().invoke(render("judge", values)).text), "json"))
     return answer["verdict"], answer["reason"]

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
-from grs_agents.models.offline.judging.ordering import require_times
+from grs_agents.models.offline.judging.ordering import require_order_in_time
 from grs_agents.models.offline.judging.places import (
     Differs,
     Places,
@@ -141,7 +141,7 @@ def check_requests(requests: Sequence[Request], places: Sequence[Places], scene:
         [things[i] for i, one in enumerate(check.mentions) if one.request is request and i in things]
         for request in requests
     ]
-    require_times(requests, movers)
+    require_order_in_time(requests, movers)
     for mentions, follow in check.later:
         numbers = taken.values() if mentions is None else [taken[index] for index in mentions if index in taken]
         follow([scene.things[number] for number in numbers])

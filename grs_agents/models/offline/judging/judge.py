@@ -7,9 +7,9 @@ import json
 from itertools import islice, product
 
 from grs_agents.models.offline.judging.checks import check_requests
+from grs_agents.models.offline.judging.other_texts import check_other_texts
 from grs_agents.models.offline.judging.places import Differs, Unclear, choose_places
 from grs_agents.models.offline.judging.reading import PUSHING, Reading, read_request_words, resolve_pronouns
-from grs_agents.models.offline.judging.sayings import check_sayings
 from grs_agents.models.offline.judging.scene import Scene, parse_scene
 from grs_agents.models.offline.prompt_text import PromptText
 
@@ -24,7 +24,7 @@ def judge_words(prompt: PromptText) -> str:
     verdict, reason = "agrees", _AGREES
     try:
         _check_reading(read_request_words(prompt.section_body("words"), scene.nouns), scene)
-        check_sayings(prompt.section_body("further words").splitlines(), scene)
+        check_other_texts(prompt.section_body("further words").splitlines(), scene)
     except (Differs, Unclear) as problem:
         verdict, reason = "differs" if isinstance(problem, Differs) else "unclear", str(problem)
     return f"```json\n{json.dumps({'verdict': verdict, 'reason': reason}, ensure_ascii=False)}\n```"

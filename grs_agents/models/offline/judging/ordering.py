@@ -11,7 +11,7 @@ _BY_SIZE = {"shortfirst": (2, 1), "tallfirst": (2, -1), "smallfirst": (3, 1), "l
 _SPATIAL = {"leftright", "rightleft", "bottomup", "topdown", "sidebyside"}
 
 
-def require_times(requests: Sequence[Request], movers: Sequence[Sequence[Thing]]) -> None:
+def require_order_in_time(requests: Sequence[Request], movers: Sequence[Sequence[Thing]]) -> None:
     """Raises ``Differs`` unless goals ask for things in the order of the words, and the film shows them in it.
 
     Args:

@@ -26,7 +26,7 @@ _NO_THINGS = set_of_words(
 """Words of places that are no thing."""
 
 
-def check_sayings(lines: Sequence[str], scene: Scene) -> None:
+def check_other_texts(lines: Sequence[str], scene: Scene) -> None:
     """Raises ``Differs`` where a line contradicts what happens: ``name: ...`` or ``goal 1 and 2: ...``."""
     for line in lines:
         if (said := _SAYING.fullmatch(line.strip())) is None:
@@ -65,7 +65,7 @@ def _explain_request(request: Request, scene: Scene, named: bool, whole: bool) -
     if request.verb in PUSHING and not scene.pushes:
         return f"the robot does not {request.verb} anything"
     if request.verb in LEAVING:
-        return next(filter(None, (_explain_unrest(phrase, scene) for phrase in request.movers)), "")
+        return next(filter(None, (_explain_unexpected_move(phrase, scene) for phrase in request.movers)), "")
     read = [_find_moved(phrase, scene, named, whole) for phrase in request.movers if _names_things(phrase)]
     fault = next(filter(None, (fault for _, fault in read)), "")
     return fault or (_explain_places(request, read, scene) if whole else "")
@@ -81,7 +81,7 @@ def _names_things(phrase: Phrase) -> bool:
     return bool(phrase.nouns) and not phrase.is_generic and not phrase.is_table
 
 
-def _explain_unrest(phrase: Phrase, scene: Scene) -> str:
+def _explain_unexpected_move(phrase: Phrase, scene: Scene) -> str:
     found = [thing for thing in scene.find(phrase) if not thing.fixed]
     moves = bool(found) and phrase.pronoun not in OTHERS and all(thing.has_moved for thing in found)
     return f"{phrase.text} moves" if moves else ""
@@ -96,7 +96,7 @@ def _find_moved(phrase: Phrase, scene: Scene, named: bool, whole: bool) -> tuple
     if not found:
         return [], f"there is no such thing as {phrase.text}" if whole and not named else ""
     moved = [thing for thing in found if _is_moved(thing)]
-    still = not moved and not any(_serves(thing, scene) for thing in found)
+    still = not moved and not any(_is_place_of_goal(thing, scene) for thing in found)
     return moved, f"{found[0].label} is not moved" if still else ""
 
 
@@ -108,7 +108,7 @@ def _is_moved(thing: Thing) -> bool:
     return bool(thing.goals) and (thing.has_moved or thing.turned > 0)
 
 
-def _serves(thing: Thing, scene: Scene) -> bool:
+def _is_place_of_goal(thing: Thing, scene: Scene) -> bool:
     """Whether a thing is a place, or a goal names it as one."""
     wanted = (row for other in scene.things.values() for goal in other.goals for row in goal)
     return thing.fixed or any(number == thing.id for row in wanted for _, number in row)
@@ -125,7 +125,7 @@ def _explain_end(request: Request, moved: Sequence[Thing], scene: Scene) -> str:
     """What is wrong with where things end, if it is wrong for each that the words may mean."""
     if not moved:
         return ""
-    if request.verb in SWAPPING and not any(map(_takes_the_place, moved)):
+    if request.verb in SWAPPING and not any(map(_ends_where_another_stood, moved)):
         return f"{moved[0].label} does not end where another thing stood"
     if request.verb in ("stack", "pile") and not any(thing.ends for thing in moved):
         return f"{moved[0].label} ends on nothing"
@@ -140,5 +140,5 @@ def _explain_misplaced(request: Request, moved: Sequence[Thing], scene: Scene) -
     return faults[0] if all(faults) else ""
 
 
-def _takes_the_place(thing: Thing) -> bool:
+def _ends_where_another_stood(thing: Thing) -> bool:
     return any(how == "where" for goal in thing.goals for row in goal for how, _ in row)
