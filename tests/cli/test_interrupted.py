@@ -1,6 +1,7 @@
 """Runs that are killed, asked to end, or shared by two processes, and providers that say what they must not."""
 
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -163,7 +164,13 @@ def test_a_signal_before_the_first_node_is_not_lost(tmp_path: Path, small_scene:
     (graphs / "lossy.py").write_text(LOSSY.replace("SIGNAL", name))
     out = tmp_path / "run"
     order = ["--content", str(graphs.parent), "run", str(small_scene), "--out", str(out)]
-    done = subprocess.run(command(*order, "--set", "graph=lossy"), capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command(*order, "--set", "graph=lossy"),
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background jobs ignore it
+    )
     assert done.returncode == 130, done.stderr
     assert f"grs run {small_scene} --out {out} --resume" in done.stderr
     assert json.loads((out / "run.json").read_text())["status"] == "interrupted"
