@@ -43,13 +43,13 @@ def _find_instance_changes(instance: TaskInstance, scene: SceneDescription, libr
                 photo=None if nearest is None else nearest.position,
                 distance=None if nearest is None else math.dist(nearest.position, item.pose[0]),
                 turned=None if nearest is None else math.degrees(_angle_between(nearest.orientation, item.pose[1])),
-                reason="" if nearest is None else _find_reason(nearest, scene),
+                reason="" if nearest is None else _explain_why_not_at_photo_pose(nearest, scene),
             )
         )
     return changes
 
 
-def _find_reason(place: SceneObject, scene: SceneDescription) -> str:
+def _explain_why_not_at_photo_pose(place: SceneObject, scene: SceneDescription) -> str:
     """Why an object need not stand where the photo shows it; empty where it can stand there and be moved."""
     if not place.reachable:
         return "is out of reach"

@@ -25,7 +25,7 @@ def list_scenes(names: Sequence[str]) -> tuple[str, ...]:
     """
     found: dict[str, None] = {}
     for name in names:
-        scenes = [scene for part in _expand_glob(name) for scene in _scenes_of(part)]
+        scenes = [scene for part in _expand_glob(name) for scene in _list_scenes_of_argument(part)]
         if not scenes:
             raise InputError(f"{name} names no scene", _REMEDY)
         found.update(dict.fromkeys(scenes))
@@ -40,10 +40,10 @@ def _expand_glob(name: str) -> list[str]:
     return [prefix + str(found) for found in sorted(Path(path.anchor).glob(str(path.relative_to(path.anchor))))]
 
 
-def _scenes_of(name: str) -> Iterator[str]:
+def _list_scenes_of_argument(name: str) -> Iterator[str]:
     path = resolve_scene_path(Path(name))
     if is_bop_source(path):
-        yield from _scenes_of_bop(Path(name[len(_PREFIX) :]))
+        yield from _list_scenes_of_bop_data_set(Path(name[len(_PREFIX) :]))
     elif is_folder(path) and not _holds_photo(path):
         inside = sorted(path.iterdir())
         yield from (str(item.resolve()) for item in inside if _is_scene_in_folder(item))
@@ -60,7 +60,7 @@ def _is_scene_in_folder(item: Path) -> bool:
     return item.suffix.lower() == ".npz" if item.is_file() else is_folder(item) and _holds_photo(item)
 
 
-def _scenes_of_bop(path: Path) -> Iterator[str]:
+def _list_scenes_of_bop_data_set(path: Path) -> Iterator[str]:
     """The images of a split or of a scene folder; an image alone is itself."""
     for cameras in sorted([*path.glob(_CAMERAS), *path.glob(f"*/{_CAMERAS}")]):
         try:

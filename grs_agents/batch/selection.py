@@ -42,7 +42,7 @@ def _evaluate(node: ast.expr, row: Mapping[str, Any]) -> Any:
         case ast.UnaryOp(op=ast.Not()):
             value = not _evaluate(node.operand, row)
         case ast.Compare():
-            value = _compare(node, row)
+            value = _evaluate_comparison(node, row)
         case ast.Constant():
             value = node.value
         case ast.Tuple() | ast.List():
@@ -56,7 +56,7 @@ def _evaluate(node: ast.expr, row: Mapping[str, Any]) -> Any:
     return value
 
 
-def _compare(node: ast.Compare, row: Mapping[str, Any]) -> bool:
+def _evaluate_comparison(node: ast.Compare, row: Mapping[str, Any]) -> bool:
     values = [_evaluate(value, row) for value in (node.left, *node.comparators)]
     for test, left, right in zip(node.ops, values, values[1:], strict=False):
         known = _COMPARE.get(type(test))

@@ -38,11 +38,11 @@ class WorkFolder:
             )
 
     @cached_property
-    def _kept_files(self) -> dict[int, Path]:
+    def _kept_attempt_files(self) -> dict[int, Path]:
         return self._find_attempt_files("npz")
 
     @cached_property
-    def _dropped_files(self) -> dict[int, Path]:
+    def _rejected_attempt_files(self) -> dict[int, Path]:
         return self._find_attempt_files("json")
 
     def _find_attempt_files(self, kind: str) -> dict[int, Path]:
@@ -51,31 +51,33 @@ class WorkFolder:
     @property
     def attempts(self) -> frozenset[int]:
         """The attempts that were made."""
-        return frozenset(self._kept_files) | frozenset(self._dropped_files)
+        return frozenset(self._kept_attempt_files) | frozenset(self._rejected_attempt_files)
 
     @property
     def count(self) -> int:
         """How many demonstrations there are."""
-        return len(self._kept_files)
+        return len(self._kept_attempt_files)
 
     def add(self, attempt: int, result: Demonstration | Dropped) -> None:
         """Keep what came of an attempt, whole or not at all."""
         if isinstance(result, Dropped):
-            self._dropped_files[attempt] = write_json(self._attempt_file(attempt, "json"), result.model_dump())
+            self._rejected_attempt_files[attempt] = write_json(self._attempt_file(attempt, "json"), result.model_dump())
         else:
-            self._kept_files[attempt] = write_bytes(self._attempt_file(attempt, "npz"), _pack(result))
+            self._kept_attempt_files[attempt] = write_bytes(self._attempt_file(attempt, "npz"), _pack(result))
 
     def _attempt_file(self, attempt: int, kind: str) -> Path:
         return self.path / f"attempt_{attempt:06d}.{kind}"
 
     def demonstrations(self) -> Iterator[Demonstration]:
         """What there is, in the order of the attempts; one at a time is in memory."""
-        for _, file in sorted(self._kept_files.items()):
+        for _, file in sorted(self._kept_attempt_files.items()):
             yield _unpack(file)
 
     def all_dropped(self) -> list[Dropped]:
         """What came to nothing, in the order of the attempts."""
-        return [Dropped.model_validate_json(file.read_bytes()) for _, file in sorted(self._dropped_files.items())]
+        return [
+            Dropped.model_validate_json(file.read_bytes()) for _, file in sorted(self._rejected_attempt_files.items())
+        ]
 
 
 def _pack(demonstration: Demonstration) -> bytes:

@@ -30,7 +30,10 @@ class LeRobotEnv(gymnasium.ObservationWrapper[dict[str, Any], Any, dict[str, Any
         super().__init__(env)
         self._cameras = env.cameras
         parts: dict[str, Any] = dict(cast(Any, env.observation_space))
-        low, high = (self._rename({name: getattr(space, side) for name, space in parts.items()}) for side in _SIDES)
+        low, high = (
+            self._to_lerobot_observation({name: getattr(space, side) for name, space in parts.items()})
+            for side in _SIDES
+        )
         renamed: dict[str, Any] = {
             name: spaces.Box(low[name], high[name], dtype=np.float32) for name in low if name != "pixels"
         }
@@ -40,9 +43,9 @@ class LeRobotEnv(gymnasium.ObservationWrapper[dict[str, Any], Any, dict[str, Any
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         """What LeRobot is told."""
-        return self._rename(observation)
+        return self._to_lerobot_observation(observation)
 
-    def _rename(self, observation: Mapping[str, Any]) -> dict[str, Any]:
+    def _to_lerobot_observation(self, observation: Mapping[str, Any]) -> dict[str, Any]:
         agent = [*(observation[name] for name in _AGENT), observation["tip"][:3]]
         renamed = {"agent_pos": np.concatenate(agent), "environment_state": observation["objects"].ravel()}
         pixels = {camera: observation[f"{camera}_rgb"] for camera in self._cameras}

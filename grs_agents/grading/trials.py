@@ -100,7 +100,7 @@ class Trials:
         """The results of jobs, in their order."""
         results: dict[_Job, Any] = {}
         for job, result in map_in_processes(
-            _run_job, jobs, self._workers, _open_bench_in_worker, (self._folder.path, self._order, policy)
+            _run_job, jobs, self._workers, _prepare_worker, (self._folder.path, self._order, policy)
         ):
             results[job] = result
             self._show(stage, len(results), len(jobs))
@@ -108,7 +108,7 @@ class Trials:
 
 
 @dataclass
-class _Bench:
+class _WorkerState:
     """What a process keeps between jobs."""
 
     folder: TaskFolder
@@ -117,13 +117,13 @@ class _Bench:
     task: PrimitiveTask | None = None
 
 
-_bench: list[_Bench] = []
+_bench: list[_WorkerState] = []
 
 
-def _open_bench_in_worker(path: Path, order: GradeOrder, policy: PrimitivePolicy | None) -> None:
+def _prepare_worker(path: Path, order: GradeOrder, policy: PrimitivePolicy | None) -> None:
     known = _bench[0] if _bench and (_bench[0].folder.path, _bench[0].order) == (path, order) else None
     folder = known.folder if known else open_task_folder(path, accepted=False)
-    _bench[:] = [_Bench(folder, order, policy, known.task if known else None)]
+    _bench[:] = [_WorkerState(folder, order, policy, known.task if known else None)]
 
 
 def _run_job(job: _Job) -> tuple[_Job, Any]:
@@ -148,7 +148,7 @@ def _run_job(job: _Job) -> tuple[_Job, Any]:
     return job, evaluate_policy(task, instance, lambda one: random_decision(one, rng))
 
 
-def _run_expert(instance: TaskInstance, bench: _Bench, noise: float, rng: np.random.Generator) -> ExpertEpisode:
+def _run_expert(instance: TaskInstance, bench: _WorkerState, noise: float, rng: np.random.Generator) -> ExpertEpisode:
     """The expert with a hand that misses, and that tries a pick again which it missed."""
     task = InstanceTask(instance)
     env = Environment(task=task, library=bench.folder.library, seed=instance.seed, robot=instance.robot)

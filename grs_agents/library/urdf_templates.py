@@ -92,7 +92,7 @@ def _convert_to_placeholders_of_template(given: Given, defaults: Defaults, known
         others = [stem for stem in _LENGTH_STEMS if stem in known and stem not in defaults]
         return stated | {"DIM": _collect_dim_lengths(given, others)}
     if "DIM" in known and len(given.get("DIM", {})) >= 2:
-        return _corner_stroke_centers(given["DIM"]) | {stem: row for stem, row in stated.items() if row}
+        return _corner_marking_bar_centers(given["DIM"]) | {stem: row for stem, row in stated.items() if row}
     return stated
 
 
@@ -151,7 +151,7 @@ def _collect_dim_lengths(given: Mapping[str, Mapping[int, Value]], others: Seque
     return lengths
 
 
-def _corner_stroke_centers(size: Mapping[int, Value]) -> dict[str, dict[int, Value]]:
+def _corner_marking_bar_centers(size: Mapping[int, Value]) -> dict[str, dict[int, Value]]:
     """The centres of the strokes around the (+x, +y) corner of a box of this size."""
     x, y = (float(size[axis]) / 2 + STROKE_WIDTH / 2 for axis in (0, 1))
     back = (STROKE_LENGTH - STROKE_WIDTH) / 2

@@ -24,7 +24,7 @@ class DepthShift:
     gain: float  # 0 to 1: how much better outlines of both agree there than where they are
 
     @property
-    def is_clear(self) -> bool:
+    def is_significant(self) -> bool:
         """Whether the depth is shifted by more than cameras that were calibrated are."""
         return self.gain >= CONFIG.gain
 
@@ -62,7 +62,7 @@ def measure_depth_shift(frame: RGBDFrame) -> DepthShift | None:
 def describe_depth_shift(frame: RGBDFrame) -> list[str]:
     """A note where depth and colour clearly do not belong together as they lie; else none."""
     shift = measure_depth_shift(frame)
-    if shift is None or not shift.is_clear:
+    if shift is None or not shift.is_significant:
         return []
     return [
         f"the depth lies {shift} of where the colours show the same outlines: register the depth to the color camera, "

@@ -34,7 +34,7 @@ def make_mistake(source: str, program: Program, generator: random.Random) -> tup
     return source, ""
 
 
-def _replace_somewhere(pattern: str, *replacements: str) -> Edit:
+def _replace_one_match(pattern: str, *replacements: str) -> Edit:
     """Replace one place that fits ``pattern`` by one of ``replacements``, both drawn."""
 
     def apply(source: str, generator: random.Random) -> str | None:
@@ -47,7 +47,7 @@ def _replace_somewhere(pattern: str, *replacements: str) -> Edit:
     return apply
 
 
-def _replace_everywhere(*pairs: tuple[str, str]) -> Edit:
+def _replace_all_matches(*pairs: tuple[str, str]) -> Edit:
     """Replace all that fits the pattern of one of ``pairs``, drawn among those that occur."""
 
     def apply(source: str, generator: random.Random) -> str | None:
@@ -219,49 +219,51 @@ def _source_text_of(source: str, node: ast.AST) -> str:
 
 _ENDLESS = r"\g<0>\1pose = (None, None)\n\1while pose[0] is None:\n\1    pose = (None, None)\n"
 _PROGRAM_MISTAKES: dict[str, Edit] = {
-    "wrong-asset-name": _replace_somewhere(r'(?<=add_object\(")([\w/-]+)\.urdf', r"\1Can.urdf", r"\1_1.urdf"),
-    "ignored-argument": _replace_everywhere((r"\bstep_max_reward=", "max_reward=")),
-    "wrong-argument": _replace_everywhere((r"\btarg_poses=", "target_poses="), (r', "fixed"\)', ", fixed=True)")),
-    "wrong-method": _replace_everywhere(
+    "wrong-asset-name": _replace_one_match(r'(?<=add_object\(")([\w/-]+)\.urdf', r"\1Can.urdf", r"\1_1.urdf"),
+    "ignored-argument": _replace_all_matches((r"\bstep_max_reward=", "max_reward=")),
+    "wrong-argument": _replace_all_matches((r"\btarg_poses=", "target_poses="), (r', "fixed"\)', ", fixed=True)")),
+    "wrong-method": _replace_all_matches(
         (r"env\.add_object\b", "env.add_objects"),
         (r"utils\.multiply\b", "utils.compose"),
         (r"\.add_goal\b", ".add_goals"),
     ),
-    "missing-import": _replace_everywhere(
+    "missing-import": _replace_all_matches(
         (r"^import numpy as np\n", ""), (r"^(from grs_agents\.sim import \w+), .*$", r"\1")
     ),
-    "syntax": _replace_somewhere(r"^(class \w+\(Task\)|    def reset\(self, env\)):", r"\1"),
-    "no-base-call": _replace_somewhere(r"^ +super\(\)\.__init__\(\)\n", ""),
+    "syntax": _replace_one_match(r"^(class \w+\(Task\)|    def reset\(self, env\)):", r"\1"),
+    "no-base-call": _replace_one_match(r"^ +super\(\)\.__init__\(\)\n", ""),
     "wrong-class-name": _name_class_wrongly,
-    "endless-loop": _replace_somewhere(r"^( +)super\(\)\.reset\(env\)\n", _ENDLESS),
-    "too-few-steps": _replace_somewhere(r"(?<=max_steps = )\d+", "1", "2"),
+    "endless-loop": _replace_one_match(r"^( +)super\(\)\.reset\(env\)\n", _ENDLESS),
+    "too-few-steps": _replace_one_match(r"(?<=max_steps = )\d+", "1", "2"),
     "overlap-at-start": _start_inside_another,
-    "target-out-of-reach": _replace_somewhere(
+    "target-out-of-reach": _replace_one_match(
         r"self\.find_place\(env, (\w+_size).*\)$", r"((0.95, 0.45, \1[2] / 2), (0, 0, 0, 1))"
     ),
     "container-too-small": _shrink_container,
     "object-left-out": _leave_object_out,
     "goal-missing": _forget_last_goal,
     "goals-contradict": _add_contradicting_goal,
-    "rewards-below-one": _replace_everywhere((r"(step_max_reward=)", r"\g<1>0.75 * ")),
+    "rewards-below-one": _replace_all_matches((r"(step_max_reward=)", r"\g<1>0.75 * ")),
 }
 _TEST_MISTAKES: dict[str, Edit] = {
     "wrong-class-name": _name_class_wrongly,
-    "missing-import": _replace_everywhere((r"^import numpy as np\n", ""), (r"^from grs_agents\.sim import .*\n", "")),
-    "wrong-method": _replace_everywhere((r"env\.get_object_pose\b", "env.get_pose"), (r"agent\.act\b", "agent.action")),
-    "info-misused": _replace_everywhere((r"(self\.env\.info)\b(?!\[)", r"\1[0]")),
+    "missing-import": _replace_all_matches((r"^import numpy as np\n", ""), (r"^from grs_agents\.sim import .*\n", "")),
+    "wrong-method": _replace_all_matches(
+        (r"env\.get_object_pose\b", "env.get_pose"), (r"agent\.act\b", "agent.action")
+    ),
+    "info-misused": _replace_all_matches((r"(self\.env\.info)\b(?!\[)", r"\1[0]")),
     "wrong-count": _expect_another_count,
     "wrong-place": _expect_another_place,
     "asserts-nothing": _remove_assertions,
-    "reward-not-summed": _replace_everywhere((r"total \+= reward", "total = reward")),
-    "reward-scale": _replace_everywhere(
+    "reward-not-summed": _replace_all_matches((r"total \+= reward", "total = reward")),
+    "reward-scale": _replace_all_matches(
         (r"(assertAlmostEqual\(total, )1(?:\.0)?", r"\g<1>3.0"), (r"(assertAlmostEqual\(total, )1(?:\.0)?", r"\g<1>100")
     ),
     "counts-goals": _count_goals,
-    "too-tight-tolerance": _replace_somewhere(r"(?<=delta=)0\.0[2-9]\d*|(?<=\(nearest, )0\.\d+", "0.00001"),
-    "stops-early": _replace_everywhere((r"range\(self\.task\.max_steps\)", "range(1)")),
+    "too-tight-tolerance": _replace_one_match(r"(?<=delta=)0\.0[2-9]\d*|(?<=\(nearest, )0\.\d+", "0.00001"),
+    "stops-early": _replace_all_matches((r"range\(self\.task\.max_steps\)", "range(1)")),
     "oracle-before-reset": _make_oracle_before_reset,
-    "flaky": _replace_somewhere(r"^( +)return total,", r"\1import os\n\n\1total += os.urandom(1)[0] % 2\n\g<0>"),
+    "flaky": _replace_one_match(r"^( +)return total,", r"\1import os\n\n\1total += os.urandom(1)[0] % 2\n\g<0>"),
 }
 MISTAKES: tuple[Mistake, ...] = (
     *(Mistake(name, "simulation", edit) for name, edit in _PROGRAM_MISTAKES.items()),

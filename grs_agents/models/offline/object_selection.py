@@ -14,7 +14,7 @@ from grs_agents.models.offline.plan import (
     is_pickable_object,
     is_reachable_object,
     is_steady_object,
-    select_non_overlapping,
+    select_non_overlapping_objects,
 )
 from grs_agents.models.offline.prompt_text import CUP_ROOM, SceneObject
 from grs_agents.models.offline.task_families import FAMILIES, TaskRequest
@@ -109,13 +109,13 @@ def candidate_object_sets(
     if family == "clear":
         return _find_object_clusters(shuffled, most)
     if family == "sort":
-        return [select_non_overlapping(group, most) for group in _select_kinds_or_colors(shuffled)]
+        return [select_non_overlapping_objects(group, most) for group in _select_kinds_or_colors(shuffled)]
     return _list_groups_and_pairs(shuffled, int(rng.integers(least, most + 1)))
 
 
 def _list_groups_and_pairs(objects: Sequence[SceneObject], count: int) -> list[list[SceneObject]]:
     """The first ``count`` of the objects and fewer of them, then any two, the smallest first, then one."""
-    free = select_non_overlapping(objects, count)
+    free = select_non_overlapping_objects(objects, count)
     pairs = sorted(combinations(objects, 2), key=lambda pair: sum(obj.size[0] * obj.size[1] for obj in pair))
     return [*(free[:size] for size in range(len(free), 1, -1)), *map(list, pairs), free[:1]]
 
@@ -139,7 +139,7 @@ def _find_stackable_chains(objects: Sequence[SceneObject]) -> list[list[SceneObj
         for obj in order[start:]:
             fits = not chain or all(b >= a - 0.004 for a, b in zip(obj.size[:2], chain[-1].size[:2], strict=True))
             low = obj.size[2] <= 2.0 * min(obj.size[:2])
-            if fits and low and len(select_non_overlapping([*chain, obj], len(chain) + 1)) > len(chain):
+            if fits and low and len(select_non_overlapping_objects([*chain, obj], len(chain) + 1)) > len(chain):
                 chain.append(obj)
         if len(chain) >= 2 and all(obj.is_flat_topped for obj in chain[:-1]):
             chains.append(chain)
@@ -152,7 +152,7 @@ def _find_object_clusters(objects: Sequence[SceneObject], most: int) -> list[lis
     for seed in objects:
         pairs = [(math.dist(obj.position[:2], seed.position[:2]), obj) for obj in objects]
         near = [obj for distance, obj in sorted(pairs, key=lambda pair: pair[0]) if distance < 0.28]
-        clusters.append(select_non_overlapping(near, most))
+        clusters.append(select_non_overlapping_objects(near, most))
     return [cluster for cluster in clusters if len(cluster) >= 2]
 
 

@@ -155,7 +155,7 @@ def _grid_coordinates(low: float, high: float) -> Iterable[float]:
     return (round(low + STEP * index, 4) for index in range(max(0, count)))
 
 
-def select_non_overlapping(objects: Iterable[SceneObject], limit: int, gap: float = 0.004) -> list[SceneObject]:
+def select_non_overlapping_objects(objects: Iterable[SceneObject], limit: int, gap: float = 0.004) -> list[SceneObject]:
     """The first objects, at most ``limit``, of which no two overlap."""
     chosen: list[SceneObject] = []
     for obj in objects:

@@ -67,7 +67,7 @@ def _place_new_container(
     height = round(min(0.08, max(0.04, 0.6 * min(obj.size[2] for obj in objects))), 3)
     size = (_round_up_to_cm(width + border), _round_up_to_cm(depth + border), height)
     return _place_new_target(
-        f"{request.color}_container", "container", size, request.color, _table_with_objects(objects, request)
+        f"{request.color}_container", "container", size, request.color, _make_table_with_objects(objects, request)
     )
 
 
@@ -80,7 +80,7 @@ def plan_stack_task(objects: Sequence[SceneObject], request: TaskRequest) -> Pla
     if not _is_steady_stack([*base, *order]) or any(obj.size[2] > 2.5 * min(obj.size[:2]) for obj in order):
         return None
     side = _round_up_to_cm(max(order[0].size[:2]) + 0.03 * request.margin)
-    table = _table_with_objects(objects, request)
+    table = _make_table_with_objects(objects, request)
     zone = None if base else _place_new_zone(f"{request.color}_zone", side, side, request.color, table)
     target = _target_of_object(base[0]) if base else zone
     if target is None:
@@ -118,7 +118,7 @@ def plan_sort_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan
 def _plan_zone_per_group(
     objects: Sequence[SceneObject], groups: dict[str, list[SceneObject]], criterion: str, request: TaskRequest
 ) -> Plan | None:
-    table, targets, moves = _table_with_objects(objects, request), list[Target](), list[Move]()
+    table, targets, moves = _make_table_with_objects(objects, request), list[Target](), list[Move]()
     spare = [color for color in PALETTE if color not in groups]
     for index, name in enumerate(sorted(groups)):
         color = name if name in COLORS else spare[index % len(spare)]
@@ -138,7 +138,7 @@ def plan_line_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan
     rows = arrange_in_rows([obj.size[:2] for obj in order], 1, GAP * 1.5 * request.margin)
     width, depth = _round_up_to_cm(rows.width + 2 * GAP), _round_up_to_cm(rows.depth + 2 * GAP)
     strip = _place_new_zone(
-        f"{request.color}_strip", width, depth, request.color, _table_with_objects(objects, request)
+        f"{request.color}_strip", width, depth, request.color, _make_table_with_objects(objects, request)
     )
     return (
         None if strip is None else Plan("line", (strip,), _make_moves_to_rows(order, strip, rows), "height", exact=True)
@@ -148,7 +148,7 @@ def plan_line_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan
 def plan_place_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     """Everything onto one zone."""
     layout = _place_zone_with_rows(
-        objects, f"{request.color}_zone", request.color, _table_with_objects(objects, request), request
+        objects, f"{request.color}_zone", request.color, _make_table_with_objects(objects, request), request
     )
     return None if layout is None else Plan("place", (layout[0],), layout[1])
 
@@ -157,7 +157,7 @@ def plan_distribute_task(objects: Sequence[SceneObject], request: TaskRequest) -
     """Each onto a mark of its own."""
     if not 2 <= len(objects) <= 4:
         return None
-    table, targets, moves = _table_with_objects(objects, request), list[Target](), list[Move]()
+    table, targets, moves = _make_table_with_objects(objects, request), list[Target](), list[Move]()
     start = PALETTE.index(request.color) if request.color in PALETTE else 0
     for index, obj in enumerate(objects):
         color = PALETTE[(start + index) % len(PALETTE)]
@@ -252,7 +252,7 @@ def _place_new_target(
     return None if spot is None else Target(name, kind, size, spot, color)
 
 
-def _table_with_objects(objects: Sequence[SceneObject], request: TaskRequest) -> Table:
+def _make_table_with_objects(objects: Sequence[SceneObject], request: TaskRequest) -> Table:
     return Table([*request.taken, *(obj.footprint_rect for obj in objects)])
 
 

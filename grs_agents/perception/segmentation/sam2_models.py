@@ -136,7 +136,7 @@ def _read_checkpoint(path: Path, torch: Any, transformers: Any) -> Any:
     """The model of a checkpoint of Meta's; of the file only numbers are read, never code."""
     stored = torch.load(str(path), map_location="cpu", weights_only=True)
     weights = rename_meta_weights(stored["model"], torch)
-    model = transformers.Sam2Model(_meta_config(weights, path, transformers))
+    model = transformers.Sam2Model(_config_from_checkpoint_shapes(weights, path, transformers))
     missing, unknown = model.load_state_dict(weights, strict=False)
     if missing or unknown:
         said = f"{len(missing)} weights missing, {len(unknown)} unknown: {', '.join([*missing, *unknown][:3])}"
@@ -164,7 +164,7 @@ def rename_meta_weights(stored: Mapping[str, Any], torch: Any) -> dict[str, Any]
     return weights
 
 
-def _meta_config(weights: Mapping[str, Any], path: Path, transformers: Any) -> Any:
+def _config_from_checkpoint_shapes(weights: Mapping[str, Any], path: Path, transformers: Any) -> Any:
     """The configuration that a checkpoint's shapes tell, and its size by the number of blocks."""
     backbone = "vision_encoder.backbone"
     blocks = sum(name.startswith(f"{backbone}.blocks.") and name.endswith(".attn.qkv.weight") for name in weights)

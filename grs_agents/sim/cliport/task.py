@@ -177,7 +177,9 @@ class Task(TaskKit):
         """
         env = self.grs.reset_in
         library = env.library if env is not None else templates.default_library()
-        replace = {stem: _unwrap_color(value) if stem == "COLOR" else value for stem, value in replace.items()}
+        replace = {
+            stem: _take_color_out_of_list(value) if stem == "COLOR" else value for stem, value in replace.items()
+        }
         name, doubts = templates.fill_and_describe_template(library, template, replace)
         if env is not None:
             for doubt in doubts:
@@ -309,7 +311,7 @@ class PublishedTask(Task):
             self.ee, self.primitive = end_effectors.Spatula, end_effectors.push
 
 
-def _unwrap_color(color: Any) -> Any:
+def _take_color_out_of_list(color: Any) -> Any:
     """One colour in a list, as ``utils.get_random_color()[0]`` is, counts as that colour."""
     listed: Sequence[Any] = cast(Sequence[Any], color) if isinstance(color, list | tuple) else ()
     return listed[0] if len(listed) == 1 else cast(Any, color)

@@ -116,7 +116,7 @@ def _score_grasp_point(physics: Physics, number: int, others: Sequence[Prism], p
     roughness, beside = _estimate_seal_cost(physics, number, *point)
     if beside >= 0:
         return roughness, beside
-    room, neighbour = _cup_clearance(physics, others, *point)
+    room, neighbour = _suction_cup_clearance(physics, others, *point)
     return roughness + max(0.0, _SWAY - room), neighbour if room < 0 else -1
 
 
@@ -132,7 +132,9 @@ def _candidate_grasp_points(center: Vec3, outline: Prism) -> list[tuple[float, f
     return [(float(x), float(y)) for x, y in ordered[::step]]
 
 
-def _cup_clearance(physics: Physics, others: Sequence[Prism], x: float, y: float, height: float) -> tuple[float, int]:
+def _suction_cup_clearance(
+    physics: Physics, others: Sequence[Prism], x: float, y: float, height: float
+) -> tuple[float, int]:
     """How far, metres, the cup is from what stands up beside a point, and what that is: rays go to nearest outlines."""
     point, room, found = np.array([x, y]), _SWAY, -1
     for prism in others:

@@ -74,7 +74,7 @@ def _explain_request(request: Request, scene: Scene, named: bool, whole: bool) -
 def _explain_places(request: Request, read: Sequence[tuple[list[Thing], str]], scene: Scene) -> str:
     places = [phrase for _, phrases in request.relations for phrase in phrases]
     moved = [thing for found, _ in read for thing in found]
-    return next(_find_missing(places, scene), "") or _explain_end(request, moved, scene)
+    return next(_find_missing(places, scene), "") or _explain_wrong_end_pose(request, moved, scene)
 
 
 def _names_things(phrase: Phrase) -> bool:
@@ -121,7 +121,7 @@ def _find_missing(places: Sequence[Phrase], scene: Scene) -> Iterator[str]:
             yield f"there is no such thing as {phrase.text}"
 
 
-def _explain_end(request: Request, moved: Sequence[Thing], scene: Scene) -> str:
+def _explain_wrong_end_pose(request: Request, moved: Sequence[Thing], scene: Scene) -> str:
     """What is wrong with where things end, if it is wrong for each that the words may mean."""
     if not moved:
         return ""
