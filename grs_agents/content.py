@@ -1,19 +1,26 @@
 """Content found by name: graphs, tools, prompts, assets and evals, one file for each thing a user may swap.
 The content lies beside the package in a source tree and inside it (``_bundled``) in a wheel. A folder of the user's
-own, laid over it with ``--content DIR``, wins where it has a file of the same name."""
+own, laid over it with ``--content DIR``, wins where it has a file of the same name. An installed package adds content
+by an entry point of the group ``grs_agents.content``; where GRS ships a file of the same name, that of GRS wins."""
 
 import importlib.util
 import sys
 import threading
+from collections.abc import Callable
+from functools import cache
+from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import Literal
+from typing import Any, Literal
 
 from grs_agents.errors import InputError, UnknownNameError
 
-Kind = Literal["graphs", "tools", "prompts", "assets", "evals"]
+Kind = Literal["graphs", "tools", "prompts", "assets", "evals", "policies", "models"]
 KINDS: tuple[Kind, ...] = ("graphs", "tools", "prompts", "assets", "evals")
-_SUFFIX: dict[Kind, str] = {"graphs": ".py", "tools": ".py", "prompts": ".md", "evals": ".py", "assets": ""}
+"""The kinds that GRS ships; policies and models of its own are no files of content."""
+ENTRY_POINTS = "grs_agents.content"
+"""The group of entry points that name packages whose folders hold content."""
+_SUFFIX: dict[Kind, str] = {"prompts": ".md", "assets": ""}
 _overlays: list[Path] = []
 _loading = threading.RLock()
 """A module is registered before it is executed: another thread must not take it half-loaded."""
@@ -31,7 +38,7 @@ def content_root() -> Path:
 
 
 def add_overlay_folder(folder: Path) -> None:
-    """Lay ``folder`` (with any of graphs/, tools/, prompts/, assets/, evals/) over the shipped content.
+    """Lay ``folder`` (with any of graphs/, tools/, prompts/, assets/, evals/, policies/, models/) over what is shipped.
     Its Python files are executed when they are used, hence never added by default.
     Raises InputError: the folder does not exist."""
     if folder in _overlays:
@@ -45,17 +52,37 @@ def add_overlay_folder(folder: Path) -> None:
 
 def content_search_roots() -> list[Path]:
     """The content roots, first match wins."""
-    return [*_overlays, content_root()]
+    return [*_overlays, content_root(), *installed_content_folders()]
+
+
+@cache
+def installed_content_folders() -> tuple[Path, ...]:
+    """The folders of the packages that entry points name. Raises InputError: there is no such package."""
+    folders: list[Path] = []
+    for entry in entry_points(group=ENTRY_POINTS):
+        try:
+            found = importlib.util.find_spec(entry.value)
+        except ImportError:
+            found = None
+        if found is None or not found.submodule_search_locations:
+            what = f"entry point {entry.name!r} of {ENTRY_POINTS} names no package: {entry.value}"
+            raise InputError(what, "mend or uninstall the package that has it")
+        folders += [Path(folder).resolve() for folder in found.submodule_search_locations]
+    return tuple(folders)
 
 
 def content_names(kind: Kind) -> list[str]:
     """Every name of ``kind``, sorted. Names that start with an underscore are private."""
     entries: set[str] = set()
     for root in content_search_roots():
-        for entry in (root / kind).glob(f"*{_SUFFIX[kind]}") if (root / kind).is_dir() else ():
+        for entry in (root / kind).glob(f"*{_suffix(kind)}") if (root / kind).is_dir() else ():
             if not entry.name.startswith(("_", ".")):
-                entries.add(entry.stem if _SUFFIX[kind] else entry.name)
+                entries.add(entry.stem if _suffix(kind) else entry.name)
     return sorted(entries)
+
+
+def _suffix(kind: Kind) -> str:
+    return _SUFFIX.get(kind, ".py")
 
 
 def content_path(kind: Kind, name: str) -> Path:
@@ -66,7 +93,7 @@ def content_path(kind: Kind, name: str) -> Path:
 def all_content_paths(kind: Kind, name: str) -> list[Path]:
     """Every file or folder called ``name``, the one that wins first. Raises UnknownNameError: nothing has that name."""
     public = name != "" and name == Path(name).name and not name.startswith(("_", "."))
-    candidates = [root / kind / f"{name}{_SUFFIX[kind]}" for root in content_search_roots()] if public else []
+    candidates = [root / kind / f"{name}{_suffix(kind)}" for root in content_search_roots()] if public else []
     existing = [candidate for candidate in candidates if candidate.exists()]
     if not existing:
         raise UnknownNameError(kind.removesuffix("s"), name, content_names(kind))
@@ -86,6 +113,18 @@ def shipped_cassettes() -> dict[str, Path]:
 def _list_sample_entries(kind: str) -> list[Path]:
     folders = [root / "assets" / kind for root in reversed(content_search_roots())]
     return [entry for folder in folders if folder.is_dir() for entry in sorted(folder.iterdir())]
+
+
+def find_class(kind: Kind, name: str, attribute: str) -> Callable[..., Any] | None:
+    """The class ``attribute`` of the content file ``name``; None if there is no such file.
+    Raises InputError: the file has no such class."""
+    if name not in content_names(kind):
+        return None
+    module = load_module(kind, name)
+    found = getattr(module, attribute, None)
+    if not callable(found):
+        raise InputError(f"{module.__file__} has no class {attribute}", f"call the class {attribute}")
+    return found
 
 
 def load_module(kind: Kind, name: str) -> ModuleType:

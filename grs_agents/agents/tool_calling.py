@@ -16,6 +16,9 @@ from langchain_core.messages import ToolCall as CalledTool
 from langchain_core.outputs import ChatGeneration, ChatResult
 from langchain_core.runnables import Runnable
 from langchain_core.tools import BaseTool, StructuredTool
+from langgraph.errors import GraphRecursionError
+from pydantic import ValidationError
+from pydantic.v1 import ValidationError as FirstValidationError
 
 from grs_agents import content
 from grs_agents.agents.agent import Agents, image_block_from_file
@@ -74,7 +77,7 @@ def ask_with_tools(
     messages: list[BaseMessage] = [HumanMessage(content=[*blocks, {"type": "text", "text": text}])]
     model = LoggedToolModel(agents=agents, role=role, pictures=tuple(images), graph=calling.graph)
     limit = {"recursion_limit": 4 * (calling.steps + agents.config.reply_retries + 4)}
-    graph: Any = create_agent(model, _Tools(agents, role, calling).build())
+    graph: Any = create_agent(model, _CountedTools(agents, role, calling).build())
     problem, tries = "", agents.config.reply_retries + 1
     for _ in range(tries):
         try:
@@ -84,6 +87,9 @@ def ask_with_tools(
             problem = str(error)
         except StepsUsedUp as error:
             return NoReply(role=role, tries=tries, problem=str(error))
+        except GraphRecursionError:
+            problem = f"it called what is no tool until its {limit['recursion_limit']} steps were used up"
+            return NoReply(role=role, tries=tries, problem=problem)
         words = f"Your reply could not be used: {problem}. Reply again in exactly the form asked for."
         messages = [*messages, HumanMessage(words)]
     return NoReply(role=role, tries=tries, problem=problem)
@@ -173,13 +179,13 @@ def _read_calls(text: str, number: int) -> AIMessage:
 
 
 @dataclass
-class _Tools:
-    """The tools of one agent, each call of which is counted and logged."""
+class _CountedTools:
+    """The tools of one agent, each call of which is counted and logged, also one whose arguments do not fit."""
 
     agents: Agents
     role: str
     calling: ToolCalling
-    made: int = 0
+    call_count: int = 0
     lock: Lock = field(default_factory=Lock)  # a model may call several at once
 
     def build(self) -> list[BaseTool]:
@@ -191,18 +197,34 @@ class _Tools:
         def call(**arguments: Any) -> str | list[Any]:
             return self._call(name, function, arguments)
 
+        def refuse(error: ValidationError | FirstValidationError) -> str:
+            wrong = "; ".join(f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in error.errors())
+            told = f"The arguments do not fit: {wrong}"
+            self._count_call()
+            self.agents.log.append(ToolCall(role=self.role, tool=name, result=told, ok=False))
+            return told
+
         return StructuredTool.from_function(
-            call, name=name, description=described.description, args_schema=described.args_schema
+            call,
+            name=name,
+            description=described.description,
+            args_schema=described.args_schema,
+            handle_validation_error=refuse,
         )
+
+    def _count_call(self) -> int:
+        """Count a call; by how many the allowed ones are passed. Raises StepsUsedUp: by more than are forgiven."""
+        with self.lock:
+            self.call_count += 1
+            beyond = self.call_count - self.calling.steps
+        if beyond > self.agents.config.reply_retries + 1:
+            what = f"it called tools {self.call_count} times and handed nothing in"
+            raise StepsUsedUp(what, f"raise author.steps (now {self.calling.steps})")
+        return beyond
 
     def _call(self, name: str, function: ToolFunction, arguments: dict[str, Any]) -> str | list[Any]:
         begin = time.perf_counter()
-        with self.lock:
-            self.made += 1
-            beyond = self.made - self.calling.steps
-        if beyond > self.agents.config.reply_retries + 1:
-            what = f"it called tools {self.made} times and handed nothing in"
-            raise StepsUsedUp(what, f"raise author.steps (now {self.calling.steps})")
+        beyond = self._count_call()
         ok, result = beyond <= 0, cast("str | list[Any]", "All tool calls are used up. Hand in your reply now.")
         if ok:
             try:

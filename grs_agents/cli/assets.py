@@ -6,10 +6,19 @@ from typing import Annotated, Literal
 
 import typer
 
-from grs_agents.cli.options import ConfigFile, Json, Models, Settings, add_model_setting, load_effective_config
+from grs_agents.cli.options import (
+    ConfigFile,
+    Json,
+    Models,
+    Settings,
+    VerbGroup,
+    add_model_setting,
+    load_effective_config,
+)
 
 assets_app = typer.Typer(
     name="assets",
+    cls=VerbGroup,
     help="The library of 3D assets: import, list, show, describe and verify.",
     no_args_is_help=True,
     add_completion=False,

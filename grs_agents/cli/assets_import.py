@@ -26,7 +26,7 @@ from grs_agents.library.importing import (
     search_objaverse,
     slugify_name,
 )
-from grs_agents.terminal import print_escaped, print_json
+from grs_agents.terminal import VERBOSITY, print_escaped, print_json
 
 DEFAULT = Path("grs-content")
 
@@ -66,7 +66,7 @@ class Progress:
     """One line for each outcome, on standard error."""
 
     def __init__(self, count: int, quiet: bool) -> None:
-        self._count, self._quiet, self._done = count, quiet, 0
+        self._count, self._quiet, self._done = count, quiet or VERBOSITY.get() == "quiet", 0
 
     def __call__(self, outcome: ImportOutcome, old: bool) -> None:
         self._done += 1

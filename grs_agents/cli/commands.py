@@ -19,7 +19,6 @@ from grs_agents.cli.options import (
     DemosOut,
     Distractors,
     Episodes,
-    FilmOut,
     Friction,
     InstanceSeed,
     InstancesOut,
@@ -42,6 +41,7 @@ from grs_agents.cli.options import (
     Timeout,
     Trials,
     Unsafe,
+    VerbGroup,
     View,
     Where,
     Workers,
@@ -54,11 +54,11 @@ from grs_agents.cli.options import (
     scene_of_cassette,
     settings_of_recording,
 )
-from grs_agents.errors import InputError
 from grs_agents.terminal import print_escaped, print_json
 
 app = typer.Typer(
     name="grs",
+    cls=VerbGroup,
     help="From a photo with depth to a validated MuJoCo robot task.",
     no_args_is_help=True,
     add_completion=False,
@@ -88,7 +88,7 @@ _FOLDER = "A new or empty folder, or an earlier export; beside the run by defaul
 RunStatus = Literal["running", "accepted", "rejected", "failed", "interrupted", "waiting"]
 _SEEDS = "How many task instances to solve; audit.seeds by default."
 Seeds = Annotated[int | None, typer.Option("--seeds", help=_SEEDS, min=1, max=100)]
-_PAGE = "The file, - for standard output; report.html in the run folder by default."
+_PAGE = "The file, - for the page on standard output; report.html in the run folder by default."
 _TASK = "The task definition that it must keep to, as a run writes it."
 _SCENE = (
     "The photo that it must keep to: a run folder, a scene.json, or what grs run takes, which is then comprehended."
@@ -96,7 +96,7 @@ _SCENE = (
 _REPLY = "The reply; without it the question is printed, and asked on a terminal."
 _ZIP = "The zip file, - for standard output; beside the run folder by default."
 _SCENES = "Scenes, folders of scenes, .npz files, bop:ROOT/SPLIT, sample scenes, or globs of these in quotes."
-_CONTENT = "Your own graphs, tools, prompts and assets; their code is executed."
+_CONTENT = "Your own graphs, tools, prompts, assets, policies and models; their code is executed."
 
 
 def _print_version(wanted: bool) -> None:
@@ -282,54 +282,33 @@ def replay(
     run: RunFolder,
     beside: Annotated[Path | None, typer.Argument(help="Another run to show beside it.")] = None,
     web: Annotated[bool, typer.Option("--web", help="Open the viewer in a browser.")] = False,
+    window: Annotated[bool, typer.Option("--mujoco", help="Play a rollout in MuJoCo's window instead.")] = False,
+    seed: RolloutSeed = None,
+    json: Json = False,
 ) -> None:
     """Open a run's trace, or two side by side, in the rerun viewer, on 127.0.0.1."""
-    from grs_agents.cli.show import open_run_viewer
+    from grs_agents.cli.show import open_run_viewer, play_in_window
 
-    sys.exit(open_run_viewer(run, beside, web))
-
-
-@app.command()
-def trace(
-    run: Annotated[Path | None, typer.Argument(help="A run folder.")] = None,
-    schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of one event.")] = False,
-    otel: Annotated[
-        bool, typer.Option("--otel", help="Send the run as OpenTelemetry spans to where OTEL_* variables say.")
-    ] = False,
-) -> None:
-    """Make a run's rerun recording anew from its events, or send it as OpenTelemetry spans."""
-    from grs_agents.cli.run_outputs import rebuild_trace, send_otel_spans
-    from grs_agents.trace import event_schema
-
-    if schema:
-        print_json(event_schema())
-    elif otel:
-        send_otel_spans(_require_run_folder(run, "grs trace --otel"))
-    else:
-        rebuild_trace(_require_run_folder(run, "grs trace"))
+    sys.exit(play_in_window(run, seed) if window else open_run_viewer(run, beside, web, json))
 
 
 @app.command()
 def report(
     run: RunFolder,
     out: Annotated[Path | None, typer.Option("--out", help=_PAGE, metavar="FILE")] = None,
-) -> None:
-    """Write a run as one HTML page that needs nothing else: photo, task, pictures, decisions, changes, tests."""
-    from grs_agents.cli.run_outputs import report_run
-
-    report_run(run, out)
-
-
-@app.command()
-def play(
-    run: RunFolder,
-    out: FilmOut = None,
     seed: RolloutSeed = None,
+    large: Annotated[bool, typer.Option("--hd", help="A film of 1280x720 instead of 640x480.")] = False,
+    otel: Otel = False,
+    json: Json = False,
 ) -> None:
-    """Play a run's task, as the oracle solved it, in MuJoCo's window or into an mp4 or gif file."""
-    from grs_agents.cli.run_outputs import play_rollout
+    """Write a run into a file that needs nothing else: a page (.html), a film of the robot (.webp, .mp4, .gif), or the
+    recording (.rrd)."""
+    from grs_agents.cli.run_outputs import report_run, send_otel_spans
 
-    sys.exit(play_rollout(run, out, seed))
+    if otel:
+        send_otel_spans(run, json)
+    else:
+        report_run(run, out, seed, large, json)
 
 
 @app.command()
@@ -409,11 +388,12 @@ def grade(
 def share(
     run: RunFolder,
     out: Annotated[Path | None, typer.Option("--out", help=_ZIP, metavar="FILE.zip")] = None,
+    json: Json = False,
 ) -> None:
     """Pack a run into one zip file without keys and home folders, with its recording and report."""
     from grs_agents.cli.run_outputs import share_run_as_zip
 
-    share_run_as_zip(run, out)
+    share_run_as_zip(run, out, json)
 
 
 @app.command()
@@ -432,16 +412,11 @@ def export(
     export_task(run, seed, portable, out, json)
 
 
-def _require_run_folder(run: Path | None, command: str) -> Path:
-    if run is None:
-        raise InputError(f"{command} needs a run folder", f"{command} RUN")
-    return run
-
-
 @app.command()
-def graph(name: Annotated[str, typer.Argument(help="A graph's name; see grs list.")]) -> None:
+def graph(name: Annotated[str, typer.Argument(help="A graph's name; see grs list.")], json: Json = False) -> None:
     """Print a graph as a mermaid diagram."""
-    print_escaped(content.load_module("graphs", name).build().compile().get_graph().draw_mermaid())
+    drawn = content.load_module("graphs", name).build().compile().get_graph()
+    print_json(drawn.to_json()) if json else print_escaped(drawn.draw_mermaid())
 
 
 @app.command("mcp")
@@ -469,11 +444,15 @@ def doctor(json: Json = False) -> None:
 
 
 @app.command("list")
-def list_available_content(json: Json = False) -> None:
-    """List the graphs, tools, prompts, assets, evals and policies there are."""
+def list_available_content(
+    schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of one event of a run.")] = False,
+    json: Json = False,
+) -> None:
+    """List the graphs, tools, prompts, assets, evals, policies and models there are."""
     from grs_agents.cli.listing import list_content
+    from grs_agents.trace import event_schema
 
-    list_content(json)
+    print_json(event_schema()) if schema else list_content(json)
 
 
 @app.command("config")

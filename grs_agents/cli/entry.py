@@ -14,7 +14,7 @@ from typing import Any, cast
 from grs_agents import interrupts
 from grs_agents.errors import GrsError, InputError
 from grs_agents.runs import defer_unused_imports
-from grs_agents.terminal import EscapingFormatter, print_escaped
+from grs_agents.terminal import VERBOSITY, EscapingFormatter, print_escaped
 
 _LONGEST_PATH = 4096
 """Bytes; no system takes a longer path."""
@@ -34,6 +34,7 @@ def main() -> None:
     """
     interrupts.install_signal_handlers()
     _reduce_startup_cost()
+    VERBOSITY.set("normal")
     try:
         from grs_agents.cli.commands import app
 
@@ -43,6 +44,8 @@ def main() -> None:
         sys.exit(_run_command_line(app))
     except GrsError as error:
         print_escaped(f"grs: {error}", error=True)
+        if VERBOSITY.get() == "verbose":
+            print_escaped("".join(traceback.format_exception(error)), error=True, end="")
         sys.exit(error.exit_status)
     except OSError as error:
         if error.filename is None or error.errno not in _UNUSABLE:

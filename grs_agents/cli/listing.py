@@ -19,16 +19,14 @@ def list_content(as_json: bool) -> None:
     from grs_agents.library import Library
     from grs_agents.policies import POLICIES
 
-    listed: dict[str, dict[str, str]] = {
-        kind: {name: _read_file_summary(content.content_path(kind, name)) for name in content.content_names(kind)}
-        for kind in content.KINDS
-        if kind != "assets"
-    }
+    listed: dict[str, dict[str, str]] = {kind: _summarise_files(kind) for kind in content.KINDS if kind != "assets"}
     listed["assets"] = {asset.name: asset.description for asset in Library().assets()}
     listed["scenes"] = {name: "a sample scene: grs run " + name for name in content.sample_scenes()}
     listed["cassettes"] = {name: "a recorded run: grs run --cassette " + name for name in content.shipped_cassettes()}
     listed["policies"] = {name: _first_line(policy.__doc__) for name, policy in POLICIES.items()}
-    listed["policies"].update({entry.name: entry.value for entry in entry_points(group="grs_agents.policies")})
+    for kind in ("policies", "models"):
+        installed = {entry.name: entry.value for entry in entry_points(group=f"grs_agents.{kind}")}
+        listed[kind] = listed.get(kind, {}) | _summarise_files(kind) | installed
     if as_json:
         print_json(listed)
         return
@@ -51,6 +49,11 @@ def list_config(effective: Effective, as_json: bool) -> None:
     for key, value in values.items():
         table.add_row(key, Text(json.dumps(value)), Text(sources[key]))
     terminal.make_console().print(table)
+
+
+def _summarise_files(kind: content.Kind) -> dict[str, str]:
+    """Each content file of a kind by name, with what it says it is."""
+    return {name: _read_file_summary(content.content_path(kind, name)) for name in content.content_names(kind)}
 
 
 def _read_file_summary(file: Path) -> str:

@@ -3,11 +3,14 @@
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+from typer.core import TyperGroup
+from typer.main import get_command
 
 from grs_agents.errors import ConfigError, InputError
+from grs_agents.terminal import VERBOSITY
 
 if TYPE_CHECKING:
     from grs_agents.config import Effective
@@ -70,11 +73,8 @@ Demonstrations = Annotated[
 Trials = Annotated[
     int, typer.Option("--trials", help="Of the expert at each miss of its hand.", metavar="N", min=1, max=10_000)
 ]
-FilmOut = Annotated[
-    Path | None, typer.Option("--out", help="Write a film instead of opening a window.", metavar="FILE.mp4|.gif")
-]
 RolloutSeed = Annotated[
-    int | None, typer.Option("--seed", help="Of the rollout to play; the first one by default.", metavar="N")
+    int | None, typer.Option("--seed", help="Of the rollout in the film; the first one by default.", metavar="N")
 ]
 DemosOut = Annotated[
     Path | None, typer.Option("--out", help="The data set; <run>-demos beside the run.", metavar="DIR")
@@ -158,3 +158,39 @@ def refuse_config_on_resume(
             "--resume goes on with the configuration in run.json",
             "leave --config, --set, --model, --seed, --record, --cassette and --unsafe-no-sandbox out",
         )
+
+
+def _be_quiet(wanted: bool) -> None:
+    if wanted:
+        VERBOSITY.set("quiet")
+
+
+def _be_verbose(wanted: bool) -> None:
+    if wanted:
+        VERBOSITY.set("verbose")
+
+
+def _take_verbosity(
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="Print results and errors alone.", callback=_be_quiet)
+    ] = False,
+    verbose: Annotated[
+        bool,
+        typer.Option("--verbose", "-v", help="Print each event, and the traceback of an error.", callback=_be_verbose),
+    ] = False,
+) -> None:
+    """Only its options are used."""
+
+
+class VerbGroup(TyperGroup):
+    """Verbs, each of which takes these two options beside its own."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        app = typer.Typer(add_completion=False)
+        app.command()(_take_verbosity)
+        options = get_command(app).params
+        for option in options:
+            option.expose_value = False
+        for command in self.commands.values():
+            command.params = [*command.params, *options]

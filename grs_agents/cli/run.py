@@ -68,6 +68,8 @@ def approve_run(folder: Path, reply: str | None, as_json: bool) -> int:
 def _print_end(command: str, scene: Path, ended: Outcome, as_json: bool) -> None:
     if as_json:
         print_json(ended.record.model_dump(mode="json"))
+    elif ended.problem is None and terminal.VERBOSITY.get() == "quiet":
+        print_escaped(ended.folder)
     elif ended.problem is None:
         _print_run_summary(command, ended.folder, ended.record)
     if ended.problem is not None:

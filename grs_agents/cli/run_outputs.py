@@ -1,30 +1,22 @@
-"""What a finished run offers: ``grs trace``, ``grs share``, ``grs play`` and ``grs report``."""
+"""What a run leaves for others: ``grs report`` and ``grs share``."""
 
 from collections.abc import Callable
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
-from grs_agents.cli.show import rebuild_recording
+from grs_agents.cli.show import rebuild_recording, shot_of_rollout
+from grs_agents.errors import InputError
 from grs_agents.files import STANDARD_OUTPUT, check_output_path, write_file_or_stdout
 from grs_agents.library import Library
 from grs_agents.models import PROVIDERS
 from grs_agents.runs import read_record
-from grs_agents.terminal import print_escaped
+from grs_agents.terminal import print_escaped, print_json
 from grs_agents.trace import read_events
 
 
-def rebuild_trace(folder: Path) -> None:
-    """Make the recording of a run anew and say so."""
-    from grs_agents.views import show_activity_status
-
-    with show_activity_status("making the recording"):
-        recording = rebuild_recording(folder)
-    count = len(read_events(folder / "events.jsonl"))
-    print_escaped(f"{recording}: {count} events, {recording.stat().st_size / 2**20:.1f} MiB")
-
-
-def send_otel_spans(folder: Path) -> None:
+def send_otel_spans(folder: Path, as_json: bool) -> None:
     """Send a run as OpenTelemetry spans to where the ``OTEL_*`` variables say."""
     from grs_agents.views import SpanView, make_otlp_provider
 
@@ -34,24 +26,10 @@ def send_otel_spans(folder: Path) -> None:
     for event in events:
         view(event)
     view.finish()
-    print_escaped(f"{folder}: {len(events)} events sent as spans")
-
-
-def play_rollout(folder: Path, out: Path | None, seed: int | None) -> int:
-    """Play a rollout of a run in MuJoCo's window, or into the file ``out``."""
-    from grs_agents.views import show_activity_status
-    from grs_agents.views.common import library_with_run_assets
-    from grs_agents.views.film import Shot, find_recorded_rollout, play_in_mujoco_window, write_film
-
-    read_record(folder)
-    rollout = find_recorded_rollout(read_events(folder / "events.jsonl"), folder, seed)
-    shot = Shot(folder.resolve(), rollout, library_with_run_assets(folder, Library()))
-    if out is None:
-        return play_in_mujoco_window(shot)
-    with show_activity_status("drawing the film") as show:
-        frames = write_film(shot, out, show=show)
-    print_escaped(f"{out}: seed {shot.event.seed}, {frames} frames, {out.stat().st_size / 2**20:.1f} MiB")
-    return 0
+    if as_json:
+        print_json({"run": str(folder), "events": len(events)})
+    else:
+        print_escaped(f"{folder}: {len(events)} events sent as spans")
 
 
 def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) -> Path:
@@ -66,17 +44,32 @@ def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) ->
     return write_file_or_stdout(out, page.encode("utf-8", "replace"))
 
 
-def report_run(folder: Path, out: Path | None) -> None:
-    """Write the page and say where it is; standard output is the page's alone."""
+def report_run(folder: Path, out: Path | None, seed: int | None, large: bool, as_json: bool) -> None:
+    """Write a run as what the ending of ``out`` says and tell where; standard output is the page's alone."""
     from grs_agents.views import show_activity_status
+    from grs_agents.views.film import HIGH_DEFINITION, SUFFIXES, write_film
 
+    kind = "" if out is None else out.suffix.lower()
     with show_activity_status("writing the report") as show:
-        path = write_report(folder, out, show)
-    if path != STANDARD_OUTPUT:
+        if out is not None and kind == ".rrd":
+            path = write_file_or_stdout(out, rebuild_recording(folder).read_bytes())
+        elif out is not None and kind in SUFFIXES:
+            path = out
+            write_film(shot_of_rollout(folder, seed, HIGH_DEFINITION if large else None), path, show=show)
+        elif out in (None, STANDARD_OUTPUT) or kind in (".html", ".htm"):
+            path = write_report(folder, out, show)
+        else:
+            endings = ", ".join((".html", *SUFFIXES, ".rrd"))
+            raise InputError(f"cannot write a run as {out}", f"name a file that ends in one of {endings}")
+    if path == STANDARD_OUTPUT:
+        return
+    if as_json:
+        print_json({"file": str(path), "bytes": path.stat().st_size})
+    else:
         print_escaped(f"{path}: {path.stat().st_size / 2**20:.1f} MiB")
 
 
-def share_run_as_zip(folder: Path, out: Path | None) -> None:
+def share_run_as_zip(folder: Path, out: Path | None, as_json: bool) -> None:
     """Pack a run into a zip file without keys and home folders, and say what was removed and left out."""
     from grs_agents.runs import make_scrubber, pack_run_as_zip
     from grs_agents.views import show_activity_status
@@ -91,6 +84,9 @@ def share_run_as_zip(folder: Path, out: Path | None) -> None:
             make_scrubber(folder, _api_key_variables(record.config)),
             partial(_write_recording_and_report, show=show),
         )
+    if as_json and path != STANDARD_OUTPUT:
+        print_json({**asdict(shared), "path": str(shared.path)})
+        return
     tell = partial(print_escaped, error=path == STANDARD_OUTPUT)
     tell(f"{shared.path}: {shared.files} files, {shared.size / 2**20:.1f} MiB")
     if shared.changed:

@@ -1,7 +1,10 @@
 """``grs show`` and ``grs replay``."""
 
+import json
 import tempfile
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from grs_agents import terminal
 from grs_agents.errors import InputError
@@ -9,6 +12,9 @@ from grs_agents.library import Library
 from grs_agents.runs import read_record
 from grs_agents.terminal import print_escaped, print_json
 from grs_agents.trace import RunEnded, read_events
+
+if TYPE_CHECKING:
+    from grs_agents.views.film import Shot
 
 
 def show_run(folder: Path, as_json: bool) -> None:
@@ -63,27 +69,45 @@ def rebuild_recording(folder: Path) -> Path:
     return recording
 
 
-def open_run_viewer(folder: Path, beside: Path | None, web: bool) -> int:
+def shot_of_rollout(folder: Path, seed: int | None, size: tuple[int, int] | None = None) -> "Shot":
+    """The rollout of ``seed``, or the first, of a run, to be filmed in ``size`` (width, height in pixels)."""
+    from grs_agents.views.common import library_with_run_assets
+    from grs_agents.views.film import Shot, find_recorded_rollout
+
+    read_record(folder)
+    rollout = find_recorded_rollout(read_events(folder / "events.jsonl"), folder, seed)
+    shot = Shot(folder.resolve(), rollout, library_with_run_assets(folder, Library()))
+    return shot if size is None else replace(shot, width=size[0], height=size[1])
+
+
+def play_in_window(folder: Path, seed: int | None) -> int:
+    """Play a rollout of a run in MuJoCo's window."""
+    from grs_agents.views.film import play_in_mujoco_window
+
+    return play_in_mujoco_window(shot_of_rollout(folder, seed))
+
+
+def open_run_viewer(folder: Path, beside: Path | None, web: bool, as_json: bool) -> int:
     """Open the viewer on a run's recording, made from the events where it is not whole, or on two runs side by side."""
     read_record(folder)
     with tempfile.TemporaryDirectory() as temporary:
         if beside is None:
-            return _open_viewer_and_wait(_find_or_make_recording(folder, Path(temporary)), web)
+            return _open_viewer_and_wait(_find_or_make_recording(folder, Path(temporary)), web, as_json)
         from grs_agents.views.rerun import record_comparison
 
         read_record(beside)
         runs = [(folder, Library()), (beside, Library())]
-        return _open_viewer_and_wait(record_comparison(runs, Path(temporary) / "both.rrd"), web)
+        return _open_viewer_and_wait(record_comparison(runs, Path(temporary) / "both.rrd"), web, as_json)
 
 
-def _open_viewer_and_wait(recording: Path, web: bool) -> int:
+def _open_viewer_and_wait(recording: Path, web: bool, as_json: bool) -> int:
     """Wait for the viewer of ``recording`` to be closed."""
     from grs_agents.views import WebAddress, open_viewer
 
     address = WebAddress.with_free_ports() if web else None
     with open_viewer(recording, address) as process:
         if address:
-            print_escaped(f"open {address.url}", flush=True)
+            print_escaped(json.dumps({"url": address.url}) if as_json else f"open {address.url}", flush=True)
         return process.wait()
 
 

@@ -12,6 +12,7 @@ from urllib.parse import urlsplit
 
 from langchain_core.language_models.chat_models import BaseChatModel
 
+from grs_agents import content
 from grs_agents.config import ModelChoice, ModelConfig
 from grs_agents.errors import ConfigError
 from grs_agents.models.fallbacks import FallbackChatModel
@@ -144,9 +145,10 @@ def _make_single_model(choice: ModelChoice, seed: int) -> BaseChatModel:
 
 
 def _make_own_model(choice: ModelChoice) -> BaseChatModel:
-    """A model of the user's own class, made with the arguments that the configuration holds."""
+    """A model of the user's own class (``Model`` where it is a content file), made with the configured arguments."""
     name = choice.model
-    make = load_named_class("model", name, ENTRY_POINTS, [OFFLINE, *(f"{provider}:NAME" for provider in PROVIDERS)])
+    known = [OFFLINE, *(f"{provider}:NAME" for provider in PROVIDERS), *content.content_names("models")]
+    make = content.find_class("models", name, "Model") or load_named_class("model", name, ENTRY_POINTS, known)
     for key in ("base_url", "temperature", "max_tokens"):
         if getattr(choice, key) is not None:
             raise ConfigError(

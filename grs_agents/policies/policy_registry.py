@@ -1,7 +1,8 @@
-"""The policies by name: built in, by dotted path, or from an entry point."""
+"""The policies by name: built in, from a content folder, by dotted path, or from an entry point."""
 
 from typing import cast
 
+from grs_agents import content
 from grs_agents.errors import ConfigError
 from grs_agents.plugins import broken_class_error, load_named_class
 from grs_agents.policies.asking import AlwaysCode, Hybrid, Llm, Vote
@@ -21,7 +22,8 @@ ENTRY_POINTS = "grs_agents.policies"
 
 
 def load_policy(name: str) -> Policy:
-    """The policy ``name``: built in, ``package.module:Class``, or an entry point in ``grs_agents.policies``.
+    """The policy ``name``: built in, the class ``Policy`` of ``policies/NAME.py`` in a content folder,
+    ``package.module:Class``, or an entry point in ``grs_agents.policies``.
 
     Raises:
         UnknownNameError: nothing has that name.
@@ -29,7 +31,8 @@ def load_policy(name: str) -> Policy:
     """
     if name in POLICIES:
         return POLICIES[name]()
-    make = load_named_class("policy", name, ENTRY_POINTS, POLICIES)
+    known = [*POLICIES, *content.content_names("policies")]
+    make = content.find_class("policies", name, "Policy") or load_named_class("policy", name, ENTRY_POINTS, known)
     try:
         policy = make()
     except Exception as error:  # whatever the user's own code raises

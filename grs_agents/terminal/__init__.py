@@ -9,12 +9,17 @@ import argparse
 import json
 import logging
 import sys
-from typing import TYPE_CHECKING, Any, NoReturn
+from contextvars import ContextVar
+from typing import TYPE_CHECKING, Any, Final, Literal, NoReturn
 
 from grs_agents.terminal.control_characters import escape_control_chars
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+
+VERBOSITY: Final[ContextVar[Literal["quiet", "normal", "verbose"]]] = ContextVar("VERBOSITY", default="normal")
+"""How much is told beside results and errors: no progress, a line for each step, or each event and traceback."""
 
 
 def print_escaped(*words: object, error: bool = False, end: str = "\n", flush: bool = False) -> None:
@@ -29,10 +34,10 @@ def print_json(value: Any) -> None:
 
 
 def make_console(error: bool = False) -> "Console":
-    """A console for tables and progress, on standard output or on standard error."""
+    """A console for tables, or on standard error for progress, which nobody sees where ``VERBOSITY`` is quiet."""
     from grs_agents.terminal.rich_console import EscapingConsole
 
-    return EscapingConsole(stderr=error, markup=False, emoji=False)
+    return EscapingConsole(stderr=error, markup=False, emoji=False, quiet=error and VERBOSITY.get() == "quiet")
 
 
 class EscapingFormatter(logging.Formatter):
@@ -51,4 +56,12 @@ class EscapingParser(argparse.ArgumentParser):
         super().exit(status, None if message is None else escape_control_chars(message))
 
 
-__all__ = ["EscapingFormatter", "EscapingParser", "escape_control_chars", "make_console", "print_escaped", "print_json"]
+__all__ = [
+    "VERBOSITY",
+    "EscapingFormatter",
+    "EscapingParser",
+    "escape_control_chars",
+    "make_console",
+    "print_escaped",
+    "print_json",
+]

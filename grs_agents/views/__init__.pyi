@@ -1,4 +1,4 @@
-from . import html_report as html_report
+from . import report as report
 from . import telemetry as telemetry
 from .common.event_steps import Step as Step
 from .common.event_steps import Steps as Steps
@@ -6,9 +6,9 @@ from .common.event_steps import group_events_into_steps as group_events_into_ste
 from .common.step_text import find_last_failed_step as find_last_failed_step
 from .common.step_text import find_step_by_number as find_step_by_number
 from .common.step_text import iter_step_sections as iter_step_sections
-from .html_report import Sources as Sources
-from .html_report import render_html_report as render_html_report
 from .live_views import attach_live_views as attach_live_views
+from .report import Sources as Sources
+from .report import render_html_report as render_html_report
 from .rerun.viewer import WebAddress as WebAddress
 from .rerun.viewer import open_live_viewer as open_live_viewer
 from .rerun.viewer import open_viewer as open_viewer

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from grs_agents import terminal
 from grs_agents.trace import Event, NodeEnded, ProgramVersion, Reply, RunEnded, RunStarted
-from grs_agents.views.common import Status, Step, Steps, to_terminal_line
+from grs_agents.views.common import Status, Step, Steps, format_event_line, to_terminal_line
 
 MARKS: dict[Status, tuple[str, str]] = {
     "running": ("▶", "yellow"),
@@ -45,7 +45,8 @@ def show_activity_status(task: str, console: Console | None = None) -> Generator
 
 
 class Progress:
-    """Shows events as they come: a live table on a terminal, else one line for each finished node.
+    """Shows events as they come: a live table on a terminal, else one line for each finished node, or if verbose for
+    each event.
     Use as a context manager and subscribe it to the event log."""
 
     def __init__(self, console: Console | None = None) -> None:
@@ -53,9 +54,10 @@ class Progress:
         self._steps = Steps()
         self._title = "starting"
         self._live: Live | None = None
+        self._verbose = terminal.VERBOSITY.get() == "verbose"
 
     def __enter__(self) -> "Progress":
-        if self._console.is_terminal:
+        if self._console.is_terminal and not self._verbose:
             self._live = Live(console=self._console, get_renderable=self._render_progress, refresh_per_second=4)
             self._live.start()
         return self
@@ -74,7 +76,9 @@ class Progress:
             self._print_event_line(event)
 
     def _print_event_line(self, event: Event) -> None:
-        if isinstance(event, NodeEnded):
+        if self._verbose:
+            line = to_terminal_line(format_event_line(event), 2000)
+        elif isinstance(event, NodeEnded):
             step = next((row for row in reversed(self._steps.rows) if row.node == event.node), None)
             detail = to_terminal_line(step.joined_details, 120) if step else ""
             line = f"{event.node}: {'failed' if event.error else 'done'} in {event.seconds:.1f} s  {detail}"

@@ -19,7 +19,8 @@ from tests.cli.mutations import KINDS, mutate
 from tests.views.conftest import Script
 
 EVIL = "\x1b]0;owned\x07 \x9b31m \u202e"
-READING = (("show", "run"), ("show", "run", "--json"), ("trace", "run"), ("report", "run"), ("share", "run"))
+RECORD = ("report", "run", "--out", "run/trace.rrd")
+READING = (("show", "run"), ("show", "run", "--json"), RECORD, ("report", "run"), ("share", "run"))
 
 
 @pytest.fixture(scope="module")
@@ -67,32 +68,32 @@ def assert_refused(done: Done, *words: str) -> None:
         assert word in done.stderr
 
 
-@pytest.mark.parametrize("verb", ["trace", "report", "share"])
+@pytest.mark.parametrize("verb", [RECORD, ("report", "run"), ("share", "run")], ids=" ".join)
 @pytest.mark.parametrize("where", ["absolute", "above"])
-def test_a_picture_elsewhere_is_not_read(run: Path, verb: str, where: str) -> None:
+def test_a_picture_elsewhere_is_not_read(run: Path, verb: tuple[str, ...], where: str) -> None:
     shutil.copy(run / "rgb.png", run.parent / "secret.png")
     name = str(run.parent / "secret.png") if where == "absolute" else "../secret.png"
     change_events(run, lambda event: event["files"].update(rgb=name), "scene_stage")
-    assert_refused(grs(verb, "run", folder=run.parent), "secret.png", "no path inside")
+    assert_refused(grs(*verb, folder=run.parent), "secret.png", "no path inside")
     assert not (run / "report.html").exists() and not (run.parent / "run.zip").exists()
 
 
-@pytest.mark.parametrize("verb", ["show", "trace", "report", "share", "replay", "play"])
+@pytest.mark.parametrize("verb", [*READING, ("replay", "run"), ("replay", "run", "--mujoco")], ids=" ".join)
 @pytest.mark.parametrize("what", ["link", "pipe", "device"])
-def test_links_out_and_special_files_are_refused_by_name(run: Path, verb: str, what: str) -> None:
+def test_links_out_and_special_files_are_refused_by_name(run: Path, verb: tuple[str, ...], what: str) -> None:
     shutil.copy(run / "rgb.png", run.parent / "secret.png")
     (run / "rgb.png").unlink()
     if what == "pipe":
         os.mkfifo(run / "rgb.png")
     else:
         (run / "rgb.png").symlink_to("/dev/zero" if what == "device" else run.parent / "secret.png")
-    assert_refused(grs(verb, "run", folder=run.parent), "rgb.png")
+    assert_refused(grs(*verb, folder=run.parent), "rgb.png")
 
 
 def test_a_link_inside_the_folder_is_followed(run: Path) -> None:
     (run / "rgb.png").rename(run / "photo.png")
     (run / "rgb.png").symlink_to("photo.png")
-    assert grs("trace", "run", folder=run.parent).returncode == 0
+    assert grs(*RECORD, folder=run.parent).returncode == 0
 
 
 @pytest.mark.parametrize("shape", [(10**12, 3), (40_000_000, 3)])
@@ -109,7 +110,7 @@ def test_a_recording_is_bounded_before_it_is_unpacked(run: Path, shape: tuple[in
     np.savez(file, **arrays)
     with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("tool.npy", header.getvalue() + bytes(1_000_000))
-    assert_refused(grs("trace", "run", folder=run.parent), "tool", file.name, "more than")
+    assert_refused(grs(*RECORD, folder=run.parent), "tool", file.name, "more than")
 
 
 @pytest.mark.parametrize("name", ["run.json", "events.jsonl", "instances/seed_0.json"])
@@ -118,7 +119,7 @@ def test_deep_and_wide_json_is_refused(run: Path, name: str, text: str) -> None:
     file = next(run.rglob("*.json")) if name.startswith("instances") and not (run / name).exists() else run / name
     after = file.read_text("utf-8") if name == "events.jsonl" else ""
     file.write_text(f"{text}\n{after}", "utf-8")
-    assert_refused(grs("trace", "run", folder=run.parent), file.name)
+    assert_refused(grs(*RECORD, folder=run.parent), file.name)
 
 
 def test_a_file_too_large_to_read_is_refused_unread(run: Path) -> None:

@@ -97,18 +97,25 @@ def test_show_is_a_tree_a_step_or_json(run: Path) -> None:
     assert "one of 1 to 8" in grs("show", "run", "--step", "9", folder=run.parent).stderr
 
 
-def test_trace_makes_the_recording_and_prints_the_schema(run: Path) -> None:
-    done = grs("trace", "run", folder=run.parent)
-    assert done.returncode == 0 and (run / "trace.rrd").stat().st_size > 10_000
-    assert "discriminator" in json.loads(grs("trace", "--schema", folder=run.parent).stdout)
-    assert "needs a run folder" in grs("trace", folder=run.parent).stderr
-
-
-def test_report_and_play_write_files(run: Path) -> None:
+def test_a_report_is_a_page_a_film_or_the_recording(run: Path) -> None:
     assert grs("report", "run", folder=run.parent).returncode == 0
     assert "max_steps" in (run / "report.html").read_text("utf-8")
-    assert grs("play", "run", "--out", "film.avi", folder=run.parent).returncode == 2
-    assert "name one of 0, 1" in grs("play", "run", "--seed", "5", "--out", "a.gif", folder=run.parent).stderr
+    done = grs("report", "run", "--out", "a.rrd", "--json", folder=run.parent)
+    told = json.loads(done.stdout)
+    assert told == {"file": "a.rrd", "bytes": (run.parent / "a.rrd").stat().st_size} and told["bytes"] > 10_000
+    assert "name a file that ends in one of .html" in grs("report", "run", "--out", "a.avi", folder=run.parent).stderr
+    refused = grs("report", "run", "--seed", "5", "--out", "a.gif", folder=run.parent)
+    assert "name one of 0, 1" in refused.stderr
+    assert "discriminator" in json.loads(grs("list", "--schema", folder=run.parent).stdout)
+
+
+def test_every_verb_can_be_quiet_or_tell_more(run: Path) -> None:
+    assert "Traceback" not in grs("show", "nowhere", folder=run.parent).stderr
+    told = grs("show", "nowhere", "--verbose", folder=run.parent).stderr
+    assert told.startswith("grs: nowhere holds no run") and "Traceback" in told
+    assert "-q, --quiet" in grs("assets", "list", "--help", folder=run.parent).stdout
+    assert grs("show", "run", "-q", folder=run.parent).stdout == grs("show", "run", folder=run.parent).stdout
+    assert "Did you mean 'show'" in grs("shwo", folder=run.parent).stderr
 
 
 def test_share_holds_neither_key_nor_home(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -145,13 +152,13 @@ def listens(port: int) -> bool:
 
 
 @needs("64-bit linux")  # elsewhere there is always a display
-@pytest.mark.parametrize(("verb", "remedy"), [("play", "--out film.mp4"), ("replay", "--web")])
+@pytest.mark.parametrize(("verb", "remedy"), [("replay --mujoco", "--out film.webp"), ("replay", "--web")])
 def test_without_a_display_the_user_is_told_what_to_do(
     run: Path, monkeypatch: pytest.MonkeyPatch, verb: str, remedy: str
 ) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    done = grs(verb, "run", folder=run.parent)
+    done = grs(*verb.split(), "run", folder=run.parent)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("grs: no display") and remedy in done.stderr and done.stderr.count("\n") == 1
 

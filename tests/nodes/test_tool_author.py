@@ -22,7 +22,7 @@ from tests.nodes.conftest import SIMULATION, Make, fenced, kinds, run, with_
 USAGE = {"prompt_tokens": 10, "completion_tokens": 5, "total_tokens": 15}
 
 
-def call(name: str, **arguments: Any) -> Json:
+def call(name: str, /, **arguments: Any) -> Json:
     """A message of the OpenAI protocol that calls one tool."""
     function = {"name": name, "arguments": json.dumps(arguments)}
     return {"content": None, "tool_calls": [{"id": "one", "type": "function", "function": function}]}
@@ -65,6 +65,39 @@ def test_a_model_checks_and_measures_and_hands_in(state: RunState, make_services
     assert "== audit\naccepted" in checked.result
     assert asked[-1]["messages"][-1]["content"] == checked.result
     assert len(kinds(services, "reply")) == 3
+
+
+def test_an_author_looks_at_assets_and_at_its_draft(state: RunState, make_services: Make) -> None:
+    answers = [
+        call("render"),
+        call("describe_asset", name="bowl/bowl.urdf"),
+        call("check", program=SIMULATION),
+        call("render"),
+        {"content": fenced(SIMULATION)},
+    ]
+    _, services, asked = author(state, make_services, answers)
+    early, described, _, drawn = kinds(services, "tool_call")
+    assert "check a draft" in early.result and json.loads(described.result)["name"] == "bowl/bowl.urdf"
+    assert drawn.ok and drawn.result == "(a picture)"
+    assert (services.folder / "instances" / "author.png").is_file()
+    shown = json.dumps(asked[-1]["messages"][-1])
+    assert "image" in shown and len(shown) > 5_000
+    for tool in asked[0]["tools"]:
+        for argument in tool["function"]["parameters"]["properties"].values():
+            assert argument["description"]
+
+
+@pytest.mark.parametrize(
+    ("called", "told"),
+    [
+        (call("measure", first={"name": "red_block_1"}), "author.steps (now 2)"),
+        (call("nothing"), "called what is no tool"),
+    ],
+)
+def test_an_author_that_calls_in_vain_is_ended(state: RunState, make_services: Make, called: Json, told: str) -> None:
+    update, services, _ = author(state, make_services, [called], author={"steps": 2})
+    assert told in update["problem"]
+    assert not any(event.ok for event in kinds(services, "tool_call"))
 
 
 def test_the_budget_ends_a_model_that_only_calls(state: RunState, make_services: Make) -> None:

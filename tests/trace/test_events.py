@@ -48,5 +48,5 @@ def test_what_is_no_event_is_refused(line: str) -> None:
 def test_the_published_schema_is_the_present_one() -> None:
     published = Path(__file__).parents[2] / "docs" / "events.schema.json"
     assert json.loads(published.read_text("utf-8")) == event_schema(), (
-        "run: grs trace --schema > docs/events.schema.json"
+        "run: grs list --schema > docs/events.schema.json"
     )

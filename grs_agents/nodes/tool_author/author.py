@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from threading import Lock
-from typing import Any
+from typing import Annotated, Any
 
 from grs_agents.agents import NoReply, ToolCalling, image_block_from_file
 from grs_agents.audit import check_programs
@@ -30,7 +30,7 @@ from grs_agents.state import RunState
 def generate_sim_with_tools(state: RunState, services: Services) -> Update:
     """Write the simulation program, with tools at hand."""
     tools = AuthorTools(state, services)
-    calling = ToolCalling(tools.offered(), services.config.author.steps, services.config.graph)
+    calling = ToolCalling(tools.functions_by_name(), services.config.author.steps, services.config.graph)
     source = write_simulation(state, services, calling=calling)
     if isinstance(source, NoReply):
         return {"problem": str(source)}
@@ -46,8 +46,8 @@ class AuthorTools:
     _drawn: list[TaskInstance] = field(default_factory=list[TaskInstance])  # of the draft checked last
     _lock: Lock = field(default_factory=Lock)  # a check writes files into the run folder
 
-    def offered(self) -> dict[str, Callable[..., Any]]:
-        """By name; ``render`` only where the author is shown pictures."""
+    def functions_by_name(self) -> dict[str, Callable[..., Any]]:
+        """What the author may call; ``render`` only where the author is shown pictures."""
         tools: dict[str, Callable[..., Any]] = {
             "check": self.check,
             "describe_asset": self.describe_asset,
@@ -57,7 +57,7 @@ class AuthorTools:
         sees = images_from_state(self.state) and self.services.config.end_picture and not is_offline(model)
         return {**tools, "render": self.render} if sees else tools
 
-    def check(self, program: str) -> str:
+    def check(self, program: Annotated[str, "The whole draft: Python source with one subclass of Task."]) -> str:
         """Check a draft: its static checks, task instances of several seeds, and how the robot's oracle solves them."""
         task, scene = task_from_state(self.state), scene_from_state(self.state)
         found = check_programs(program, "", task, self.services.library)
@@ -78,11 +78,15 @@ class AuthorTools:
             drawn = self.services.run_tool("render", instance=instance, output=str(output), **setup)
             return "It could not be drawn." if drawn.image is None else [image_block_from_file(output)]
 
-    def describe_asset(self, name: str) -> str:
+    def describe_asset(self, name: Annotated[str, "Of the asset, e.g. bowl/bowl.urdf."]) -> str:
         """Describe an asset of the library by its name: kind, colour, size in metres, mass and friction."""
         return json.dumps(self.services.library.asset(name).model_dump(mode="json", exclude={"origin"}))
 
-    def measure(self, first: str, second: str = "") -> str:
+    def measure(
+        self,
+        first: Annotated[str, "The name of an object of the scene; alone, its extents along x, y, z in metres."],
+        second: Annotated[str, "Another object, for the distance between both centres in metres."] = "",
+    ) -> str:
         """Measure in the scene, by names of objects: the size of one, or the distance between two centres, metres."""
         scene = scene_from_state(self.state)
         unknown = [name for name in (first, second) if name and name not in {item.name for item in scene.objects}]

@@ -7,6 +7,7 @@ from .event_steps import event_log_level as event_log_level
 from .event_steps import format_event_line as format_event_line
 from .event_steps import group_events_into_steps as group_events_into_steps
 from .event_steps import summarise_event as summarise_event
+from .rollout_motion import Grasp as Grasp
 from .rollout_motion import Motion as Motion
 from .rollout_motion import find_grasps as find_grasps
 from .rollout_motion import read_motion as read_motion
@@ -29,3 +30,4 @@ from .scene_objects import object_mask_label as object_mask_label
 from .step_text import find_last_failed_step as find_last_failed_step
 from .step_text import find_step_by_number as find_step_by_number
 from .step_text import iter_step_sections as iter_step_sections
+from .step_text import make_event_section as make_event_section

@@ -43,6 +43,15 @@ def format_reply(event: trace.Reply) -> str:
     return to_viewer_markdown(f"{head}{finish}{error}\n\n---\n\n{event.text}")
 
 
+def format_tool_call(event: trace.ToolCall) -> str:
+    """A call of a tool: what was asked, and what the model was told."""
+    failed = "" if event.ok else ", **failed**"
+    asked = [f"**{name}**\n\n{to_markdown_code_block(str(value), 'python')}" for name, value in event.arguments.items()]
+    told = to_markdown_code_block(event.result, "")
+    head = f"**{event.role}** calls **{event.tool}**{failed}, {event.seconds:.1f} s"
+    return to_viewer_markdown("\n\n".join([head, *asked, "---", told]))
+
+
 def format_program(event: trace.ProgramVersion, source: str) -> str:
     """A program with syntax colours."""
     author = f" by {event.author_role}" if event.author_role else ""

@@ -34,12 +34,13 @@ def find_last_failed_step(rows: list[Step]) -> Step | None:
 def iter_step_sections(step: Step) -> Iterator[Section]:
     """All that happened in ``step``, in order."""
     for event in step.events:
-        section = _make_event_section(event)
+        section = make_event_section(event)
         if section:
             yield section
 
 
-def _make_event_section(event: trace.Event) -> Section | None:
+def make_event_section(event: trace.Event) -> Section | None:
+    """``event`` under a heading; None for what needs no words."""
     match event:
         case trace.Prompt() | trace.Reply() | trace.ToolCall():
             section = _make_exchange_section(event)

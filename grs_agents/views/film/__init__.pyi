@@ -1,8 +1,14 @@
 from . import rollout_film as rollout_film
+from .captions import describe_moments as describe_moments
+from .captions import draw_captions as draw_captions
 from .recorded_motion import recover_joint_positions as recover_joint_positions
 from .recorded_motion import show_recorded_frame as show_recorded_frame
+from .rollout_film import HIGH_DEFINITION as HIGH_DEFINITION
+from .rollout_film import SUFFIXES as SUFFIXES
 from .rollout_film import Shot as Shot
+from .rollout_film import encode_animation as encode_animation
 from .rollout_film import find_recorded_rollout as find_recorded_rollout
 from .rollout_film import play_in_mujoco_window as play_in_mujoco_window
+from .rollout_film import render_film_frames as render_film_frames
 from .rollout_film import render_frames as render_frames
 from .rollout_film import write_film as write_film

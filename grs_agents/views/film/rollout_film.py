@@ -7,6 +7,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +19,18 @@ from grs_agents.files import resolve_output_file, unwritable_error
 from grs_agents.foreign import find_member_file, resolve_member_file
 from grs_agents.library import Library
 from grs_agents.trace import Event, Rollout
-from grs_agents.views.common import Motion, read_motion
+from grs_agents.views.common import Motion, read_motion, read_task_instance
+from grs_agents.views.film.captions import describe_moments, draw_captions
 from grs_agents.views.rerun import has_display
 
 Image = npt.NDArray[np.uint8]
-SUFFIXES = (".mp4", ".gif")
-_GIF_RATE = 12.0
+SUFFIXES = (".webp", ".mp4", ".gif")
+HIGH_DEFINITION = (1280, 720)
+"""Width and height of a large film, pixels."""
+_ANIMATION_RATE = 12.0
+"""Frames a second of a film that is no video."""
+_STANDS = 1500
+"""Milliseconds that its last picture stands."""
 _RAYS = "rays"
 
 
@@ -36,8 +43,8 @@ class Shot:
     library: Library = field(default_factory=Library)  # 3D assets, the run's own laid over
     width: int = 640  # pixels
     height: int = 480
-    target: Vec3 = (0.42, 0.0, 0.16)  # what the camera looks at, m
-    distance: float = 1.6  # of the camera from it, m
+    target: Vec3 = (0.41, 0.0, 0.19)  # what the camera looks at, m
+    distance: float = 1.55  # of the camera from it, m
     azimuth: float = 150.0  # of the direction in which the camera looks, degrees
     elevation: float = -30.0
 
@@ -126,20 +133,32 @@ def _encode_render_job(shot: Shot, seconds: Sequence[float], rays: bool = False,
 
 
 def write_film(shot: Shot, path: Path, rate: float = 15.0, show: Callable[[str], None] | None = None) -> int:
-    """Write the rollout in real time to an .mp4 or .gif file, and return the number of frames."""
+    """Write the rollout in real time to a .webp, .mp4 or .gif file, and return the number of frames."""
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"cannot write a film to {path.name}", f"name a file that ends in {' or '.join(SUFFIXES)}")
     if not path.parent.is_dir():
         raise InputError(f"the folder of {path} does not exist", "name a file in a folder that does")
     path = resolve_output_file(path)
-    animated = path.suffix.lower() == ".gif"
-    rate = min(rate, _GIF_RATE) if animated else rate
-    seconds = [frame / rate for frame in range(int(shot.recorded_motion.duration_seconds * rate) + 1)]
-    write = _write_gif if animated else _write_mp4
+    animated = path.suffix.lower() != ".mp4"
+    rate = min(rate, _ANIMATION_RATE) if animated else rate
+    images = render_film_frames(shot, rate, show)
     try:
-        return write(_report_frame_progress(render_frames(shot, seconds), len(seconds), show), path, rate, shot)
+        if not animated:
+            return _write_mp4(images, path, rate, shot)
+        frames = list(images)
+        path.write_bytes(encode_animation(frames, rate, path.suffix.lower()[1:]))
     except OSError as error:
         raise unwritable_error(path, error) from error
+    return len(frames)
+
+
+def render_film_frames(shot: Shot, rate: float, show: Callable[[str], None] | None = None) -> Iterator[Image]:
+    """The pictures of ``shot`` with captions, ``rate`` of them a second; ``show`` is told what is drawn."""
+    motion = shot.recorded_motion
+    seconds = [frame / rate for frame in range(int(motion.duration_seconds * rate) + 1)]
+    instance = read_task_instance(resolve_member_file(shot.folder, shot.event.instance or ""))
+    drawn = _report_frame_progress(render_frames(shot, seconds), len(seconds), show)
+    return draw_captions(drawn, describe_moments(shot.event, instance, motion, seconds))
 
 
 def _report_frame_progress(images: Iterator[Image], total: int, show: Callable[[str], None] | None) -> Iterator[Image]:
@@ -167,24 +186,34 @@ def _write_mp4(images: Iterator[Image], path: Path, rate: float, shot: Shot) -> 
     return count
 
 
-def _write_gif(images: Iterator[Image], path: Path, rate: float, shot: Shot) -> int:
+def encode_animation(images: Sequence[Image], rate: float, kind: str) -> bytes:
+    """Pictures (H, W, 3) as an animated ``webp`` or ``gif`` that begins again after its last one stood for a while."""
     from PIL import Image as Pillow
 
-    frames = [Pillow.fromarray(image).quantize(128, dither=Pillow.Dither.NONE) for image in images]
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=round(1000 / rate), loop=0, optimize=False)
-    return len(frames)
+    frames = [Pillow.fromarray(image) for image in images]
+    if kind == "gif":
+        frames = [frame.quantize(128, dither=Pillow.Dither.NONE) for frame in frames]
+    durations = [*[round(1000 / rate)] * (len(frames) - 1), _STANDS]
+    more = {"optimize": False} if kind == "gif" else {"quality": 60, "method": 2, "kmin": 400, "kmax": 500}
+    file = BytesIO()
+    frames[0].save(file, kind, save_all=True, append_images=frames[1:], duration=durations, loop=0, **more)
+    return file.getvalue()
 
 
 def play_in_mujoco_window(shot: Shot) -> int:
     """Play the rollout in MuJoCo's window until it is closed."""
     if not has_display():
-        raise InputError("no display to open MuJoCo's window on", "write a film instead: --out film.mp4")
+        raise InputError(
+            "no display to open MuJoCo's window on", "write a film instead: grs report RUN --out film.webp"
+        )
     with tempfile.TemporaryFile() as errors, _start_render_worker("", errors.fileno()) as process:
         process.communicate(_encode_render_job(shot, (), window=True))
         errors.seek(0)
         lines = errors.read().decode("utf-8", "replace").strip().splitlines()
     if process.returncode > 0:
-        mac = ", or run: mjpython -m grs_agents play" if sys.platform == "darwin" else ""
+        mac = ", or run: mjpython -m grs_agents replay --mujoco" if sys.platform == "darwin" else ""
         reason = lines[-1] if lines else f"exit status {process.returncode}"
-        raise GrsError(f"MuJoCo's window cannot be opened: {reason}", f"write a film instead: --out film.mp4{mac}")
+        raise GrsError(
+            f"MuJoCo's window cannot be opened: {reason}", f"write a film instead: grs report RUN --out film.webp{mac}"
+        )
     return process.returncode

@@ -34,9 +34,18 @@ def _load_stage_and_motion(order: dict[str, Any]) -> tuple[Any, Any, Any]:
     instance = read_task_instance(Path(order["instance"]))
     library = Library(*(Path(root) for root in order["roots"]))
     samples = 4 if len(order["seconds"]) <= STILLS else 0
-    stage = Stage(replace(scene_props_from_instance(instance), samples=samples), library)
+    props = scene_props_from_instance(instance)
+    stage = Stage(replace(props, samples=samples, table=_grained(props.table)), library)
     motion = read_motion(Path(order["recording"]))
     return stage, motion, recover_joint_positions(stage.model, motion)
+
+
+def _grained(table: Any) -> Any:
+    """The look of a table top, speckled where it is of one colour: what moves over it is seen to move."""
+    darker = (*(0.86 * channel for channel in table.color[:3]), 1.0)
+    return (
+        table.model_copy(update={"pattern": "speckled", "second_color": darker}) if table.pattern == "plain" else table
+    )
 
 
 def _make_camera(mujoco: Any, order: dict[str, Any]) -> Any:

@@ -15,9 +15,13 @@ from grs_agents.views.rerun.scene_view import SceneView, log_picture
 from grs_agents.views.rerun.state_machine_view import MachineView
 from grs_agents.views.rerun.viewer_layout import build_run_blueprint
 
-_COLORS = {"+": (90, 220, 110), "-": (255, 105, 105), "@": (110, 170, 255)}
-_GREY = (165, 165, 170)
+_COLORS = {"+": (30, 150, 70), "-": (215, 70, 70), "@": (60, 130, 230)}
+_GREY, _VIOLET = (125, 125, 132), (150, 100, 215)
+"""Colours that are read on a light ground and on a dark one."""
+_DOCUMENTS = (Paths.DECISION, Paths.TASK, Paths.OBJECTS, Paths.AUDIT, Paths.SIMULATION, Paths.TESTS, Paths.REPORT)
 _LONGEST = 400
+NOT_YET = "*Not yet.*"
+"""Stands in a document until there is one."""
 
 
 def log_program_version(recording: Recording, folder: Path, event: trace.ProgramVersion) -> None:
@@ -28,7 +32,7 @@ def log_program_version(recording: Recording, folder: Path, event: trace.Program
     head = f"{event.program} version {event.number}" + (f" by {event.author_role}" if event.author_role else "")
     lines = [head, *_diff_lines(event, source)]
     text = [replace_undrawable_chars(line) for line in lines]
-    color = [(255, 255, 255), *(_COLORS.get(line[:1], _GREY) for line in lines[1:])]
+    color = [_VIOLET, *(_COLORS.get(line[:1], _GREY) for line in lines[1:])]
     columns = rr.TextLog.columns(text=text, level=["INFO"] * len(lines), color=color)
     recording.log_columns(Paths.DIFF, np.zeros(len(lines)), columns)
 
@@ -91,6 +95,10 @@ class EventView:
             recording.log(f"{Paths.METRICS}/reward", points, static=True)
             recording.log(f"{Paths.METRICS}/tokens", rr.SeriesLines(names="tokens so far"), static=True)
             self._machine.log_static_graph(recording)
+            if self._clock.now == recording.moment:  # the run begins
+                for path in (*_DOCUMENTS, Paths.PROMPT, Paths.REPLY):
+                    recording.log_markdown(path, NOT_YET)
+                self._machine.log_current_state(recording)
             self._recording = recording
         return self._recording
 
@@ -142,6 +150,8 @@ class EventView:
                 shown = (Paths.PROMPT, event_markdown.format_prompt(event))
             case trace.Reply():
                 shown = (Paths.REPLY, event_markdown.format_reply(event))
+            case trace.ToolCall():
+                shown = (Paths.REPLY, event_markdown.format_tool_call(event))
             case trace.TestsRun():
                 shown = (Paths.REPORT, event_markdown.format_test_report(event))
             case trace.TaskDefined():
@@ -153,13 +163,11 @@ class EventView:
         return [shown]
 
     def _log_prompt_picture(self, recording: Recording, event: trace.Prompt) -> None:
-        """The first picture of the prompt, if it is another than the last prompt's."""
+        """The first picture of the prompt, if it is another than the one shown."""
         picture = event.images[0] if event.images else None
         if picture and picture != self._picture:
             log_picture(recording, Paths.IMAGE, resolve_member_file(self._folder, picture))
-        elif self._picture and not picture:
-            recording.log(Paths.IMAGE, rr.EncodedImage.cleared())  # the viewer goes on to show an image after Clear
-        self._picture = picture
+            self._picture = picture
 
     def _log_rollout(self, recording: Recording, event: trace.Rollout) -> None:
         self._clock.advance_by_seconds(self._rollouts.show_rollout(recording, event))

@@ -116,7 +116,7 @@ def _load_texture(path: Path) -> Any:
 
 FRAMES_PER_SECOND = 25.0
 _TABLE = ((0.5, 0.0, -0.011), (0.62, 1.1, 0.02))  # centre, size
-_WHITE, _MUTED, _YELLOW, _GREEN = (240, 240, 240), (150, 150, 150), (255, 210, 60), (70, 215, 120)
+_ORANGE, _MUTED, _YELLOW, _GREEN = (208, 104, 28), (125, 125, 132), (255, 210, 60), (70, 215, 120)
 _BLUE, _PINK = (90, 170, 255), (255, 120, 200)
 
 
@@ -214,8 +214,15 @@ def _show_object_shapes(recording: Recording, path: str, item: InstanceObject, l
     for number, shape in enumerate(model.visuals or model.colliders):
         recording.log(f"{path}/{number}", shape_to_rerun(shape, library, item.color))
     top = [[0.0, 0.0, model.bounds[1][2] + 0.02]]
-    color = _MUTED if item.role == "bystander" else _WHITE
-    recording.log(f"{path}/name", rr.Points3D(top, labels=[_object_name(item)], colors=[color], radii=[0.0005]))
+    mover = item.role != "bystander"  # names of the others would cover what moves: they show under the pointer
+    name = rr.Points3D(
+        top,
+        labels=[_object_name(item)],
+        colors=[_ORANGE if mover else _MUTED],
+        radii=[0.0005 if mover else 0.004],
+        show_labels=mover,
+    )
+    recording.log(f"{path}/name", name)
 
 
 def _object_shapes_path(item: InstanceObject) -> str:

@@ -33,7 +33,7 @@ MOST_POINTS = 40_000
 """Points of the cloud that are kept, evenly spread over the picture."""
 SMALL = 64 * 1024
 """Bytes up to which a PNG is shown as it is."""
-_BOX = (255, 205, 60)
+_BOX = (205, 135, 20)
 _TINT = 0.4
 """How much a mask covers of the photo."""
 Image = npt.NDArray[Any]

@@ -46,7 +46,10 @@ _COLORS: dict[str, Color] = {
     END: (46, 204, 113),
 }
 _OTHER_COLORS: tuple[Color, ...] = ((140, 160, 190), (170, 190, 110), (210, 130, 130), (120, 200, 200))
-INACTIVE: Color = (150, 150, 160)
+INACTIVE: Color = (118, 122, 138)
+"""Read on a light ground and on a dark one."""
+TAKEN: Color = (205, 105, 30)
+"""Of how often an edge was taken, which stands beside it."""
 
 
 def node_color(node: str) -> Color:
@@ -83,6 +86,7 @@ class MachineView:
         self.nodes: tuple[str, ...] = (END,)
         self._edges: tuple[Edge, ...] = ()
         self._visits: dict[str, int] = {}
+        self._taken: dict[Edge, int] = {}
         self._active = ""
         self._placed: tuple[str, ...] = ()
 
@@ -95,9 +99,15 @@ class MachineView:
         elif isinstance(event, NodeStarted):
             self.nodes = tuple(dict.fromkeys((*self.nodes, event.node)))
             self._visits[event.node] = max(event.visit, self._visits.get(event.node, 0))
-            self._active = event.node
+            self._go_to(event.node)
         elif isinstance(event, RunEnded):
-            self._active = END
+            self._go_to(END)
+
+    def _go_to(self, node: str) -> None:
+        edge = (self._active, node)
+        if edge in self._edges:
+            self._taken[edge] = self._taken.get(edge, 0) + 1
+        self._active = node
 
     def log_static_graph(self, recording: Recording) -> None:
         """What holds for the whole run: edges, and the colours of the lane."""
@@ -107,15 +117,19 @@ class MachineView:
         recording.log(Paths.NODE, rr.StateConfiguration(values=names, labels=names, colors=colors), static=True)
 
     def log_current_state(self, recording: Recording) -> None:
-        """The machine as it stands, and the active node in the lane."""
+        """The machine as it stands, with how often each edge was taken, and the active node in the lane."""
+        counts = {f"{tail} to {head}": f"{count}×" for (tail, head), count in self._taken.items()}
+        names = (*self.nodes, *counts)
+        colors = [node_color(node) if node == self._active else INACTIVE for node in self.nodes]
         looks: dict[str, Any] = {
-            "labels": [self._node_label(node) for node in self.nodes],
-            "colors": [node_color(node) if node == self._active else INACTIVE for node in self.nodes],
+            "labels": [*map(self._node_label, self.nodes), *counts.values()],
+            "colors": [*colors, *[TAKEN] * len(counts)],
         }
-        if self.nodes != self._placed:
-            spots = list(node_positions(self.nodes).values())
-            recording.log(Paths.MACHINE, rr.GraphNodes(self.nodes, positions=spots, show_labels=True, **looks))
-            self._placed = self.nodes
+        if names != self._placed:
+            spots = node_positions(self.nodes)
+            places = [*spots.values(), *(_label_position(spots[tail], spots[head]) for tail, head in self._taken)]
+            recording.log(Paths.MACHINE, rr.GraphNodes(names, positions=places, show_labels=True, **looks))
+            self._placed = names
         else:
             recording.log_row(Paths.MACHINE, rr.GraphNodes, **looks)
         if self._active:
@@ -124,3 +138,9 @@ class MachineView:
     def _node_label(self, node: str) -> str:
         visits = self._visits.get(node, 0)
         return f"{'● ' if node == self._active else ''}{node}{f' ×{visits}' if visits else ''}"
+
+
+def _label_position(tail: tuple[float, float], head: tuple[float, float]) -> tuple[float, float]:
+    """Where the count of an edge stands: nearer to where it begins, since another edge may lead back."""
+    (x, y), (u, v) = tail, head
+    return 0.58 * x + 0.42 * u, 0.58 * y + 0.42 * v

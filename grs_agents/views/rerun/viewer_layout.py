@@ -55,7 +55,7 @@ class _Views:
         return rrb.Vertical(above, below, row_shares=[3, 1], name="Overview")
 
     def scene_tab(self) -> rrb.Vertical:
-        above = rrb.Horizontal(self._photo_view(), self._depth_view(), self._twin_view())
+        above = rrb.Horizontal(self._photo_view(), self._twin_view(), self._depth_view())
         coverage = rrb.Spatial2DView(origin=self._prefixed_path(Paths.COVERAGE), name="Coverage")
         beside = rrb.Tabs(self._document_view("OBJECTS"), coverage)
         below = rrb.Horizontal(self._scene_3d_view(), beside, column_shares=[3, 2])
@@ -78,7 +78,7 @@ class _Views:
         return rrb.Horizontal(self._rollout_3d_view(), beside, column_shares=[3, 2], name="4 Rollouts and audit")
 
     def model_calls_tab(self) -> rrb.Horizontal:
-        picture = rrb.Spatial2DView(origin=self._prefixed_path(Paths.IMAGE), name="Picture of the prompt")
+        picture = rrb.Spatial2DView(origin=self._prefixed_path(Paths.IMAGE), name="Latest picture of a prompt")
         tokens = rrb.TimeSeriesView(origin=self._prefixed_path(f"{Paths.METRICS}/tokens"), name="Tokens")
         beside = rrb.Vertical(picture, tokens, row_shares=[3, 2])
         return rrb.Horizontal(*self._document_views("PROMPT REPLY"), beside, column_shares=[3, 3, 2], name="Models")
@@ -139,13 +139,14 @@ class _Views:
         return rrb.Spatial2DView(origin=camera, contents=[f"{camera}/depth"], name="Depth")
 
     def _twin_view(self) -> rrb.Spatial2DView:
-        """The assets as the camera of the photo sees them."""
-        contents = [f"{self._prefixed_path(Paths.TWIN)}/**", f"{self._prefixed_path(Paths.SURROUNDINGS)}/**"]
+        """The assets as the camera of the photo sees them, over the picture of the twin that MuJoCo drew."""
+        shapes = [f"{self._prefixed_path(path)}/**" for path in (Paths.TWIN, Paths.SURROUNDINGS)]
+        contents = [self._prefixed_path(Paths.TWIN_PICTURE), *shapes]
         return rrb.Spatial2DView(origin=self._prefixed_path(Paths.CAMERA), contents=contents, name="Twin, same camera")
 
     def _scene_3d_view(self) -> rrb.Spatial3DView:
         scene, camera = self._prefixed_path(Paths.SCENE), self._prefixed_path(Paths.CAMERA)
-        contents = [f"{scene}/**", *(f"- {camera}/{part}" for part in ("masks", "boxes", "depth"))]
+        contents = [f"{scene}/**", *(f"- {camera}/{part}" for part in ("masks", "boxes", "depth", "twin"))]
         eye_controls = _eye_controls((-0.15, -0.5, 0.6), (0.5, 0.0, 0.0))
         return rrb.Spatial3DView(
             origin=scene, contents=contents, name="Scene in 3D", eye_controls=eye_controls, line_grid=False

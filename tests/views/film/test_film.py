@@ -1,11 +1,13 @@
 """Pictures and films of a rollout, and the motion and the stage they are made from."""
 
 from pathlib import Path
+from typing import Any, cast
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
+from PIL import Image
 
 from grs_agents.errors import GrsError, InputError
 from grs_agents.library import Library
@@ -14,9 +16,11 @@ from grs_agents.sim import TaskInstance, rollout
 from grs_agents.sim.arms import get_arm
 from grs_agents.sim.rendering import Stage, scene_props_from_instance
 from grs_agents.trace import NodeStarted, Rollout
-from grs_agents.views.common import find_grasps, read_motion
+from grs_agents.views.common import find_grasps, read_motion, read_task_instance
 from grs_agents.views.film import (
     Shot,
+    describe_moments,
+    draw_captions,
     find_recorded_rollout,
     play_in_mujoco_window,
     recover_joint_positions,
@@ -94,7 +98,7 @@ def test_a_film_shows_what_moves_with_or_without_a_graphics_library(
         assert np.abs(first - last).max() > 50
 
 
-@pytest.mark.parametrize("name", ["film.mp4", "film.gif"])
+@pytest.mark.parametrize("name", ["film.mp4", "film.gif", "film.webp"])
 def test_a_film_is_written_in_real_time(
     played: tuple[Path, Rollout], library: Library, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str
 ) -> None:
@@ -103,11 +107,32 @@ def test_a_film_is_written_in_real_time(
     shot = Shot(folder, event, library, width=96, height=64)
     frames = write_film(shot, tmp_path / name, rate=2)
     assert frames == int(shot.recorded_motion.duration_seconds * 2) + 1
-    opened = cv2.VideoCapture(str(tmp_path / name))
-    shown = 0
-    while opened.read()[0]:
-        shown += 1
+    if name.endswith("mp4"):
+        opened = cv2.VideoCapture(str(tmp_path / name))
+        shown = 0
+        while opened.read()[0]:
+            shown += 1
+    else:
+        with Image.open(tmp_path / name) as film:
+            shown = cast(Any, film).n_frames
     assert shown == frames
+
+
+def test_a_film_tells_goal_action_and_reward(played: tuple[Path, Rollout], library: Library) -> None:
+    folder, event = played
+    instance = read_task_instance(folder / (event.instance or ""))
+    motion = read_motion(folder / (event.recording or ""))
+    (carried,) = find_grasps(motion)
+    during = motion.times[(carried.start + carried.end) // 2]
+    told = list(describe_moments(event, instance, motion, [0.0, during, motion.duration_seconds]))
+    assert {goal for goal, _, _ in told} == {"put the milk on the left"}
+    actions = ["reaches for milk", "carries milk", "has placed milk"]
+    assert [action for _, action, _ in told] == [f"action 1 of 1: {words}" for words in actions]
+    assert [outcome for _, _, outcome in told][::2] == ["0.0 s", "success, reward 1.00"]
+    image = np.full((120, 160, 3), 200, np.uint8)
+    (drawn,) = draw_captions(iter([image]), iter([("x" * 500, "y\x1b", "z")]))
+    changed = (drawn != image).any(axis=(1, 2))
+    assert not changed[:80].any() and changed[-20:].all()
 
 
 def test_what_cannot_be_played_is_an_input_error(
@@ -120,7 +145,7 @@ def test_what_cannot_be_played_is_an_input_error(
     with pytest.raises(InputError, match="no recorded rollout"):
         find_recorded_rollout([event.model_copy(update={"recording": "gone.npz"})], folder)
     shot = Shot(folder, event, library)
-    with pytest.raises(InputError, match=r"ends in \.mp4 or \.gif"):
+    with pytest.raises(InputError, match=r"ends in \.webp or \.mp4 or \.gif"):
         write_film(shot, tmp_path / "film.avi")
     with pytest.raises(InputError, match="does not exist"):
         write_film(shot, tmp_path / "nowhere" / "film.gif")
@@ -136,5 +161,5 @@ def test_without_a_display_the_remedy_is_a_film(
     played: tuple[Path, Rollout], library: Library, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rollout_film, "has_display", lambda: False)
-    with pytest.raises(GrsError, match=r"no display.*--out film\.mp4"):
+    with pytest.raises(GrsError, match=r"no display.*--out film\.webp"):
         play_in_mujoco_window(Shot(*played, library))

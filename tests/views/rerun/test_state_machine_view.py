@@ -19,6 +19,7 @@ def test_the_graph_of_the_run_is_shown_with_visits(tmp_path: Path) -> None:
     recording = Recording(tmp_path / "a.rrd", "a", build_run_blueprint(view.nodes))
     view.log_static_graph(recording)
     view.log_current_state(recording)
+    view.track_event(NodeStarted(node="mine", visit=1))
     view.track_event(RunEnded(status="accepted"))
     recording.moment = Moment(event=1)
     view.log_current_state(recording)
@@ -32,4 +33,4 @@ def test_the_graph_of_the_run_is_shown_with_visits(tmp_path: Path) -> None:
         else:
             drawn = batch.column("GraphEdges:edges").to_pylist()[0]
             assert [tuple(edge.values()) for edge in drawn] == [("route", "mine"), ("mine", "end")]
-    assert sorted(labels) == [(0, ["● route ×2", "mine", "end"]), (1, ["route ×2", "mine", "● end"])]
+    assert sorted(labels) == [(0, ["● route ×2", "mine", "end"]), (1, ["route ×2", "mine ×1", "● end", "1×", "1×"])]

@@ -15,7 +15,7 @@ from grs_agents.library import Library
 from grs_agents.trace import Decision, EventLog, Finding, Note, SceneStage, TaskDefined, read_events
 from grs_agents.trace import TestsRun as Tested
 from grs_agents.views import Sources, render_html_report
-from grs_agents.views import html_report as page
+from grs_agents.views import report as page
 from grs_agents.views.film import rollout_film
 from tests.views.conftest import Script
 
@@ -35,7 +35,7 @@ class Tags(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.add(tag)
         self.attributes |= {(name, value or "") for name, value in attrs}
-        if tag not in ("meta", "img", "image", "rect", "br"):
+        if tag not in ("meta", "img", "image", "rect", "br", "source"):
             self.opened.append(tag)
 
     def handle_endtag(self, tag: str) -> None:
@@ -70,39 +70,64 @@ def made(tmp_path_factory: pytest.TempPathFactory, library: Library) -> str:
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rollout_film, "_rendering_backends", lambda: ("rays",))
-        patch.setattr(page, "FRAMES", 2)
+        patch.setattr(page.pictures, "FILM_RATE", 1.0)
         return render_html_report(RECORD, read_events(run.log.path), Sources(run.folder, library))
 
 
-def test_the_page_holds_photo_task_pictures_decisions_diffs_and_tests(made: str) -> None:
-    assert made.count("data:image/jpeg;base64,") == 2 + 2 * 2 + 2
-    for part in (
-        "milk_1",
-        "max_steps=1 with 1 of 4 objects placed",
-        "0.25 &lt; 0.99",
-        "before",
-        "after 4.0 s",
-        "Seed 1: success, reward 1.00",
-        '<span class="add">+        self.max_steps = 4</span>',
-        "<td>bystander</td></tr>",
-    ):
-        assert part in made, part
+def test_the_page_leads_with_task_verdict_and_film_and_then_tells_the_steps(made: str) -> None:
+    assert made.count("data:image/webp;base64,") == 1
+    places = [
+        made.index(part)
+        for part in (
+            "<h1>",
+            '<b class="good">accepted</b>',
+            "data:image/jpeg;base64,",
+            "data:image/webp;base64,",
+            "<b>generate_task</b> pack-milk",
+            "prompt of task to offline",
+            "reply of offline to task (call task-1): 900 tokens in, 120 out, 0.8 s, stop",
+            "<h3>After fix 1</h3>",
+            "Seed 1: success, reward 1.00",
+            "<td>bystander</td></tr>",
+        )
+    ]
+    assert places == sorted(places)
+
+
+def test_a_fix_stands_beside_the_failure_that_it_answers_and_its_reason(made: str) -> None:
+    (fix,) = re.findall(
+        r'<details class="step" open>(?:(?!<details class="step").)*<b>fix_code</b>.*?</details>', made, re.S
+    )
+    places = [
+        fix.index(part)
+        for part in (
+            '<h4 class="bad">test_oracle</h4>',
+            "AssertionError: 0.25 &lt; 0.99",
+            "Why fix_code, by policy llm",
+            "with 1 of 4 objects placed, so the program is at fault",
+            "simulation, version 2 by fix_code",
+            '<span class="add">+        self.max_steps = 4</span>',
+        )
+    ]
+    assert places == sorted(places)
+    assert '<span class="hunk">+++ b</span>' in fix
 
 
 def test_what_failed_has_the_colour_of_failure_and_what_passed_has_not(made: str) -> None:
     rows = dict(re.findall(r'<tr class="bad"><td>([^<]*)</td><td>([^<]*)</td>', made))
     assert rows[page.escape_html(HOSTILE)] == "failed"
     assert "reward" not in rows and "<tr><td>reward</td><td>passed</td>" in made
-    assert '<tr class="bad"><td class="n">4</td><td class="n">0</td><td>run_tests</td><td>found faults</td>' in made
-    assert '<summary class="bad">step 4: 1 passed, 1 failed</summary>' in made
-    assert "<summary>step 7: 2 passed</summary>" in made
+    assert '<span class="bad">✗</span> 4 <b>run_tests</b> 1 passed, 1 failed' in made
+    assert '<span class="good">✓</span> 7 <b>run_tests ×2</b> 2 passed' in made
+    assert '<summary class="bad">test_oracle: failed in 1.20 s</summary>' in made
+    assert '<summary class="good">test_oracle: passed in 1.20 s</summary>' in made
 
 
 def test_the_simulated_view_holds_the_task_in_its_colours(
     script: Callable[[], Any], library: Library, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rollout_film, "_rendering_backends", lambda: ("rays",))
-    monkeypatch.setattr(page, "FRAMES", 2)
+    monkeypatch.setattr(page.pictures, "FILM_RATE", 1.0)
     run = script()
     run.before_fix()
     sources = Sources(run.folder, library)
@@ -137,8 +162,8 @@ def test_nothing_hostile_gets_through_and_nothing_is_fetched(made: str) -> None:
     tags = parsed(made)
     assert tags.tags.isdisjoint({"script", "a", "iframe", "object", "link", "form", "embed", "base"})
     assert not any(name.startswith("on") for name, _ in tags.attributes)
-    sources = [value for name, value in tags.attributes if name in ("src", "href", "xlink:href", "action")]
-    assert sources and all(value.startswith("data:image/jpeg;base64,") for value in sources)
+    sources = [value for name, value in tags.attributes if name in ("src", "srcset", "href", "xlink:href", "action")]
+    assert sources and all(re.match("data:image/(jpeg|webp);base64,", value) for value in sources)
     assert ("content", page.POLICY) in tags.attributes and page.POLICY.startswith("default-src 'none'")
     assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f]", made)
     assert "url(" not in made and "@import" not in made

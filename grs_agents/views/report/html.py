@@ -1,0 +1,135 @@
+"""The elements of a page: escaped text, tables, code, diffs, pictures. It needs nothing from anywhere."""
+
+import base64
+import html
+from collections.abc import Iterable, Sequence
+from itertools import repeat
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.terminal import escape_control_chars
+from grs_agents.views.common import Rectangle
+
+Verdict = Literal["", "good", "bad"]
+"""The class, and so the colour, of what went well or wrong."""
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+STYLE = Path(__file__).with_name("style.css").read_text("utf-8")
+
+
+def escape_html(value: object) -> str:
+    """``value`` as text of a page: escaped, control characters spelt out."""
+    return html.escape(escape_control_chars(str(value)), quote=True)
+
+
+def render_page(title: str, body: Iterable[str]) -> str:
+    """A whole page. Its policy lets no browser run or fetch anything, even if something got through."""
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
+        f'<meta name="viewport" content="width=device-width,initial-scale=1"><title>{escape_html(title)}</title>\n'
+        f"<style>{STYLE}</style></head>\n<body>\n" + "\n".join(body) + "\n</body></html>\n"
+    )
+
+
+def render_section(heading: str, *parts: str) -> str:
+    """A heading and what stands below it; nothing without parts."""
+    inner = "\n".join(part for part in parts if part)
+    return f"<section><h2>{escape_html(heading)}</h2>\n{inner}</section>" if inner else ""
+
+
+def render_paragraph(value: object, kind: str = "") -> str:
+    """A paragraph of text."""
+    return f"<p{_class_attribute(kind)}>{escape_html(value)}</p>"
+
+
+def render_table(
+    heads: Sequence[str],
+    rows: Iterable[Sequence[object]],
+    numbers: Sequence[int] = (),
+    verdicts: Sequence[Verdict] = (),
+) -> str:
+    """A table of text; the columns ``numbers`` are set right, ``verdicts`` are the colours of the rows, if any."""
+
+    def cells(tag: str, values: Sequence[object]) -> str:
+        kinds = [' class="n"' if index in numbers else "" for index in range(len(values))]
+        return "".join(f"<{tag}{kind}>{escape_html(value)}</{tag}>" for kind, value in zip(kinds, values, strict=True))
+
+    colors: Iterable[Verdict] = verdicts or repeat("")
+    pairs = zip(rows, colors, strict=False)
+    lines = "".join(f"<tr{_class_attribute(color)}>{cells('td', row)}</tr>\n" for row, color in pairs)
+    return f'<div class="table"><table><tr>{cells("th", heads)}</tr>\n{lines}</table></div>'
+
+
+def _class_attribute(name: str) -> str:
+    return f' class="{name}"' if name else ""
+
+
+def render_collapsible(summary: str, inner: str, opened: bool = False, verdict: Verdict = "") -> str:
+    """Something to open by a click."""
+    head = f"<summary{_class_attribute(verdict)}>{escape_html(summary)}</summary>"
+    return f"<details{' open' if opened else ''}>{head}\n{inner}</details>"
+
+
+def render_row(*parts: str) -> str:
+    """Parts beside one another, where the page is wide enough; nothing without parts."""
+    inner = "".join(part for part in parts if part)
+    return f'<div class="row">{inner}</div>' if inner else ""
+
+
+def render_code_block(value: str) -> str:
+    """A block of code."""
+    return f"<pre>{escape_html(value)}</pre>"
+
+
+def render_diff(value: str) -> str:
+    """A unified diff in colours."""
+    kinds = {"+++": "hunk", "---": "hunk", "@@": "hunk", "+": "add", "-": "del", "": ""}
+    classes = (next(kind for mark, kind in kinds.items() if line.startswith(mark)) for line in value.split("\n"))
+    pairs = zip(classes, value.split("\n"), strict=True)
+    lines = (f'<span class="{kind}">{escape_html(line)}</span>' for kind, line in pairs)
+    return "<pre>" + "\n".join(lines) + "</pre>"
+
+
+def render_film(film: bytes, still: npt.NDArray[np.uint8], caption: str) -> str:
+    """An animated WebP inside the page; ``still`` (H, W, 3) where nothing should move, as on paper."""
+    height, width = still.shape[:2]
+    source = f'<source media="print, (prefers-reduced-motion: reduce)" srcset="{picture_url(still)}">'
+    moving = f"data:image/webp;base64,{base64.b64encode(film).decode()}"
+    shown = f'<img src="{moving}" width="{width}" height="{height}" alt="{escape_html(caption)}">'
+    return f"<figure><picture>{source}{shown}</picture><figcaption>{escape_html(caption)}</figcaption></figure>"
+
+
+def render_picture(image: npt.NDArray[np.uint8], caption: str = "", marks: Sequence[tuple[str, Rectangle]] = ()) -> str:
+    """An image (H, W, 3) as a JPEG inside the page, with named boxes (pixels) drawn over it."""
+    height, width = image.shape[:2]
+    source = picture_url(image)
+    if marks:
+        boxes = "".join(_render_labelled_box(name, box, width / 640) for name, box in marks)
+        below = f'<image href="{source}" width="{width}" height="{height}"/>'
+        drawn = f'<svg viewBox="0 0 {width} {height}">{below}{boxes}</svg>'
+    else:
+        drawn = f'<img src="{source}" width="{width}" height="{height}" alt="{escape_html(caption)}">'
+    return f"<figure>{drawn}<figcaption>{escape_html(caption)}</figcaption></figure>"
+
+
+def picture_url(image: npt.NDArray[np.uint8]) -> str:
+    """An image (H, W, 3) as a JPEG that stands in the page itself."""
+    return f"data:image/jpeg;base64,{base64.b64encode(_encode_jpeg(image)).decode()}"
+
+
+def _render_labelled_box(name: str, box: Rectangle, scale: float) -> str:
+    left, top, width, height = box
+    look = f'fill="none" stroke="#ffcd3c" stroke-width="{2 * scale:.1f}"'
+    outline = f'stroke="#000" stroke-width="{3 * scale:.1f}" paint-order="stroke" fill="#ffcd3c"'
+    rectangle = f'<rect x="{left}" y="{top}" width="{width}" height="{height}" {look}/>'
+    place = f'x="{left}" y="{top - 3 * scale:.1f}" font-size="{15 * scale:.1f}"'
+    return f"{rectangle}<text {place} {outline}>{escape_html(name)}</text>"
+
+
+def _encode_jpeg(image: npt.NDArray[np.uint8]) -> bytes:
+    import cv2
+
+    return cv2.imencode(".jpg", np.ascontiguousarray(image[:, :, ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()

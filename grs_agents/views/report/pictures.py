@@ -1,0 +1,231 @@
+"""The pictures of a report: the photo with its boxes, photo over twin, the task as the photo's camera sees it, and the
+rollouts of the last audit, one of them as a film."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents import trace
+from grs_agents.errors import GrsError
+from grs_agents.foreign import find_member_file, read_picture, resolve_member_file
+from grs_agents.library import Lens, Library
+from grs_agents.sim.rendering import render_from_camera, resize_lens, scene_props_from_instance
+from grs_agents.sim.world import FIRST_BYSTANDER
+from grs_agents.views.common import (
+    Rectangle,
+    format_object_size,
+    mask_bounding_boxes,
+    object_display_name,
+    object_mask_label,
+    read_task_instance,
+)
+from grs_agents.views.film import Shot, encode_animation, render_film_frames, render_frames
+from grs_agents.views.report import html
+
+AuditEvent = TypeVar("AuditEvent", trace.Rollout, trace.Finding)
+Image = npt.NDArray[np.uint8]
+FILM_RATE = 8.0
+"""Pictures a second of the film, or fewer: it has at most so many in all."""
+_MOST_PICTURES = 96
+_FILM_SIZE = (560, 420)
+"""Width and height of film and stills, pixels."""
+_VIEW_WIDTH = 640
+"""Pixels of the view of the task."""
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Where pictures come from."""
+
+    folder: Path
+    library: Library  # 3D assets, the run's own laid over
+    show: Callable[[str], None] | None = None  # is told what is drawn next
+
+    def announce_drawing(self, what: str) -> None:
+        """Say what is drawn next."""
+        if self.show is not None:
+            self.show(f"drawing {what}")
+
+
+@dataclass(frozen=True)
+class DrawnRollout:
+    """A rollout with its pictures: a film's, or the first and the last."""
+
+    event: trace.Rollout
+    images: list[Image] = field(default_factory=list[Image])
+    rate: float = 0.0  # pictures a second of a film; 0 if it is none
+    problem: str = ""  # why there is no picture
+
+    @property
+    def summary(self) -> str:
+        """How it went."""
+        event = self.event
+        verdict = f"Seed {event.seed}: {event.outcome}, reward {event.reward:.2f} after {event.steps} steps; "
+        return f"{verdict}doing nothing earns {event.idle_reward:.2f}; moved {', '.join(event.moved) or 'nothing'}"
+
+
+def last_audit_events(events: Sequence[trace.Event], kind: type[AuditEvent]) -> list[AuditEvent]:
+    """The rollouts, or the findings, of the last audit."""
+    starts = [at for at, event in enumerate(events) if isinstance(event, trace.NodeStarted) and event.node == "audit"]
+    return [event for event in events[starts[-1] if starts else 0 :] if isinstance(event, kind)]
+
+
+def draw_rollouts(events: Sequence[trace.Event], sources: Sources) -> list[DrawnRollout]:
+    """The rollouts of the last audit; the first that failed, or else the first, as a film."""
+    played = last_audit_events(events, trace.Rollout)
+    filmed = next((event for event in played if event.outcome != "success"), next(iter(played), None))
+    return [_draw_rollout(event, sources, event is filmed) for event in played]
+
+
+def _draw_rollout(event: trace.Rollout, sources: Sources, filmed: bool) -> DrawnRollout:
+    if not (event.instance and event.recording and find_member_file(sources.folder, event.recording)):
+        return DrawnRollout(event)
+    width, height = _FILM_SIZE
+    shot = Shot(sources.folder.resolve(), event, sources.library, width, height)
+    try:
+        seconds = shot.recorded_motion.duration_seconds
+        if filmed:
+            rate = min(FILM_RATE, _MOST_PICTURES / max(seconds, 1.0))
+            return DrawnRollout(event, list(render_film_frames(shot, rate, sources.show)), rate)
+        sources.announce_drawing(f"the rollout of seed {event.seed}")
+        return DrawnRollout(event, list(render_frames(shot, [0.0, seconds])))
+    except GrsError as error:
+        return DrawnRollout(event, problem=str(error))
+
+
+def render_film(drawn: Sequence[DrawnRollout]) -> str:
+    """The rollout that is a film; nothing where there is none."""
+    for one in drawn:
+        if one.rate and one.images:
+            film = encode_animation(one.images, one.rate, "webp")
+            caption = f"The scripted robot at the task, seed {one.event.seed}: {one.event.outcome}"
+            return html.render_film(film, one.images[-1], caption)
+    return ""
+
+
+def render_rollouts(drawn: Sequence[DrawnRollout]) -> Iterator[str]:
+    """Each rollout: its figures, before and after."""
+    for one in drawn:
+        yield html.render_paragraph(one.summary, "good" if one.event.outcome == "success" else "bad")
+        if one.problem:
+            yield html.render_paragraph(f"There is no picture of it: {one.problem}", "quiet")
+        if one.images:
+            stills = ((one.images[0], "before"), (one.images[-1], "after"))
+            yield html.render_row(
+                *(html.render_picture(image, f"{name}, seed {one.event.seed}") for image, name in stills)
+            )
+
+
+@dataclass
+class PhotoParts:
+    """What the stages of comprehension left of the photo."""
+
+    files: dict[str, str] = field(default_factory=dict[str, str])
+    camera: dict[str, Any] = field(default_factory=dict[str, Any])
+    objects: list[dict[str, Any]] = field(default_factory=list[dict[str, Any]])
+
+
+def collect_photo_parts(events: Sequence[trace.Event]) -> PhotoParts:
+    """What later stages say replaces what earlier ones said."""
+    parts = PhotoParts()
+    for event in events:
+        if isinstance(event, trace.SceneStage):
+            parts.files.update(event.files)
+            parts.camera.update(event.summary.get("camera") or {})
+            parts.objects = event.summary.get("objects") or parts.objects
+    return parts
+
+
+def render_photo_or_twin(photo: PhotoParts, folder: Path) -> str:
+    """The photo over its twin; without a twin the photo alone."""
+    return _render_photo_over_twin(photo.files, folder) or _render_annotated_photo(photo, folder)
+
+
+def render_scene(events: Sequence[trace.Event], photo: PhotoParts, sources: Sources) -> Iterator[str]:
+    """The photo with a numbered box around each object, the task as the photo's camera would see it, and the objects
+    as a table."""
+    sources.announce_drawing("the camera's view of the simulation")
+    boxed = _render_annotated_photo(photo, sources.folder)
+    yield html.render_row(boxed, _render_task_view(events, sources, photo.camera))
+    if photo.objects:
+        others = _find_bystanders(events, sources.folder)
+        rows = [(*_object_row_cells(at, item), others.get(at, "")) for at, item in enumerate(photo.objects)]
+        yield html.render_table(["", "name", "size (cm)", "asset", "description", "in the task"], rows, (0,))
+
+
+def _object_row_cells(index: int, item: dict[str, Any]) -> tuple[object, ...]:
+    asset, description = item.get("asset") or "", item.get("description") or ""
+    return object_mask_label(item, index), object_display_name(item), format_object_size(item), asset, description
+
+
+def _find_bystanders(events: Sequence[trace.Event], folder: Path) -> dict[int, str]:
+    """What the objects of the scene are, by their place in its list, that no goal of the last audit's task is about."""
+    played = [event.instance for event in last_audit_events(events, trace.Rollout) if event.instance]
+    try:
+        objects = read_task_instance(resolve_member_file(folder, played[0])).objects if played else ()
+    except GrsError:  # the picture of the task says so
+        return {}
+    others = (item for item in objects if item.role == "bystander")
+    return {
+        item.id - FIRST_BYSTANDER: "fixed bystander" if item.category == "fixed" else "bystander" for item in others
+    }
+
+
+def _render_annotated_photo(photo: PhotoParts, folder: Path) -> str:
+    import cv2
+
+    file = find_member_file(folder, photo.files["rgb"]) if "rgb" in photo.files else None
+    if file is None:
+        return ""
+    image = read_picture(file, cv2.IMREAD_COLOR)
+    drawn = find_member_file(folder, photo.files["masks"]) if "masks" in photo.files else None
+    labels = read_picture(drawn, cv2.IMREAD_UNCHANGED) if drawn is not None else None
+    numbers = {object_mask_label(item, index) for index, item in enumerate(photo.objects)}
+    boxes = mask_bounding_boxes(labels) if labels is not None and labels.shape == image.shape[:2] else {}
+    marks: list[tuple[str, Rectangle]] = [(str(label), box) for label, box in boxes.items() if label in numbers]
+    return html.render_picture(
+        np.asarray(image[:, :, ::-1], np.uint8), "The photo, with the objects found in it", marks
+    )
+
+
+def _render_photo_over_twin(files: dict[str, str], folder: Path) -> str:
+    """The photo over its twin, up to an edge that can be dragged; in print one beside the other."""
+    import cv2
+
+    found = [find_member_file(folder, files[name]) if name in files else None for name in ("rgb", "twin")]
+    if found[0] is None or found[1] is None:
+        return ""
+    photo, twin = (read_picture(file, cv2.IMREAD_COLOR)[:, :, ::-1] for file in found if file is not None)
+    height, width = twin.shape[:2]
+    photo = cv2.resize(photo, (width, height), interpolation=cv2.INTER_AREA)
+    over, under = (
+        f'<img src="{html.picture_url(np.asarray(image, np.uint8))}" width="{width}" height="{height}" alt="{name}">'
+        for image, name in ((photo, "The photo"), (twin, "Its twin"))
+    )
+    caption = "The photo (left) and its twin in MuJoCo: drag the corner of the photo"
+    return (
+        f'<figure><div class="compare">{under}<div class="over">{over}</div></div>'
+        f"<figcaption>{html.escape_html(caption)}</figcaption></figure>"
+    )
+
+
+def _render_task_view(events: Sequence[trace.Event], sources: Sources, camera: dict[str, Any]) -> str:
+    """The task as the camera of the photo would see it; nothing of a run that came to none."""
+    played = [event for event in last_audit_events(events, trace.Rollout) if event.instance]
+    if not played or not camera.get("T_robot_cam"):
+        return ""
+    try:
+        instance = read_task_instance(resolve_member_file(sources.folder, played[0].instance or ""))
+        lens = Lens(**{name: camera[name] for name in ("fx", "fy", "cx", "cy", "width", "height")})
+        small = resize_lens(lens, round(_VIEW_WIDTH * lens.height / lens.width), _VIEW_WIDTH)
+        props = replace(scene_props_from_instance(instance), arm=None)
+        picture = render_from_camera(props, sources.library, small, np.asarray(camera["T_robot_cam"], np.float64))
+    except GrsError as error:
+        return html.render_paragraph(f"The simulation cannot be drawn: {error}", "quiet")
+    return html.render_picture(
+        picture.color, f"The same view of the task, seed {instance.seed}, before the robot moves"
+    )
