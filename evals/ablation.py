@@ -1,17 +1,15 @@
 """The paper's Table 2: what graphs without router, fixes or image lose, in rewards that the trusted oracle earns."""
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from evals.benchmark.ablation_figures import write_figures
+from evals.benchmark.ablation_figures import tell_figures
 from evals.benchmark.ablation_runs import make_runs, make_scenes
 from evals.synthesis import Recipe, recipes
 from grs_agents import content
 from grs_agents.batch import list_scenes
 from grs_agents.errors import UnknownNameError
-from grs_agents.runs import positive_int
-from grs_agents.terminal import EscapingParser, print_json
+from grs_agents.runs import ExperimentParser, positive_int
 
 GRAPHS = "grs,no_router,no_fix,llm_only"
 
@@ -25,32 +23,27 @@ def main(arguments: Sequence[str]) -> int:
     Raises:
         InputError: a name tells of no scene or graph.
     """
-    options = _parse(arguments)
+    experiment = _make_parser().start(arguments)
+    options = experiment.options
     graphs = [name.strip() for name in options.graphs.split(",") if name.strip()]
     for name in graphs:
         if name not in content.content_names("graphs"):
             raise UnknownNameError("graph", name, content.content_names("graphs"))
     scenes = list_scenes(options.scenes) if options.scenes else _synthesise(options.synthesised, options.out)
-    measured = make_runs(scenes, graphs, options)
-    figures = write_figures(measured, options.out)
-    if options.json:
-        print_json(figures)
+    measured = make_runs(scenes, graphs, experiment)
+    tell_figures(measured, experiment)
     return 0 if all(one.status in ("accepted", "rejected") for one in measured) else 1
 
 
-def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = EscapingParser(prog="grs eval ablation", description=__doc__)
+def _make_parser() -> ExperimentParser:
+    parser = ExperimentParser("ablation", __doc__)
     parser.add_argument("scenes", nargs="*", help="as grs batch takes them; made ones by default")
     parser.add_argument("--synthesised", type=positive_int, default=10, metavar="N", help="scenes to make: 10")
     parser.add_argument("--runs", type=positive_int, default=10, help="of each graph on each scene, with seeds from 0")
     parser.add_argument("--graphs", default=GRAPHS, help=f"with commas: {GRAPHS}")
-    parser.add_argument("--out", type=Path, default=Path("runs/eval-ablation"), help="where runs and figures go")
-    parser.add_argument("--config", type=Path, default=None, metavar="FILE", help="a TOML configuration file")
-    parser.add_argument("--set", action="append", default=[], dest="settings", metavar="KEY=VALUE")
     parser.add_argument("--workers", type=positive_int, default=2, help="runs at a time")
     parser.add_argument("--timeout", type=float, default=600, help="seconds before a run is killed")
-    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
-    return parser.parse_args(arguments)
+    return parser
 
 
 def _synthesise(count: int, out: Path) -> tuple[str, ...]:

@@ -1,14 +1,12 @@
 """How often each object of a photo gets its asset: the paper's Table 1, on synthesised or labelled scenes."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from evals.benchmark.match_runs import METHODS, match_orders, run_match_orders
 from evals.benchmark.perception_runs import MeasurementOptions, orders_of, synthesised_orders
 from evals.synthesis.recipe_options import add_recipe_options, recipes_from_options
 from grs_agents.errors import UnknownNameError
-from grs_agents.runs import positive_int
-from grs_agents.terminal import EscapingParser
+from grs_agents.runs import ExperimentParser, positive_int
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -20,8 +18,7 @@ def main(arguments: Sequence[str]) -> int:
     Raises:
         InputError: a folder holds no labelled scene, or a method has no such name.
     """
-    parser = EscapingParser(prog="grs eval correspondence", description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("runs/eval-correspondence"), help="where figures go")
+    parser = ExperimentParser("correspondence", __doc__)
     parser.add_argument(
         "--methods", default="features,features-no-ocr,features-no-size", help=f"of {', '.join(METHODS)}; with commas"
     )
@@ -34,10 +31,9 @@ def main(arguments: Sequence[str]) -> int:
     add_recipe_options(parser)
     parser.add_argument("--segment", default="", metavar="TOOL", help="what segments; the true masks by default")
     parser.add_argument("--price", action="append", default=[], metavar="MODEL=IN,OUT", help="of a million tokens")
-    parser.add_argument("--set", action="append", default=[], dest="settings", metavar="KEY=VALUE")
     parser.add_argument("--workers", type=positive_int, default=2, help="scenes at a time")
-    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
-    options = parser.parse_args(arguments)
+    experiment = parser.start(arguments)
+    options = experiment.options
     methods = [name.strip() for name in options.methods.split(",") if name.strip()]
     for name in methods:
         if name not in METHODS:
@@ -48,5 +44,5 @@ def main(arguments: Sequence[str]) -> int:
         *synthesised_orders(recipes_from_options(options), options.out, work),
     ]
     models = [name.strip() for name in options.models.split(",") if name.strip()]
-    orders = match_orders(scenes, methods, models, options.runs, options.settings)
-    return run_match_orders(orders, options.out, options.workers, options.price, options.json)
+    orders = match_orders(scenes, methods, models, options.runs, experiment.settings)
+    return run_match_orders(orders, experiment, options.price)

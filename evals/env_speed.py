@@ -1,6 +1,5 @@
 """What the gymnasium environments cost: steps, resets and pictures, in CPU seconds."""
 
-import json
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -8,13 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from grs_agents.envs import GrsEnv
 from grs_agents.library import Library
-from grs_agents.metrics import Figure, metrics_table, metrics_to_dicts
+from grs_agents.metrics import Figure
 from grs_agents.sim import Environment, Task, inside, instantiate
-from grs_agents.terminal import EscapingParser
 
 CANS = ("AlphabetSoup", "Corn", "GreenBeans", "Mushrooms", "Peaches", "Pineapple", "TomatoSauce", "Tuna")
 
@@ -61,28 +58,33 @@ def stepping(env: GrsEnv) -> Callable[[], object]:
     return step
 
 
-def measure(run: Path, count: int) -> list[Figure]:
-    """Every figure of a task folder."""
-    figures: list[Figure] = []
+def figure(name: str, value: float, target: float | None) -> Figure:
+    """A rate."""
+    return Figure(name=name, value=value, target=target, unit="per CPU s", smaller_is_better=False)
 
-    def add(name: str, value: float, target: float | None) -> None:
-        figures.append(Figure(name=name, value=value, target=target, unit="per CPU s", smaller_is_better=False))
 
-    for control in ("ee_delta", "joint_position"):
-        env = GrsEnv(run, control=control)
-        add(f"state steps, {control}", rate(stepping(env), count), 2000)
-    add("resets", rate(lambda: env.reset(seed=0), 10 + count // 20), None)
-    for renderer, target in (("rays", 200), ("auto", 500)):
-        arguments: dict[str, Any] = {"cameras": ("front",), "renderer": renderer}
-        env = GrsEnv(run, **arguments)
-        env.reset(seed=0)
-        used = env.renderer
-        if renderer == "auto" and used == "rays":
-            continue
-        add(f"pictures of 96x128, {used}", rate(env.take_pictures, 20 + count // 10), target)
-        add(f"steps with a picture, {used}", rate(stepping(env), 20 + count // 10), None)
-        env.close()
-    return figures
+def measure_states(run: Path, count: int) -> list[Figure]:
+    """Steps with each control, and resets."""
+    environments = {control: GrsEnv(run, control=control) for control in ("ee_delta", "joint_position")}
+    rates = [
+        figure(f"state steps, {control}", rate(stepping(env), count), 2000) for control, env in environments.items()
+    ]
+    env = environments["joint_position"]
+    return [*rates, figure("resets", rate(lambda: env.reset(seed=0), 10 + count // 20), None)]
+
+
+def measure_pictures(run: Path, count: int, renderer: str, target: float) -> list[Figure]:
+    """Pictures by a renderer, and steps with one each; none where ``auto`` finds nothing but rays."""
+    arguments: dict[str, Any] = {"cameras": ("front",), "renderer": renderer}
+    env = GrsEnv(run, **arguments)
+    env.reset(seed=0)
+    used = env.renderer
+    if renderer == "auto" and used == "rays":
+        return []
+    pictures = figure(f"pictures of 96x128, {used}", rate(env.take_pictures, 20 + count // 10), target)
+    steps = figure(f"steps with a picture, {used}", rate(stepping(env), 20 + count // 10), None)
+    env.close()
+    return [pictures, steps]
 
 
 def write_instance(folder: Path) -> Path:
@@ -99,17 +101,20 @@ def main(arguments: Sequence[str]) -> int:
     Returns:
         0 if every target is kept, 1 if not.
     """
-    from grs_agents.runs import positive_int
+    from grs_agents.runs import ExperimentParser, positive_int
 
-    parser = EscapingParser(prog="grs eval env_speed", description=__doc__)
+    parser = ExperimentParser("env_speed", __doc__)
     parser.add_argument("run", nargs="?", type=Path, help="an accepted run; eight cans and a box if left out")
     parser.add_argument("--steps", type=positive_int, default=1000, help="steps of each timing")
-    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
-    options = parser.parse_args(arguments)
+    experiment = parser.start(arguments)
+    steps = experiment.options.steps
     with tempfile.TemporaryDirectory() as folder:
-        figures = measure(options.run or write_instance(Path(folder)), options.steps)
-    if options.json:
-        print(json.dumps({"figures": metrics_to_dicts(figures)}, indent=2))
-    else:
-        Console().print(metrics_table("environments", figures))
-    return 0 if all(figure.is_target_met is not False for figure in figures) else 1
+        run = experiment.options.run or write_instance(Path(folder))
+        figures = experiment.measure(
+            {
+                "states": lambda: measure_states(run, steps),
+                "rays": lambda: measure_pictures(run, steps, "rays", 200),
+                "OpenGL": lambda: measure_pictures(run, steps, "auto", 500),
+            }
+        )
+    return experiment.tell_figures("environments", figures)

@@ -1,10 +1,12 @@
 """Check that each object of processed scenes has an asset or a proxy of its measured size and place."""
 
-import json
+import hashlib
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from grs_agents.base import Frozen
 from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.perception import (
@@ -14,7 +16,11 @@ from grs_agents.perception import (
     read_scene_description,
     upright_box_from_aabb,
 )
-from grs_agents.terminal import EscapingParser
+from grs_agents.runs import ExperimentParser
+
+
+class _Scene(Frozen):
+    objects: tuple[dict[str, Any], ...]
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -26,29 +32,40 @@ def main(arguments: Sequence[str]) -> int:
     Raises:
         InputError: the folder holds no described scene.
     """
-    parser = EscapingParser(prog="grs eval placement", description=__doc__)
+    parser = ExperimentParser("placement", __doc__)
     parser.add_argument("folder", type=Path, help="a folder of run folders")
-    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
-    options = parser.parse_args(arguments)
-    files = sorted(options.folder.rglob("scene.json"))
+    experiment = parser.start(arguments)
+    folder = experiment.options.folder
+    files = sorted(folder.rglob("scene.json"))
     if not files:
-        raise InputError(f"{options.folder} holds no scene.json", "make some with `grs batch` or `grs scene`")
-    rows: list[dict[str, Any]] = []
-    for file in files:
-        library, proxies = Library(), file.parent / "assets"
-        library = library.with_overlay(proxies) if proxies.is_dir() else library
-        rows += [{"scene": file.parent.name, **_row(thing, library)} for thing in read_scene_description(file).objects]
+        raise InputError(f"{folder} holds no scene.json", "make some with `grs batch` or `grs scene`")
+    work = {_name(file, folder): partial(_check_scene, file) for file in files}
+    rows = [row for scene in experiment.make_rows(_Scene, work) for row in scene.objects]
     off, known = [row for row in rows if not row["agrees"]], sum(row["is_match_certain"] for row in rows)
-    if options.json:
-        print(json.dumps({"scenes": len(files), "objects": len(rows), "off": off, "is_match_certain": known}, indent=2))
-    else:
-        for row in off:
-            errors = f"centre {1000 * row['centre']:.0f} mm, size {100 * row['size']:.0f} % off"
-            print(f"{row['scene']}: {row['object']} ({row['asset']}): {errors}")
-        print(f"{len(rows) - len(off)} of {len(rows)} objects in {len(files)} scenes have a stand-in of their size")
-        if known:
-            print(f"{known} of them a certain asset that is larger than what is seen of it")
+    lines = [
+        f"{row['scene']}: {row['object']} ({row['asset']}): "
+        f"centre {1000 * row['centre']:.0f} mm, size {100 * row['size']:.0f} % off"
+        for row in off
+    ]
+    lines.append(f"{len(rows) - len(off)} of {len(rows)} objects in {len(files)} scenes have a stand-in of their size")
+    if known:
+        lines.append(f"{known} of them a certain asset that is larger than what is seen of it")
+    table = [{"scenes": len(files), "objects": len(rows), "of their size": len(rows) - len(off)}]
+    more: dict[str, Any] = {"scenes": len(files), "objects": len(rows), "off": off, "is_match_certain": known}
+    experiment.tell(table, *lines, **more)
     return 1 if off else 0
+
+
+def _name(file: Path, folder: Path) -> str:
+    """The scene's place, and a hash of what it says: another description is checked anew."""
+    return f"{file.relative_to(folder).parent} {hashlib.sha256(file.read_bytes()).hexdigest()[:12]}"
+
+
+def _check_scene(file: Path) -> "_Scene":
+    library, proxies = Library(), file.parent / "assets"
+    library = library.with_overlay(proxies) if proxies.is_dir() else library
+    things = read_scene_description(file).objects
+    return _Scene(objects=tuple({"scene": file.parent.name, **_row(thing, library)} for thing in things))
 
 
 def _row(thing: SceneObject, library: Library) -> dict[str, Any]:

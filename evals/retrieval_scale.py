@@ -1,17 +1,17 @@
 """What the index of assets costs at the size of Objaverse, and how many of the nearest it finds: synthetic data."""
 
-import json
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
-from rich.table import Table
-
 from evals.benchmark.retrieval import measure_retrieval, retrieval_targets
+from grs_agents.base import Frozen
 from grs_agents.metrics import metrics_to_dicts
-from grs_agents.runs import positive_int
-from grs_agents.terminal import EscapingParser
+from grs_agents.runs import ExperimentParser, positive_int, terminal_table
+
+
+class _Index(Frozen):
+    figures: dict[str, float]
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -23,22 +23,27 @@ def main(arguments: Sequence[str]) -> int:
     Raises:
         GrsError: faiss is not installed.
     """
-    parser = EscapingParser(prog="grs eval retrieval_scale", description=__doc__)
+    parser = ExperimentParser("retrieval_scale", __doc__)
     parser.add_argument("--assets", type=positive_int, default=150_000, help="how many")
     parser.add_argument("--queries", type=positive_int, default=200, help="how many searches")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
-    options = parser.parse_args(arguments)
-    with tempfile.TemporaryDirectory(prefix="grs-index-") as folder:
-        figures = measure_retrieval(Path(folder) / "index", options.assets, options.queries, options.seed)
-    bounds = retrieval_targets(figures)
-    if options.json:
-        sizes = {"assets": options.assets, "data": "synthetic", "figures": figures}
-        print(json.dumps({**sizes, "targets": metrics_to_dicts(bounds)}, indent=2))
-    else:
-        limits = {bound.name: bound.format_target_value() for bound in bounds}
-        shown = Table("figure", "measured", "target", title=f"{options.assets} synthetic assets")
-        for name, value in figures.items():
-            shown.add_row(name, f"{value:.4g}", limits.get(name, ""))
-        Console().print(shown)
+    experiment = parser.start(arguments)
+    options = experiment.options
+
+    def measure() -> _Index:
+        with tempfile.TemporaryDirectory(prefix="grs-index-") as folder:
+            return _Index(
+                figures=measure_retrieval(Path(folder) / "index", options.assets, options.queries, options.seed)
+            )
+
+    (index,) = experiment.make_rows(_Index, {"index": measure})
+    bounds = retrieval_targets(index.figures)
+    limits = {bound.name: bound.format_target_value() for bound in bounds}
+    rows = [
+        {"figure": name, "measured": f"{value:.4g}", "target": limits.get(name, "")}
+        for name, value in index.figures.items()
+    ]
+    shown = terminal_table(f"{options.assets} synthetic assets", ("figure", "measured", "target"), rows)
+    sizes = {"assets": options.assets, "data": "synthetic", "figures": index.figures}
+    experiment.tell(rows, shown, **sizes, targets=metrics_to_dicts(bounds))
     return 0 if all(one.is_target_met for one in bounds) else 1

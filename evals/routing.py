@@ -1,10 +1,11 @@
 """Plant faults in right programs or their tests, ask a routing policy whose fault each is, and fix as a run does."""
 
-import argparse
 import re
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,12 @@ from evals.faults.planting import PlantedFault, plant_mistakes, read_fault_folde
 from grs_agents import content, nodes
 from grs_agents.agents import Agents
 from grs_agents.base import Frozen
-from grs_agents.config import Config, load_config
+from grs_agents.config import Config
+from grs_agents.errors import InputError
 from grs_agents.nodes import Services
 from grs_agents.policies import Policy, RoutingContext, RoutingDecision, load_policy
-from grs_agents.runs import open_kept_rows, open_sandbox, positive_int
+from grs_agents.runs import ExperimentParser, open_sandbox, positive_int
 from grs_agents.sandbox import TestReport
-from grs_agents.terminal import EscapingParser, print_escaped, print_json
 from grs_agents.trace import EventLog
 
 SCENE = "groceries"
@@ -74,22 +75,37 @@ class _BothOrders:
         return decision
 
 
-def route_faults(
-    faults: Sequence[PlantedFault], config: Config, fixes: int, known: Mapping[str, RoutedFault]
-) -> Iterator[RoutedFault]:
-    """Run the programs of each fault that is not ``known``; route where they fail, and fix ``fixes`` times."""
-    scene = content.content_path("assets", "scenes") / SCENE
-    with tempfile.TemporaryDirectory() as temporary, open_sandbox(config) as sandbox:
-        folder = Path(temporary)
-        with EventLog(folder / "events.jsonl") as log:
-            agents = Agents(config=config, log=log, folder=folder)
-            services = Services(config, log, agents, load_policy(config.policy), sandbox, folder)
-            state: dict[str, Any] = {}
-            for fault in faults:
-                if fault.name not in known and not state:
-                    begin: dict[str, Any] = {"scene_path": str(scene), "max_fixes": fixes, "fixes": 0, "history": []}
-                    state = content.load_module("graphs", "scene").build().compile().invoke(begin, context=services)
-                yield known[fault.name] if fault.name in known else _route_fault(fault, state, services)
+class FaultRuns:
+    """Runs of programs with a fault, which share a sandbox and the sample scene; both are made for the first."""
+
+    def __init__(self, config: Config, fixes: int) -> None:
+        self._config, self._fixes = config, fixes
+        self._kept_open = ExitStack()
+        self._opened: tuple[Services, dict[str, Any]] | None = None
+
+    def __enter__(self) -> "FaultRuns":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._kept_open.close()
+
+    def route(self, fault: PlantedFault) -> RoutedFault:
+        """Run the programs of a fault; route where they fail, and fix."""
+        if self._opened is None:
+            services = self._open_services()
+            scene = str(content.content_path("assets", "scenes") / SCENE)
+            begin: dict[str, Any] = {"scene_path": scene, "max_fixes": self._fixes, "fixes": 0, "history": []}
+            graph = content.load_module("graphs", "scene").build().compile()
+            self._opened = services, graph.invoke(begin, context=services)
+        services, state = self._opened
+        return _route_fault(fault, state, services)
+
+    def _open_services(self) -> Services:
+        folder = Path(self._kept_open.enter_context(tempfile.TemporaryDirectory()))
+        sandbox = self._kept_open.enter_context(open_sandbox(self._config))
+        log = self._kept_open.enter_context(EventLog(folder / "events.jsonl"))
+        agents = Agents(config=self._config, log=log, folder=folder)
+        return Services(self._config, log, agents, load_policy(self._config.policy), sandbox, folder)
 
 
 def _fix_graph() -> Any:
@@ -124,12 +140,33 @@ def _route_fault(fault: PlantedFault, scene: dict[str, Any], services: Services)
     )
 
 
+_IN_BASE_ORDER = """
+if "Environment" in globals():
+
+    class _InOrder(Environment):
+        @property
+        def obj_ids(self):
+            known = [item for asset in {order!r} for item in self.find(asset)]
+            ids = {{kind: list(items) for kind, items in super().obj_ids.items()}}
+            return {{**ids, "rigid": sorted(ids["rigid"], key=(known + ids["rigid"]).index)}}
+
+    Environment = _InOrder
+
+
+"""
+"""Added to tests of the right pair: they name objects by the order of its program, and an author may choose another."""
+
+
 def _find_what_is_wrong(fault: PlantedFault, end: dict[str, Any], services: Services) -> str:
-    """What the tests of the right pair find in an accepted program; a class of another name is none of it."""
+    """What the tests of the right pair find in an accepted program.
+
+    A class of another name and objects that are added in another order are none of it.
+    """
     imports = r"(?<=from task_code import )\w+"
     was, now = re.search(imports, fault.base_tests), re.search(imports, end["tests"])
     tests = re.sub(rf"\b{was[0]}\b", now[0], fault.base_tests) if was and now else fault.base_tests
-    judged: Any = {**end, "tests": tests}
+    in_order = re.sub(r"^(?=if __name__|\Z)", _IN_BASE_ORDER.format(order=fault.base_order), tests, count=1, flags=re.M)
+    judged: Any = {**end, "tests": in_order}
     report = TestReport.model_validate(nodes.run_tests(judged, runtime=Runtime(context=services))["report"])
     failing = [f"{case.id}: {case.message}" for case in report.cases if case.outcome != "passed"]
     return "" if report.all_passed else "; ".join(failing)[:300] or report.message or report.outcome
@@ -178,41 +215,36 @@ def main(arguments: Sequence[str]) -> int:
     Returns:
         0 if ``TARGET`` of the faults that do harm are routed rightly and at most ``MOST_WRONG`` of all end in an
         accepted program that is not right, 1 if not.
+
+    Raises:
+        InputError: no fault was routed, because there is none or none does harm.
     """
-    options = _parse(arguments)
+    parser = _make_parser()
+    experiment = parser.start(arguments, lambda options: (f"policy={options.policy}", "limits.cpu_seconds=10"))
+    options = experiment.options
     planted = read_fault_folders(options.folder) if options.folder else plant_mistakes(options.half, options.seed)
     faults = list(filter(lambda fault: re.search(options.only, fault.name), planted))
-    config = load_config(
-        options.config, [f"policy={options.policy}", "limits.cpu_seconds=10", *options.settings]
-    ).config
-    of = {"config": config, "fixes": options.fixes, "folder": options.folder, "seed": options.seed}
-    kept = open_kept_rows(options.out, RoutedFault, of)
-    rows: list[RoutedFault] = []
-    for row in route_faults(faults, config, options.fixes, kept.rows):
-        rows.append(row)
-        kept.keep(row.name, row)
-        print_escaped(f"{len(rows)}/{len(faults)} {row}", error=True)
+    with FaultRuns(experiment.config, options.fixes) as runs:
+        work = {fault.name: partial(runs.route, fault) for fault in faults}
+        rows = experiment.make_rows(RoutedFault, work, choosing=("half", "only"), show=str)
+    if not any(row.verdict for row in rows):
+        raise InputError(f"none of {len(rows)} faults was routed", "name faults that do harm: another folder or --only")
     summary = summarise_routing(rows)
-    if options.json:
-        print_json({"summary": summary, "rows": [row.model_dump() for row in rows]})
-    else:
-        for key, value in summary.items():
-            print_escaped(f"{key}: {value}")
+    author = experiment.config.models["default"].model
+    table = [{"policy": experiment.config.policy, "author": author, **summary}]
+    lines = [f"{key}: {value}" for key, value in summary.items()]
+    experiment.tell(table, *lines, summary=summary, rows=[row.model_dump() for row in rows])
     shown = [row.mark for row in rows if row.verdict]
     wrong = sum(bool(row.wrong) for row in rows)
     return 0 if shown.count("right") >= TARGET * len(shown) and wrong <= MOST_WRONG * len(rows) else 1
 
 
-def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = EscapingParser(prog="grs eval routing", description=__doc__)
+def _make_parser() -> ExperimentParser:
+    parser = ExperimentParser("routing", __doc__)
     parser.add_argument("folder", type=Path, nargs="?", help="faults in folders; without one, mistakes are made")
     parser.add_argument("--half", type=int, choices=(0, 1), default=1, help="which half of the made mistakes (1)")
     parser.add_argument("--seed", type=int, default=0, help="of the made mistakes")
     parser.add_argument("--policy", default="rules")
     parser.add_argument("--fixes", type=positive_int, default=3, metavar="N", help="at most for each fault (3)")
     parser.add_argument("--only", default="", help="a regular expression that names of faults match")
-    parser.add_argument("--out", type=Path, default=Path("runs/eval-routing"), help="where rows are kept")
-    parser.add_argument("--config", type=Path, default=None, metavar="FILE", help="a TOML configuration file")
-    parser.add_argument("--set", action="append", default=[], dest="settings", metavar="KEY=VALUE")
-    parser.add_argument("--json", action="store_true", help="print summary and rows as JSON")
-    return parser.parse_args(arguments)
+    return parser

@@ -4,7 +4,6 @@ import json
 import os
 import random
 import signal
-import sys
 import tempfile
 import time
 from collections import Counter
@@ -12,16 +11,12 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import track
-from rich.table import Table
-
 from grs_agents import content
 from grs_agents.base import Frozen
 from grs_agents.config import Config, Limits
-from grs_agents.runs import open_sandbox, positive_int
+from grs_agents.runs import ExperimentParser, open_sandbox, positive_int, show_progress, terminal_table
 from grs_agents.sandbox import Sandbox
-from grs_agents.terminal import EscapingParser
+from grs_agents.terminal import print_escaped
 
 TOOL = """
 from grs_agents import sandbox, sim
@@ -98,7 +93,7 @@ class Figures(Frozen):
         return not (self.unexpected or self.rewards_differ or left or self.memory_mib > 10)
 
 
-def soak(calls: int, seed: int) -> Figures:
+def soak(calls: int, seed: int, config: Config) -> Figures:
     """Make ``calls`` calls: half of them simulations, the others failures; every hundredth loses its zygote."""
     rng = random.Random(seed)
     outcomes: Counter[str] = Counter()
@@ -113,8 +108,8 @@ def soak(calls: int, seed: int) -> Figures:
         own.mkdir()
         tempfile.tempdir = str(own)  # other runs on this machine have scratch folders too
         before = _held()
-        with open_sandbox(Config()) as sandbox:
-            for number in track(range(calls), "calls", console=Console(stderr=True)):
+        with open_sandbox(config) as sandbox, show_progress("calls", calls) as advance:
+            for number in range(calls):
                 if number == calls // 10:
                     memory = _memory_mib()
                 if number % 100 == 99:
@@ -122,6 +117,7 @@ def soak(calls: int, seed: int) -> Figures:
                 wanted = "ok" if rng.random() < 0.5 else rng.choice(list(FAILURES))
                 ended, result = _call(sandbox, wanted, rng.randrange(5), results)
                 outcomes[ended] += 1
+                advance("calls", "")
                 if ended != wanted:
                     unexpected.append(f"call {number}: {ended} instead of {wanted}: {result}")
         after = _held()
@@ -173,19 +169,16 @@ def _memory_mib() -> float:
 
 def main(arguments: Sequence[str]) -> int:
     """Soak and print; 0 if nothing was left behind and every call ended as it should."""
-    parser = EscapingParser(prog="grs eval sandbox_soak", description=__doc__)
+    parser = ExperimentParser("sandbox_soak", __doc__)
     parser.add_argument("--calls", type=positive_int, default=1000, help="how many calls to make")
     parser.add_argument("--seed", type=int, default=0, help="which calls they are")
-    parser.add_argument("--json", action="store_true", help="print JSON alone on stdout")
-    options = parser.parse_args(arguments)
-    figures = soak(options.calls, options.seed)
-    if options.json:
-        print(json.dumps({**figures.model_dump(), "clean": figures.clean}, indent=2))
-    else:
-        table = Table("what", "found", title="clean" if figures.clean else "not clean")
-        for name, value in figures.model_dump().items():
-            table.add_row(name, str(value))
-        Console().print(table)
+    experiment = parser.start(arguments)
+    calls, seed = experiment.options.calls, experiment.options.seed
+    # one row: what is left behind shows in one process alone
+    (figures,) = experiment.make_rows(Figures, {"soak": lambda: soak(calls, seed, experiment.config)})
+    rows = [{"what": name, "found": str(value)} for name, value in figures.model_dump().items()]
+    title = "clean" if figures.clean else "not clean"
+    experiment.tell(rows, terminal_table(title, ("what", "found"), rows), **figures.model_dump(), clean=figures.clean)
     if not figures.clean:
-        print("grs: the sandbox left something behind or a call ended otherwise than it should", file=sys.stderr)
+        print_escaped("grs: the sandbox left something behind or a call ended otherwise than it should", error=True)
     return 0 if figures.clean else 1

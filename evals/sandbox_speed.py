@@ -1,6 +1,5 @@
 """What isolation costs beyond the same work in one process: CPU, beside a cold ``unittest``; start; memory."""
 
-import json
 import resource
 import statistics
 import subprocess
@@ -10,15 +9,12 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from rich.console import Console
-
 from grs_agents import content
 from grs_agents.config import Config, Limits
 from grs_agents.library import Library
-from grs_agents.metrics import Figure, cpu_seconds, metrics_table, metrics_to_dicts
-from grs_agents.runs import PRELOAD, TOOLS, open_sandbox, positive_int
+from grs_agents.metrics import Figure, cpu_seconds
+from grs_agents.runs import PRELOAD, TOOLS, ExperimentParser, open_sandbox, positive_int
 from grs_agents.sandbox import Sandbox
-from grs_agents.terminal import EscapingParser
 from grs_agents.toolkit import ToolContext, load_tool
 
 SIMULATION = """
@@ -122,10 +118,10 @@ def per_call(call: Callable[[Sandbox], object], calls: int, tools: Sequence[str]
     return (taken[1] - taken[0]) / calls
 
 
-def start_seconds() -> float:
+def start_seconds(config: Config) -> float:
     """Wall time from nothing to the end of the first call, s."""
     start = time.perf_counter()
-    with open_sandbox(Config()) as sandbox:
+    with open_sandbox(config) as sandbox:
         sandbox.call("empty", {})
         return time.perf_counter() - start
 
@@ -139,17 +135,58 @@ def run_tests(sandbox: Sandbox) -> None:
         raise RuntimeError(str(report))
 
 
-def worker_mib() -> float:
+def worker_mib(config: Config) -> float:
     """Memory that a worker takes for itself while it instantiates and solves a task: every page it touched, MiB."""
-    with open_sandbox(Config()) as sandbox:
+    with open_sandbox(config) as sandbox:
         result = sandbox.call("rollout_alone", {"simulation": SIMULATION})
     if result.value is None:
         raise RuntimeError(result.error)
     return float(result.value["pages"] * resource.getpagesize() / (1 << 20))
 
 
-def measure(repeats: int) -> list[Figure]:
+def measure_calls(folder: Path, repeats: int) -> list[Figure]:
+    """The same tests cold, in this process's like, and in a warm sandbox."""
+    rounds = [(cold(folder), in_process(folder), per_call(run_tests, 5)) for _ in range(repeats)]
+    ratios = [(warm - plain) / (whole - plain) for whole, plain, warm in rounds]
+    whole, plain, warm = (1000 * statistics.median(column) for column in zip(*rounds, strict=True))
+    return [
+        Figure(name="overhead of a warm call / of a cold one", value=statistics.median(ratios), target=1 / 8, unit=""),
+        Figure(name="cold python -m unittest", value=whole, unit="ms"),
+        Figure(name="the three tests in one process", value=plain, unit="ms"),
+        Figure(name="warm call of the three tests", value=warm, unit="ms"),
+    ]
+
+
+def measurements(folder: Path, config: Config, repeats: int) -> dict[str, Callable[[], Sequence[Figure]]]:
     """Every figure, each the median of ``repeats``."""
+
+    def measure_empty_call() -> list[Figure]:
+        empty = statistics.median(
+            per_call(lambda sandbox: sandbox.call("empty", {}), _EMPTY_CALLS, (*TOOLS, "empty")) for _ in range(repeats)
+        )
+        return [Figure(name="empty call", value=1000 * empty, target=15, unit="ms")]
+
+    def measure_start() -> list[Figure]:
+        start = statistics.median(start_seconds(config) for _ in range(repeats))
+        return [Figure(name="start to the end of the first call", value=start, target=1.5, unit="s")]
+
+    def measure_memory() -> list[Figure]:
+        memory = statistics.median(worker_mib(config) for _ in range(repeats))
+        return [Figure(name="a second worker", value=memory, target=40, unit="MiB")]
+
+    calls = {"calls": lambda: measure_calls(folder, repeats)}
+    return {**calls, "empty call": measure_empty_call, "start": measure_start, "memory": measure_memory}
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Measure and print.
+
+    Returns:
+        0 if every target is kept, 1 if not.
+    """
+    parser = ExperimentParser("sandbox_speed", __doc__)
+    parser.add_argument("--repeats", type=positive_int, default=5, help="measurements of each figure")
+    experiment = parser.start(arguments)
     with tempfile.TemporaryDirectory(prefix="grs-eval-") as name:
         folder = Path(name)
         (folder / "task_code.py").write_text(SIMULATION, "utf-8")
@@ -158,34 +195,5 @@ def measure(repeats: int) -> list[Figure]:
         (folder / "tools" / "rollout_alone.py").write_text(ROLLOUT, "utf-8")
         (folder / "tools" / "empty.py").write_text(EMPTY, "utf-8")
         content.add_overlay_folder(folder)
-        rounds = [(cold(folder), in_process(folder), per_call(run_tests, 5)) for _ in range(repeats)]
-        ratios = [(warm - plain) / (whole - plain) for whole, plain, warm in rounds]
-        whole, plain, warm = (1000 * statistics.median(column) for column in zip(*rounds, strict=True))
-        empty = statistics.median(
-            per_call(lambda sandbox: sandbox.call("empty", {}), _EMPTY_CALLS, (*TOOLS, "empty")) for _ in range(repeats)
-        )
-        start = statistics.median(start_seconds() for _ in range(repeats))
-        memory = statistics.median(worker_mib() for _ in range(repeats))
-    return [
-        Figure(name="overhead of a warm call / of a cold one", value=statistics.median(ratios), target=1 / 8, unit=""),
-        Figure(name="cold python -m unittest", value=whole, unit="ms"),
-        Figure(name="the three tests in one process", value=plain, unit="ms"),
-        Figure(name="warm call of the three tests", value=warm, unit="ms"),
-        Figure(name="empty call", value=1000 * empty, target=15, unit="ms"),
-        Figure(name="start to the end of the first call", value=start, target=1.5, unit="s"),
-        Figure(name="a second worker", value=memory, target=40, unit="MiB"),
-    ]
-
-
-def main(arguments: Sequence[str]) -> int:
-    """Measure and print."""
-    parser = EscapingParser(prog="grs eval sandbox_speed", description=__doc__)
-    parser.add_argument("--repeats", type=positive_int, default=5, help="measurements of each figure")
-    parser.add_argument("--json", action="store_true", help="print JSON alone on stdout")
-    options = parser.parse_args(arguments)
-    figures = measure(options.repeats)
-    if options.json:
-        print(json.dumps(metrics_to_dicts(figures), indent=2))
-    else:
-        Console().print(metrics_table("sandbox", figures))
-    return 0
+        figures = experiment.measure(measurements(folder, experiment.config, experiment.options.repeats))
+    return experiment.tell_figures("sandbox", figures)

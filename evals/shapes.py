@@ -1,14 +1,19 @@
 """How good reconstructed shapes are: of known assets, photographed alone with a sensor's noise, and of real scenes."""
 
-import json
 from collections.abc import Sequence
-from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
-from evals.benchmark.shape_runs import measure_known, measure_real, scene_folders, shape_targets, write_sheets
-from grs_agents.files import write_json
-from grs_agents.runs import positive_int
-from grs_agents.terminal import EscapingParser, print_escaped
+from evals.benchmark.shape_runs import (
+    ShapeFigures,
+    Shapes,
+    measure_known,
+    measure_real,
+    scene_folders,
+    shape_targets,
+    write_sheets,
+)
+from grs_agents.runs import ExperimentParser, positive_int, terminal_table
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -20,25 +25,46 @@ def main(arguments: Sequence[str]) -> int:
     Raises:
         InputError: a folder holds no scene.
     """
-    parser = EscapingParser(prog="grs eval shapes", description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("runs/eval-shapes"), help="where figures and sheets go")
+    parser = ExperimentParser("shapes", __doc__)
     parser.add_argument("--known", type=positive_int, default=60, metavar="N", help="assets to photograph: 60")
     parser.add_argument("--seed", type=int, default=0, help="of assets, cameras and noise")
     parser.add_argument(
         "--scenes", type=Path, action="append", default=[], metavar="DIR", help="scenes, or a folder of them; repeat"
     )
-    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
-    options = parser.parse_args(arguments)
-    known, known_rows = measure_known(options.known, options.seed)
-    real, real_rows = measure_real(scene_folders(options.scenes))
-    targets = shape_targets(known, real)
-    figures = {"targets": targets, "known": [asdict(one) for one in known], "real": [asdict(one) for one in real]}
-    write_json(options.out / "shapes.json", figures)
-    write_sheets(options.out, "known", known_rows)
-    write_sheets(options.out, "real", real_rows)
-    for row in targets:
-        met = {True: "met", False: "missed", None: ""}[row["met"]]
-        print_escaped(f"{row['figure']:40} {row['value']!s:>8} {row['target'] or '':>6} {met}")
-    if options.json:
-        print_escaped(json.dumps(figures))
-    return 0 if all(row["met"] in (True, None) for row in targets) else 1
+    experiment = parser.start(arguments)
+    options, pictures = experiment.options, experiment.options.out / "pictures"
+    folders = scene_folders(options.scenes)
+    work = {
+        "known": {
+            f"known {number}": partial(measure_known, number, options.seed, pictures) for number in range(options.known)
+        },
+        "real": {str(folder): partial(measure_real, folder, pictures) for folder in folders},
+    }
+    rows = experiment.make_rows(Shapes, work["known"] | work["real"], choosing=("known", "scenes"))
+    found = {
+        name: _gather_figures(some, options.out, name)
+        for name, some in (("known", rows[: options.known]), ("real", rows[options.known :]))
+    }
+    targets = shape_targets(found["known"], found["real"])
+    table = [
+        {"figure": row["figure"], "measured": _text(row["value"]), "target": _text(row["target"])} for row in targets
+    ]
+    missed = [row["figure"] for row in targets if row["met"] is False]
+    experiment.tell(
+        table,
+        terminal_table("shapes", ("figure", "measured", "target"), table),
+        f"missed: {', '.join(missed) or 'none'}",
+        targets=targets,
+        **{name: [one.model_dump() for one in some] for name, some in found.items()},
+    )
+    return 1 if missed else 0
+
+
+def _gather_figures(rows: Sequence[Shapes], out: Path, name: str) -> list[ShapeFigures]:
+    """All figures of the rows, whose pictures become the sheets of this name."""
+    write_sheets(out, name, [out / "pictures" / file for row in rows for file in row.pictures])
+    return [one for row in rows for one in row.figures]
+
+
+def _text(value: float | None) -> str:
+    return "" if value is None else f"{value:g}"

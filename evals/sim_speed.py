@@ -1,6 +1,5 @@
 """What the simulation costs, in CPU seconds and MiB, and how well the oracle does on the example programs."""
 
-import json
 import random
 import statistics
 import subprocess
@@ -11,13 +10,11 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from rich.console import Console
 
 from grs_agents.content import content_root
 from grs_agents.library import Library
-from grs_agents.metrics import Figure, metrics_table, metrics_to_dicts
-from grs_agents.sim import Environment, Task, find_task_class, instantiate, rollout
-from grs_agents.terminal import EscapingParser
+from grs_agents.metrics import Figure
+from grs_agents.sim import Environment, Rollout, Task, find_task_class, instantiate, rollout
 
 BOX_SIZE = (0.34, 0.40, 0.10)
 BOX_POSE = ((0.50, 0.25, 0.05), (0.0, 0.0, 0.0, 1.0))
@@ -114,21 +111,18 @@ def load(path: Path) -> type[Task]:
     return find_task_class(module)
 
 
-def scores(library: Library, seeds: int) -> list[tuple[str, float, float]]:
-    """For each example program its mean published and strict score over seeds."""
-    found: list[tuple[str, float, float]] = []
-    for path in sorted((content_root() / "prompts" / "examples").glob("*.py")):
-        rewards: list[float] = []
-        strict: list[float] = []
-        for seed in range(seeds):
-            random.seed(seed)
-            np.random.seed(seed)
-            done = rollout(instantiate(load(path)(), seed, library), library)
-            rewards.append(done.reward)
-            strict.append(done.strict_score)
-        found.append((path.stem, statistics.mean(rewards), statistics.mean(strict)))
-        print(f"{path.stem}: {rewards[-1]:.2f}", file=sys.stderr)
-    return found
+def measure_scores(path: Path, library: Library, seeds: int) -> list[Figure]:
+    """The mean published and strict score of an example program over seeds."""
+    done: list[Rollout] = []
+    for seed in range(seeds):
+        random.seed(seed)
+        np.random.seed(seed)
+        done.append(rollout(instantiate(load(path)(), seed, library), library))
+    means = {
+        "published": statistics.mean(one.reward for one in done),
+        "strict": statistics.mean(one.strict_score for one in done),
+    }
+    return [Figure(name=f"{path.stem}, {kind}", value=mean, smaller_is_better=False) for kind, mean in means.items()]
 
 
 def peak_memory() -> float:
@@ -147,27 +141,29 @@ def peak_memory() -> float:
     return int(printed) / 1024
 
 
-def measure(repeats: int, seeds: int) -> tuple[list[Figure], list[tuple[str, float, float]]]:
-    """Every figure, and the score of each example program."""
-    library = Library()
-    packing(library)  # assets are read and code is warm before anything is timed
-    fresh, moved, again = resets(library, repeats)
-    whole = statistics.median(cpu_seconds(lambda: packing(library)) for _ in range(repeats))
-    figures = [
-        Figure(name="pick-and-place, 10 objects", value=pick_and_place(library, repeats), target=0.04, unit="s"),
-        Figure(name="reset with compile, 10 mesh objects", value=fresh, target=0.04, unit="s"),
-        Figure(name="reset, same model, other places", value=1000 * moved, target=2, unit="ms"),
-        Figure(name="reset, same scene", value=1000 * again, target=2, unit="ms"),
-        Figure(name="packing, 6 objects, 3 seeds", value=whole, target=1, unit="s"),
-        Figure(name="peak memory of packing", value=peak_memory(), target=200, unit="MiB"),
-    ]
-    programs = scores(library, seeds) if seeds else []
-    for index, name, target in ((1, "published", 0.98), (2, "strict", 0.95)) if programs else ():
-        value = statistics.mean(float(program[index]) for program in programs)
-        figures.append(
-            Figure(name=f"oracle, mean {name} score", value=value, target=target, unit="", smaller_is_better=False)
-        )
-    return figures, programs
+def timings(library: Library, repeats: int) -> dict[str, Callable[[], Sequence[Figure]]]:
+    """What is timed."""
+
+    def measure_resets() -> list[Figure]:
+        fresh, moved, again = resets(library, repeats)
+        return [
+            Figure(name="reset with compile, 10 mesh objects", value=fresh, target=0.04, unit="s"),
+            Figure(name="reset, same model, other places", value=1000 * moved, target=2, unit="ms"),
+            Figure(name="reset, same scene", value=1000 * again, target=2, unit="ms"),
+        ]
+
+    def measure_packing() -> list[Figure]:
+        whole = statistics.median(cpu_seconds(lambda: packing(library)) for _ in range(repeats))
+        return [
+            Figure(name="packing, 6 objects, 3 seeds", value=whole, target=1, unit="s"),
+            Figure(name="peak memory of packing", value=peak_memory(), target=200, unit="MiB"),
+        ]
+
+    def measure_actions() -> list[Figure]:
+        value = pick_and_place(library, repeats)
+        return [Figure(name="pick-and-place, 10 objects", value=value, target=0.04, unit="s")]
+
+    return {"actions": measure_actions, "resets": measure_resets, "packing": measure_packing}
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -176,17 +172,24 @@ def main(arguments: Sequence[str]) -> int:
     Returns:
         0 if every target is kept, 1 if not.
     """
-    from grs_agents.runs import positive_int
+    from grs_agents.runs import ExperimentParser, positive_int
 
-    parser = EscapingParser(prog="grs eval sim_speed", description=__doc__)
+    parser = ExperimentParser("sim_speed", __doc__)
     parser.add_argument("--repeats", type=positive_int, default=5, help="how often each timing is repeated")
     parser.add_argument("--seeds", type=int, default=10, help="seeds of each example program; 0 leaves them out")
-    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
-    options = parser.parse_args(arguments)
-    figures, programs = measure(options.repeats, options.seeds)
-    if options.json:
-        scored = [{"program": name, "published": reward, "strict": strict} for name, reward, strict in programs]
-        print(json.dumps({"figures": metrics_to_dicts(figures), "programs": scored}, indent=2))
-    else:
-        Console().print(metrics_table("simulation", figures))
-    return 0 if all(figure.is_target_met for figure in figures) else 1
+    experiment = parser.start(arguments)
+    library, seeds = Library(), experiment.options.seeds
+    packing(library)  # assets are read and code is warm before anything is timed
+    programs = sorted((content_root() / "prompts" / "examples").glob("*.py")) if seeds else []
+    measured = experiment.measure(
+        {
+            **timings(library, experiment.options.repeats),
+            **{path.stem: lambda path=path: measure_scores(path, library, seeds) for path in programs},
+        }
+    )
+    figures = measured[: len(measured) - 2 * len(programs)]
+    scores = measured[len(figures) :]
+    for kind, found, target in (("published", scores[::2], 0.98), ("strict", scores[1::2], 0.95)) if programs else ():
+        value = statistics.mean(score.value or 0.0 for score in found)
+        figures.append(Figure(name=f"oracle, mean {kind} score", value=value, target=target, smaller_is_better=False))
+    return experiment.tell_figures("simulation", figures, programs={score.name: score.value for score in scores})

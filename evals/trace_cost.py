@@ -1,9 +1,8 @@
 """What tracing costs: the size of the recording and its share of the CPU time, in a run with many fixes."""
 
 import importlib
-import json
 import re
-import tempfile
+import shutil
 import time
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
@@ -15,19 +14,16 @@ from langchain_core.callbacks import CallbackManagerForLLMRun
 from langchain_core.language_models.chat_models import BaseChatModel
 from langchain_core.messages import AIMessage, BaseMessage
 from langchain_core.outputs import ChatGeneration, ChatResult
-from rich.console import Console
-from rich.table import Table
 
 from grs_agents import content
 from grs_agents.agents import Agents
 from grs_agents.base import Frozen
-from grs_agents.config import load_config
+from grs_agents.config import Config
 from grs_agents.library import Library
 from grs_agents.metrics import cpu_seconds
 from grs_agents.nodes import Services
 from grs_agents.policies import load_policy
-from grs_agents.runs import open_sandbox
-from grs_agents.terminal import EscapingParser
+from grs_agents.runs import ExperimentParser, open_sandbox, terminal_table
 from grs_agents.trace import Event, EventLog, RunEnded, RunStarted, read_events
 
 LARGEST_MIB, LARGEST_SHARE = 15.0, 0.05
@@ -152,7 +148,7 @@ def _native_seconds() -> float:
     return nanoseconds / 1e9
 
 
-def measure(scene: Path, folder: Path, fixes: int) -> Cost:
+def measure(scene: Path, folder: Path, fixes: int, config: Config) -> Cost:
     """Run the graph ``grs`` on ``scene`` with ``fixes`` fixes and see what its trace costs."""
     begin = cpu_seconds()
     for module in ("rerun", "rerun.blueprint"):
@@ -160,7 +156,6 @@ def measure(scene: Path, folder: Path, fixes: int) -> Cost:
     imported = cpu_seconds() - begin
     from grs_agents.views.rerun import TRACE, RerunView
 
-    config = load_config(None, [f"max_fixes={fixes + 1}", "audit.seeds=3", "policy=always_code"]).config
     log = TimedLog(folder / "events.jsonl")
     with log:
         with open_sandbox(config) as sandbox, _timed_rows() as sending:
@@ -195,25 +190,29 @@ def measure(scene: Path, folder: Path, fixes: int) -> Cost:
 
 def main(arguments: Sequence[str]) -> int:
     """Measure, print, and return 0 if the bounds are kept, else 1."""
-    parser = EscapingParser(prog="grs eval trace_cost", description=__doc__)
+    parser = ExperimentParser("trace_cost", __doc__)
     parser.add_argument("--scene", type=Path, default=content.content_path("assets", "scenes") / "groceries")
     parser.add_argument("--fixes", type=int, default=10)
-    parser.add_argument("--out", type=Path, help="keep the run here")
-    parser.add_argument("--json", action="store_true")
-    chosen = parser.parse_args(arguments)
-    with tempfile.TemporaryDirectory() as temporary:
-        folder: Path = (chosen.out or Path(temporary)).resolve()
-        folder.mkdir(parents=True, exist_ok=True)
-        cost = measure(chosen.scene, folder, chosen.fixes)
-    if chosen.json:
-        print(json.dumps({**cost.model_dump(), "share": cost.share, "kept": cost.kept}, indent=2))
-    else:
-        table = Table("what", "value", "bound")
-        table.add_row("run", f"{cost.status}, {cost.fixes} fixes, {cost.rollouts} rollouts, {cost.events} events", "")
-        table.add_row("recording", f"{cost.mib:.1f} MiB", f"{LARGEST_MIB:.0f} MiB")
-        table.add_row("CPU time of the run", f"{cost.run_seconds:.1f} s", "")
-        table.add_row("CPU time of importing rerun", f"{cost.import_seconds:.1f} s", "")
-        traced = f"{cost.trace_seconds:.2f} s, {100 * cost.share:.1f} %"
-        table.add_row("CPU time of tracing", traced, f"{100 * LARGEST_SHARE:.0f} %")
-        Console().print(table)
+    experiment = parser.start(
+        arguments, lambda options: (f"max_fixes={options.fixes + 1}", "audit.seeds=3", "policy=always_code")
+    )
+    options, folder = experiment.options, experiment.options.out.resolve() / "run"
+
+    def measure_anew() -> Cost:
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        return measure(options.scene, folder, options.fixes, experiment.config)
+
+    (cost,) = experiment.make_rows(Cost, {"run": measure_anew})
+    run = f"{cost.status}, {cost.fixes} fixes, {cost.rollouts} rollouts, {cost.events} events"
+    traced = f"{cost.trace_seconds:.2f} s, {100 * cost.share:.1f} %"
+    rows = [
+        {"what": "run", "value": run, "bound": ""},
+        {"what": "recording", "value": f"{cost.mib:.1f} MiB", "bound": f"{LARGEST_MIB:.0f} MiB"},
+        {"what": "CPU time of the run", "value": f"{cost.run_seconds:.1f} s", "bound": ""},
+        {"what": "CPU time of importing rerun", "value": f"{cost.import_seconds:.1f} s", "bound": ""},
+        {"what": "CPU time of tracing", "value": traced, "bound": f"{100 * LARGEST_SHARE:.0f} %"},
+    ]
+    shown = terminal_table("trace", ("what", "value", "bound"), rows)
+    experiment.tell(rows, shown, **cost.model_dump(), share=cost.share, kept=cost.kept)
     return 0 if cost.kept else 1

@@ -1,7 +1,7 @@
 """Whether twins look like their photos: a contact sheet of scenes for a person to mark, from 0 to 5 each."""
 
-import argparse
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +10,17 @@ from evals.benchmark.contact_sheet import Picture, captioned_row, twin_pictures,
 from evals.benchmark.perception_runs import unique_names
 from evals.benchmark.scene_run import ASIDE
 from evals.benchmark.types import Order, run_folder
-from evals.benchmark.worker_processes import error_of, run_jobs, run_worker
+from evals.benchmark.worker_processes import error_of, run_worker
 from grs_agents import content
+from grs_agents.base import Frozen
 from grs_agents.perception import check_scene_source, read_scene, read_scene_description
-from grs_agents.runs import positive_int
-from grs_agents.terminal import EscapingParser, print_escaped
+from grs_agents.runs import ExperimentParser, positive_int
 
 _MARK = "mark 0-5: ____"
+
+
+class _Twin(Frozen):
+    error: str  # why a scene has no twin; empty where it has one
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -29,26 +33,28 @@ def main(arguments: Sequence[str]) -> int:
         InputError: there is no such scene.
     """
     second = f"The second view of a twin is from {ASIDE:.0f} degrees aside."
-    parser = EscapingParser(prog="grs eval twin", description=f"{__doc__} {second}")
+    parser = ExperimentParser("twin", f"{__doc__} {second}")
     parser.add_argument("scenes", nargs="+", metavar="SCENE", help="as `grs scene` takes it, or a folder of folders")
-    parser.add_argument("--out", type=Path, default=Path("runs/eval-twin"), help="where runs and pages go")
-    parser.add_argument("--set", action="append", default=[], dest="settings", metavar="KEY=VALUE", help="of the runs")
     parser.add_argument("--workers", type=positive_int, default=2, help="scenes at a time")
-    options = parser.parse_args(arguments)
-    orders = _orders(options)
+    experiment = parser.start(arguments)
+    out = experiment.options.out
+    orders = _orders(experiment.options.scenes, experiment.settings)
 
-    def comprehend(order: Order) -> str:
-        return error_of(run_worker("perception_worker", ("comprehend", str(options.out)), order.model_dump_json()))
+    def comprehend(order: Order) -> _Twin:
+        done = run_worker("perception_worker", ("comprehend", str(out)), order.model_dump_json())
+        return _Twin(error=error_of(done))
 
-    errors = run_jobs("scenes", orders, comprehend, options.workers, lambda order: order.name)
-    rows = [_row(options.out, order, error) for order, error in zip(orders, errors, strict=True)]
-    print_escaped(f"{', '.join(write_pages(options.out, rows))} are in {options.out}")
-    return 1 if any(errors) else 0
+    work = {f"{order.name} {order.source}": partial(comprehend, order) for order in orders}
+    twins = experiment.make_rows(_Twin, work, workers=experiment.options.workers, choosing=("scenes",))
+    pages = write_pages(out, [_row(out, order, twin.error) for order, twin in zip(orders, twins, strict=True)])
+    table = [{"scene": order.name, "error": twin.error} for order, twin in zip(orders, twins, strict=True)]
+    experiment.tell(table, f"{', '.join(pages)} are in {out}", pages=pages)
+    return 1 if any(twin.error for twin in twins) else 0
 
 
-def _orders(options: argparse.Namespace) -> list[Order]:
-    overlays, settings = tuple(str(root) for root in content.content_search_roots()[:-1]), tuple(options.settings)
-    sources = [source for scene in options.scenes for source in _scenes_in(Path(scene))]
+def _orders(scenes: Sequence[str], settings: tuple[str, ...]) -> list[Order]:
+    overlays = tuple(str(root) for root in content.content_search_roots()[:-1])
+    sources = [source for scene in scenes for source in _scenes_in(Path(scene))]
     for source in sources:
         check_scene_source(source)
     return [

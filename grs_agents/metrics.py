@@ -36,6 +36,19 @@ def metrics_to_dicts(figures: Sequence[Figure]) -> list[dict[str, Any]]:
     return [{**figure.model_dump(), "reached": figure.is_target_met} for figure in figures]
 
 
+def figures_table(figures: Sequence[Figure]) -> list[dict[str, str]]:
+    """The figures that were measured as rows of a table, in words for people."""
+    return [
+        {
+            "figure": figure.name,
+            "measured": f"{figure.value:.3g} {figure.unit}".rstrip(),
+            "target": figure.format_target_value(),
+        }
+        for figure in figures
+        if figure.value is not None
+    ]
+
+
 def metrics_table(title: str, figures: Sequence[Figure]) -> Table:
     """The figures that were measured, for a terminal."""
     table = Table("figure", "measured", "target", "", title=title)

@@ -15,6 +15,7 @@ from typer.main import get_command
 
 from grs_agents.cli import app
 from grs_agents.config import ROLE_ALIASES, ROLES, Config
+from grs_agents.content import content_names
 from grs_agents.library import Library
 from grs_agents.sim import Goal, Outcome, p
 from grs_agents.sim.instance import goal
@@ -162,6 +163,37 @@ def test_the_pictures_show_the_present_views() -> None:
     made = (ROOT / "docs" / "images" / "pictures.sha256").read_text("utf-8").strip()
     present = runpy.run_path(str(ROOT / "scripts" / "pictures.py"))["digest"]()
     assert made == present, "renew the pictures: .venv/bin/python scripts/pictures.py"
+
+
+def test_the_figures_are_those_of_the_kept_results() -> None:
+    script = runpy.run_path(str(ROOT / "scripts" / "figures.py"))
+    assert script["render_page"](page("evals.md")) == page("evals.md"), "run: python scripts/figures.py"
+    kept = {file.stem.split(".")[0] for file in script["RESULTS"].glob("*.json")}
+    marks = re.findall(r"<!-- (\w+): begin -->", page("evals.md"))
+    assert sorted(marks) == sorted(kept) and kept >= {*content_names("evals")} - {"twin"}
+
+
+def test_a_result_becomes_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    script = runpy.run_path(str(ROOT / "scripts" / "figures.py"))
+    monkeypatch.setitem(script["keep"].__globals__, "RESULTS", tmp_path)
+    came = {"date": "2026-01-02", "grs-agents": "1.0", "seeds": {"seed": 3}}
+    for name, value in (("one", 1), ("two", 2)):
+        arguments = ["/home/me/scenes", "--json", "--out", "there", "--policy", name]
+        result = {
+            "experiment": "routing",
+            "arguments": arguments,
+            **came,
+            "table": [{"value": value}],
+            "rows": [0] * 99,
+        }
+        (tmp_path / "result").write_text(json.dumps(result))
+        script["keep"](f"routing.{name}", tmp_path / "result")
+    shown = script["render_page"](
+        "a\n<!-- routing: begin -->\nold\n<!-- routing: end -->\n<!-- x: begin -->\n<!-- x: end -->\n"
+    )
+    assert "| value |\n|---|\n| 1 |\n| 2 |\n" in shown and "old" not in shown and "x: begin -->\n<!-- x: end" in shown
+    assert "- `grs eval routing scenes --policy two`, version 1.0, 2026-01-02, seed 3\n" in shown
+    assert "rows" not in (tmp_path / "routing.one.json").read_text()
 
 
 def between(text: str, mark: str) -> str:

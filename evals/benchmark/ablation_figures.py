@@ -2,17 +2,14 @@
 
 from collections.abc import Sequence
 from itertools import combinations
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from evals.benchmark.ablation_runs import Measured
 from evals.benchmark.rank_tests import kruskal_wallis, mann_whitney
-from grs_agents import terminal
-from grs_agents.files import write_json, write_text
-from grs_agents.runs import markdown_table, terminal_table
-from grs_agents.terminal import print_escaped
+from grs_agents.files import write_text
+from grs_agents.runs import Experiment, markdown_table, terminal_table
 
 PAPER: Final = {"llm_only": 0.47, "no_fix": 0.49, "no_router": 0.65, "grs": 0.71}
 """Table 2 of the paper: rewards without runs that ended in a runtime error, with Claude and GPT-4o."""
@@ -25,20 +22,21 @@ _SHOWN: Final = ("graph", "runs", "errors as 0", "strict", "accepted", "runtime 
 """The columns that a terminal is wide enough for; the files have all."""
 
 
-def write_figures(measured: Sequence[Measured], out: Path) -> dict[str, Any]:
-    """Write ``figures.json`` and ``table2.md`` to ``out``, show the table, and return the figures."""
+def tell_figures(measured: Sequence[Measured], experiment: Experiment) -> None:
+    """Write ``table2.md`` beside the results, and show the table with its tests."""
     graphs = list(dict.fromkeys(one.graph for one in measured))
     by_graph = {graph: [one for one in measured if one.graph == graph] for graph in graphs}
     table = [_row(graph, runs) for graph, runs in by_graph.items()]
     tests = _tests({graph: [one.published or 0.0 for one in runs] for graph, runs in by_graph.items()})
-    figures = {"table": table, "tests": tests, "runs": [one.model_dump(mode="json") for one in measured]}
-    write_json(out / "figures.json", figures)
-    write_text(out / "table2.md", "\n".join((markdown_table(COLUMNS, table), markdown_table(list(tests[0]), tests))))
-    console = terminal.make_console(error=True)
-    console.print(terminal_table("rewards of the trusted oracle (95 %)", _SHOWN, table))
-    for test in tests:
-        print_escaped(" ".join(f"{key} {value}" for key, value in test.items()), error=True)
-    return figures
+    tables = (markdown_table(COLUMNS, table), markdown_table(list(tests[0]), tests))
+    write_text(experiment.options.out / "table2.md", "\n".join(tables))
+    experiment.tell(
+        table,
+        terminal_table("rewards of the trusted oracle (95 %)", _SHOWN, table),
+        *(" ".join(f"{key} {value}" for key, value in test.items()) for test in tests),
+        tests=tests,
+        runs=[one.model_dump(mode="json") for one in measured],
+    )
 
 
 def _row(graph: str, runs: Sequence[Measured]) -> dict[str, Any]:

@@ -1,13 +1,14 @@
 """The runs of the ablation, and a trusted rollout of every program that they end with."""
 
-import argparse
 import json
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from evals.benchmark.perception_runs import unique_names
 from evals.synthesis import Recipe, synthesise
 from grs_agents.base import Frozen
 from grs_agents.batch import RunEnd, RunJob, make_row, run_jobs
@@ -16,6 +17,7 @@ from grs_agents.files import write_text
 from grs_agents.foreign import read_json
 from grs_agents.library import Library
 from grs_agents.perception import short_scene_name
+from grs_agents.runs import Experiment
 from grs_agents.terminal import print_escaped
 from grs_agents.trace import read_events
 
@@ -40,6 +42,15 @@ class Measured(Frozen):
     cost: float
     seconds: float
 
+    @property
+    def error(self) -> str:
+        """Why there is no verdict, in a word; empty where there is one. Such a run is made again."""
+        return "" if self.status in ("accepted", "rejected") else self.status
+
+    def __str__(self) -> str:
+        reward = "no reward" if self.published is None else f"reward {self.published:.2f}, strict {self.strict:.2f}"
+        return f"{self.graph} {self.scene} {self.seed}: {self.status}, {reward}"
+
 
 def make_scenes(wanted: Sequence[Recipe], folder: Path) -> list[Path]:
     """Synthesise the scenes that are not there yet."""
@@ -52,27 +63,27 @@ def make_scenes(wanted: Sequence[Recipe], folder: Path) -> list[Path]:
     return made
 
 
-def make_runs(scenes: Sequence[str], graphs: Sequence[str], options: argparse.Namespace) -> list[Measured]:
+def make_runs(scenes: Sequence[str], graphs: Sequence[str], experiment: Experiment) -> list[Measured]:
     """Make what is not made yet. Scene and seed give the offline author's task, so graphs meet the same tasks."""
+    options = experiment.options
     common = [part for setting in options.settings for part in ("--set", setting)]
     if options.config is not None:
         common += ["--config", str(options.config.resolve())]
-    jobs: dict[str, tuple[str, RunJob]] = {}
+    work: dict[str, Callable[[], Measured]] = {}
     for seed in range(options.runs):
-        for scene in scenes:
+        for scene, short in zip(scenes, unique_names([Path(scene) for scene in scenes]), strict=True):
             for graph in graphs:
-                name = f"{graph}-{short_scene_name(Path(scene))}-{seed}"
+                name = f"{graph}-{short}-{seed}"
                 arguments = (*common, "--set", f"graph={graph}")
-                jobs[name] = graph, RunJob(name, scene, seed, options.out.resolve() / name, arguments)
-    measured: dict[str, Measured] = {}
+                job = RunJob(name, scene, seed, options.out.resolve() / name, arguments)
+                work[name] = partial(_run, graph, job, options.timeout)
+    choosing = ("scenes", "synthesised", "runs", "graphs", "timeout")
+    return experiment.make_rows(Measured, work, workers=options.workers, choosing=choosing, show=str)
 
-    def watch(end: RunEnd) -> None:
-        one = measured[end.job.name] = _measure(jobs[end.job.name][0], end)
-        reward = "no reward" if one.published is None else f"reward {one.published:.2f}, strict {one.strict:.2f}"
-        print_escaped(f"{len(measured)}/{len(jobs)} {end.job.name}: {one.status}, {reward}", error=True)
 
-    run_jobs([job for _, job in jobs.values()], watch, workers=options.workers, timeout=options.timeout)
-    return [measured[name] for name in jobs]
+def _run(graph: str, job: RunJob, timeout: float) -> Measured:
+    (end,) = run_jobs([job], timeout=timeout)
+    return _measure(graph, end)
 
 
 def _measure(graph: str, end: RunEnd) -> Measured:

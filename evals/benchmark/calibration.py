@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 from evals.benchmark.contact_sheet import Picture, write_picture, write_words
 from evals.benchmark.ground_truth import read_labelled
 from evals.benchmark.match_worker import first_of_same_look
+from grs_agents.base import Frozen
 from grs_agents.errors import GrsError, InputError
 from grs_agents.library import Asset, Library
 from grs_agents.metrics import Figure
@@ -27,8 +27,7 @@ _OWN = 0.7  # a segment shows the object to which at least this share of its pix
 _BINS = 10
 
 
-@dataclass(frozen=True)
-class NamedAsset:
+class NamedAsset(Frozen):
     """The best asset of one segment."""
 
     scene: str
@@ -83,7 +82,14 @@ def _name_best_assets(
             best, true = ranked.names[0], shown[number]
             right = true in held and looks[best] == looks[true]
             inputs = tuple(float(value) for value in ranked.confidence_inputs[0])
-            yield NamedAsset(scene, best, inputs, ranked.confidences[0], right, true in held)
+            yield NamedAsset(
+                scene=scene,
+                asset=best,
+                inputs=inputs,
+                confidence=ranked.confidences[0],
+                right=right,
+                known=true in held,
+            )
 
 
 def _unasked(*_: object) -> MatchEvidence:

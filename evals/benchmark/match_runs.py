@@ -10,10 +10,10 @@ from evals.benchmark.match_sheet import write_match_plot, write_match_sheet
 from evals.benchmark.match_types import Matching, MatchOrder, Method, matching_file
 from evals.benchmark.types import Order
 from evals.benchmark.worker_processes import error_of, fingerprint, run_jobs, run_worker
-from grs_agents import content, terminal
+from grs_agents import content
 from grs_agents.errors import InputError
-from grs_agents.runs import terminal_table
-from grs_agents.terminal import print_escaped, print_json
+from grs_agents.runs import Experiment, terminal_table
+from grs_agents.terminal import print_escaped
 
 METHODS: dict[str, Method] = {
     one.name: one
@@ -55,20 +55,16 @@ def match_orders(
     return found
 
 
-def run_match_orders(
-    orders: Sequence[MatchOrder], out: Path, workers: int, prices: Sequence[str], as_json: bool
-) -> int:
-    """Match every scene in every way, write figures and pictures to ``out``, and print them.
+def run_match_orders(orders: Sequence[MatchOrder], experiment: Experiment, prices: Sequence[str]) -> int:
+    """Match every scene in every way, write figures and pictures to the experiment's folder, and print them.
 
     What was matched with the same scene, method, settings and code is not matched again, so that an interrupted run
     goes on.
 
     Args:
         orders: what to do.
-        out: where everything goes.
-        workers: scenes at a time.
+        experiment: its folder, and how many scenes at a time.
         prices: ``MODEL=IN,OUT``, what a million tokens cost.
-        as_json: print JSON.
 
     Returns:
         0 if every scene could be matched, 1 if not.
@@ -76,20 +72,19 @@ def run_match_orders(
     Raises:
         InputError: a price cannot be read, or SciPy is not installed.
     """
-    costs = _prices(prices)
+    costs, out, workers = _prices(prices), experiment.options.out, experiment.options.workers
     _make(orders, out, workers)
     found = run_jobs("matching", orders, lambda order: _matching(order, out), workers, lambda order: order.stem)
     value = write_matchings(out, found, costs)
     write_match_plot(out, value["table"])
     write_match_sheet(out, found)
-    if as_json:
-        print_json(value)
-    else:
-        console = terminal.make_console()
-        console.print(terminal_table("correspondence", SHOWN, value["table"]))
-        for test in value["tests"]:
-            console.print(f"{test['test']}, {test['effect']}: H = {test['statistic']:.2f}, p = {test['p']:.3g}")
-        console.print(f"table1.md, table1.csv, objects.csv, confusions.csv, f1.png and sheets are in {out}")
+    experiment.tell(
+        value["table"],
+        terminal_table("correspondence", SHOWN, value["table"]),
+        *(f"{one['test']}, {one['effect']}: H = {one['statistic']:.2f}, p = {one['p']:.3g}" for one in value["tests"]),
+        f"table1.md, table1.csv, objects.csv, confusions.csv, f1.png and sheets are in {out}",
+        **{name: part for name, part in value.items() if name != "table"},
+    )
     for one in found:
         if one.error:
             print_escaped(f"{one.order.stem}: {one.error}", error=True)

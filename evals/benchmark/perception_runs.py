@@ -15,12 +15,11 @@ from evals.benchmark.segmentation_metrics import sum_scores
 from evals.benchmark.types import Order, Result, SceneFigures, result_file
 from evals.benchmark.worker_processes import EVALS, error_of, fingerprint, run_jobs, run_worker
 from evals.synthesis.scene import Recipe
-from grs_agents import content, terminal
+from grs_agents import content
 from grs_agents.errors import InputError
-from grs_agents.metrics import metrics_table
+from grs_agents.metrics import figures_table, metrics_table
 from grs_agents.perception.reading import is_bop_source, short_scene_name
-from grs_agents.runs import terminal_table
-from grs_agents.terminal import print_json
+from grs_agents.runs import Experiment, terminal_table
 
 _SHOWN = ("scene", "objects", "segments", "F1@.5", "IoU", "centre mm", "CPU s")
 """What of a row fits a terminal; the rest is in the files."""
@@ -75,27 +74,28 @@ def synthesised_orders(wanted: Sequence[Recipe], out: Path, work: MeasurementOpt
     ]
 
 
-def run_orders(orders: Sequence[Order], out: Path, workers: int, as_json: bool) -> int:
-    """Measure every scene, write figures and pictures to ``out``, and print them.
+def run_orders(orders: Sequence[Order], experiment: Experiment) -> int:
+    """Measure every scene, write figures and pictures to the experiment's folder, and print them.
 
     What was measured with the same scene, tool and code is not measured again, so that an interrupted run goes on.
 
     Returns:
         0 if every scene could be measured, 1 if not.
     """
+    out, workers = experiment.options.out, experiment.options.workers
     ordered = run_jobs("scenes", orders, lambda order: _measured(order, out), workers, lambda order: order.name)
     scenes = [result.figures for result in ordered]
     value = write_figures(out, scenes)
     write_plots(out, scenes)
     drawn = [result for result in ordered if result_file(out, result.order.name).with_suffix(".png").exists()]
     pages = write_pages(out, [measured_row(out, result) for result in drawn])
-    if as_json:
-        print_json(value)
-    else:
-        console = terminal.make_console()
-        console.print(terminal_table("perception", _SHOWN, [*value["rows"], *value["totals"]]))
-        console.print(metrics_table("targets", perception_targets(scenes)))
-        console.print(f"figures.md, scenes.csv, objects.csv, scores.png, errors.png, {', '.join(pages)} are in {out}")
+    experiment.tell(
+        figures_table(targets := perception_targets(scenes)),
+        terminal_table("perception", _SHOWN, [*value["rows"], *value["totals"]]),
+        metrics_table("targets", targets),
+        f"figures.md, scenes.csv, objects.csv, scores.png, errors.png, {', '.join(pages)} are in {out}",
+        **value,
+    )
     return 0 if all(not scene.error for scene in scenes) else 1
 
 

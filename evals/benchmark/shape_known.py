@@ -1,6 +1,5 @@
 """Known shapes: an asset of the library alone on a table, photographed with a sensor's noise from a random camera."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,19 +35,18 @@ class KnownObject:
     hidden: npt.NDArray[np.bool_]  # (N,) which of them the camera does not see
 
 
-def known_objects(count: int, seed: int, library: Library) -> Iterator[KnownObject]:
-    """Assets in turn, standing or lying, from cameras that look down 25 to 70 degrees, the sensors in turn."""
+def photograph_known(number: int, seed: int, library: Library) -> KnownObject | None:
+    """An asset, standing or lying, from a camera that looks down 25 to 70 degrees; the sensors take turns by number.
+
+    ``None`` where the sensor measures too little to find the object at all.
+    """
     assets = [one for one in library.everyday_assets() if one.category != "proxy"]
-    for number in range(count):
-        rng = np.random.default_rng((seed, number))
-        asset = assets[int(rng.integers(len(assets)))]
-        found = _photograph(asset, list(SENSORS)[number % len(SENSORS)], library, rng)
-        if found is not None:
-            yield found
+    rng = np.random.default_rng((seed, number))
+    asset = assets[int(rng.integers(len(assets)))]
+    return _photograph(asset, list(SENSORS)[number % len(SENSORS)], library, rng)
 
 
 def _photograph(asset: Asset, sensor: SensorKind, library: Library, rng: np.random.Generator) -> KnownObject | None:
-    """``None`` where the sensor measures too little to find the object at all."""
     turn = _LYING if rng.random() < 0.3 and not asset.hollow else _STANDING
     yaw = float(rng.uniform(-np.pi, np.pi))
     turned = _turned(yaw, turn)

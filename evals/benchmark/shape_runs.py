@@ -3,7 +3,6 @@
 import statistics
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +10,9 @@ import cv2
 import numpy as np
 
 from evals.benchmark.contact_sheet import write_picture
-from evals.benchmark.shape_known import known_objects, shape_score
+from evals.benchmark.shape_known import photograph_known, shape_score
 from evals.benchmark.shape_pictures import join_rows, shape_row
+from grs_agents.base import Frozen
 from grs_agents.errors import InputError
 from grs_agents.library import Library, encode_png
 from grs_agents.perception import Image, find_table, measure_candidates, segment_objects_on_table
@@ -23,8 +23,7 @@ from grs_agents.perception.shapes import ObjectShape, ObjectView, reconstruct_sh
 _ROWS = 60
 
 
-@dataclass(frozen=True)
-class ShapeFigures:
+class ShapeFigures(Frozen):
     """One object; ``None`` where no shape was made, as a box stands for it, or where nothing true is known."""
 
     name: str
@@ -38,32 +37,40 @@ class ShapeFigures:
     hidden: float | None = None  # share of the hidden side within 6 mm
 
 
-def measure_known(count: int, seed: int) -> tuple[list[ShapeFigures], list[Image]]:
-    """Reconstruct assets photographed alone."""
-    figures: list[ShapeFigures] = []
-    rows: list[Image] = []
-    for known in known_objects(count, seed, Library()):
-        one, shape = _measured(f"{Path(known.name).stem} {known.sensor}", known.view)
-        score, hidden = shape_score(known, shape)
-        figures.append(replace(one, f_score=score, hidden=hidden))
-        rows.append(_row(known.view, shape, figures[-1]))
-    return figures, rows
+class Shapes(Frozen):
+    """Objects that are measured together, each with the name of its row on a sheet: a PNG file."""
+
+    figures: tuple[ShapeFigures, ...] = ()
+    pictures: tuple[str, ...] = ()
 
 
-def measure_real(folders: Sequence[Path]) -> tuple[list[ShapeFigures], list[Image]]:
-    """Reconstruct the objects of scene folders, by ``labels.png`` where there is one, else as GRS segments them.
+def measure_known(number: int, seed: int, pictures: Path) -> Shapes:
+    """Reconstruct an asset photographed alone; its picture goes into the folder ``pictures``."""
+    known = photograph_known(number, seed, Library())
+    if known is None:
+        return Shapes()
+    one, shape = _measured(f"{Path(known.name).stem} {known.sensor}", known.view)
+    score, hidden = shape_score(known, shape)
+    one = one.model_copy(update={"f_score": score, "hidden": hidden})
+    picture = f"known-{number}.png"
+    write_picture(pictures / picture, _row(known.view, shape, one))
+    return Shapes(figures=(one,), pictures=(picture,))
+
+
+def measure_real(folder: Path, pictures: Path) -> Shapes:
+    """Reconstruct the objects of a scene folder, by ``labels.png`` where there is one, else as GRS segments them.
 
     Raises:
-        InputError: a folder holds no scene, or no table or object is found in it.
+        InputError: the folder holds no scene, or no table or object is found in it.
     """
     figures: list[ShapeFigures] = []
-    rows: list[Image] = []
-    for folder in folders:
-        for name, view in _views_of_scene(folder):
-            one, shape = _measured(name, view)
-            figures.append(one)
-            rows.append(_row(view, shape, one))
-    return figures, rows
+    names: list[str] = []
+    for name, view in _views_of_scene(folder):
+        one, shape = _measured(name, view)
+        figures.append(one)
+        names.append(f"real-{name.replace(' ', '-')}.png")
+        write_picture(pictures / names[-1], _row(view, shape, one))
+    return Shapes(figures=tuple(figures), pictures=tuple(names))
 
 
 def scene_folders(places: Iterable[Path]) -> list[Path]:
@@ -103,12 +110,20 @@ def _measured(name: str, view: ObjectView) -> tuple[ShapeFigures, ObjectShape | 
     shape = reconstruct_shape(view)
     seconds = time.process_time() - start
     if shape is None:
-        return ShapeFigures(name, "box", seconds), None
+        return ShapeFigures(name=name, method="box", seconds=seconds), None
     mesh = shape.mesh
     size = len(mesh_to_obj_text((mesh.vertices, mesh.faces), mesh.uvs)) + len(encode_png(mesh.texture))
     method = shape.method + (" hollow" if shape.hollow else "")
-    found = (size / 1000, len(mesh.faces), shape.silhouette_iou, shape.depth_error)
-    return ShapeFigures(name, method, seconds, *found), shape
+    figures = ShapeFigures(
+        name=name,
+        method=method,
+        seconds=seconds,
+        kilobytes=size / 1000,
+        faces=len(mesh.faces),
+        silhouette_iou=shape.silhouette_iou,
+        depth_error=shape.depth_error,
+    )
+    return figures, shape
 
 
 def _row(view: ObjectView, shape: ObjectShape | None, one: ShapeFigures) -> Image:
@@ -120,8 +135,9 @@ def _row(view: ObjectView, shape: ObjectShape | None, one: ShapeFigures) -> Imag
     return shape_row(view, None if shape is None else shape.mesh, "  ".join(words))
 
 
-def write_sheets(out: Path, name: str, rows: Sequence[Image]) -> None:
+def write_sheets(out: Path, name: str, pictures: Sequence[Path]) -> None:
     """Write ``name_0.png`` and so on: photo, mesh, mesh from 40 and from 140 degrees aside."""
+    rows = [np.asarray(cv2.imread(str(file)), np.uint8)[:, :, ::-1] for file in pictures]
     for number, start in enumerate(range(0, len(rows), _ROWS)):
         write_picture(out / f"{name}_{number}.png", join_rows(rows[start : start + _ROWS], 2))
 

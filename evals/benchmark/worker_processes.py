@@ -5,13 +5,10 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import TypeVar
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
-from grs_agents import terminal
+from grs_agents.runs import do_jobs, show_progress
 
 EVALS = Path(__file__).parent.parent
 _ONE_CORE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -52,20 +49,15 @@ def run_jobs(
     Returns:
         The outcomes in the order of ``jobs``.
     """
-    columns = [BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()]
-    with (
-        Progress(TextColumn("{task.description}"), *columns, console=terminal.make_console(error=True)) as progress,
-        ThreadPoolExecutor(workers) as pool,
-    ):
-        bar = progress.add_task(title, total=len(jobs))
-        futures = {pool.submit(work, job): job for job in jobs}
-        try:
-            for future in as_completed(futures):
-                future.result()
-                progress.update(bar, advance=1, description=name(futures[future]))
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-    return [future.result() for future in futures]
+    outcomes: dict[int, _Outcome] = {}
+    with show_progress(title, len(jobs)) as advance:
+
+        def keep(number: int, outcome: _Outcome) -> None:
+            outcomes[number] = outcome
+            advance(name(jobs[number]), "")
+
+        do_jobs(range(len(jobs)), lambda number: work(jobs[number]), keep, workers)
+    return [outcomes[number] for number in range(len(jobs))]
 
 
 def fingerprint(*places: Path) -> str:

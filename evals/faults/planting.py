@@ -25,6 +25,7 @@ class PlantedFault(Frozen):
     simulation: str
     tests: str
     base_tests: str  # those of the right pair
+    base_order: tuple[str, ...] = ()  # assets of the movable objects in the order in which the right program adds them
 
 
 def read_fault_folders(folder: Path) -> list[PlantedFault]:
@@ -37,6 +38,8 @@ def read_fault_folders(folder: Path) -> list[PlantedFault]:
     if not task.is_file():
         raise InputError(f"{folder} holds no BASE/task.json", "name a folder of planted faults")
     base_tests = (folder / "BASE" / "test_simulation.py").read_text("utf-8")
+    base_program = folder / "BASE" / "simulation.py"
+    order = find_order(base_program.read_text("utf-8")) if base_program.is_file() else ()
     listed = (folder / "LIST.txt").read_text("utf-8") if (folder / "LIST.txt").is_file() else ""
     kinds = dict(line.split(": ", 1) for line in listed.splitlines() if ": " in line)
     return [
@@ -49,6 +52,7 @@ def read_fault_folders(folder: Path) -> list[PlantedFault]:
             simulation=(path / "simulation.py").read_text("utf-8"),
             tests=(path / "test_simulation.py").read_text("utf-8"),
             base_tests=base_tests,
+            base_order=order,
         )
         for path in sorted(folder.iterdir())
         if re.fullmatch(r"[ST]\d+", path.name)
@@ -59,6 +63,12 @@ def read_base(file: Path) -> tuple[dict[str, Any], str, str]:
     """Task, program and tests of one right pair."""
     task, simulation, tests = re.findall(r"^```(?:json|python)\n(.*?)^```$", file.read_text("utf-8"), re.S | re.M)
     return json.loads(task), simulation, tests
+
+
+def find_order(simulation: str) -> tuple[str, ...]:
+    """The assets of the movable objects that a program adds, each once, in the order of its text."""
+    added = re.findall(r"^ .*\.add_object\(\"([\w/-]+\.urdf)\"(?!.*\"fixed\")", simulation, re.M)
+    return tuple(dict.fromkeys(added))
 
 
 def plant_mistakes(half: int, seed: int) -> list[PlantedFault]:
@@ -82,6 +92,7 @@ def plant_mistakes(half: int, seed: int) -> list[PlantedFault]:
                     simulation=edited if in_program else simulation,
                     tests=tests if in_program else edited,
                     base_tests=tests,
+                    base_order=find_order(simulation),
                 )
             )
     return planted[half::2]

@@ -17,6 +17,7 @@ from grs_agents.terminal import print_json
 def list_content(as_json: bool) -> None:
     """Print every name a configuration may hold, with its first line of documentation."""
     from grs_agents.library import Library
+    from grs_agents.models import OFFLINE, PROVIDERS
     from grs_agents.policies import POLICIES
 
     listed: dict[str, dict[str, str]] = {kind: _summarise_files(kind) for kind in content.KINDS if kind != "assets"}
@@ -24,9 +25,13 @@ def list_content(as_json: bool) -> None:
     listed["scenes"] = {name: "a sample scene: grs run " + name for name in content.sample_scenes()}
     listed["cassettes"] = {name: "a recorded run: grs run --cassette " + name for name in content.shipped_cassettes()}
     listed["policies"] = {name: _first_line(policy.__doc__) for name, policy in POLICIES.items()}
+    listed["models"] = {OFFLINE: "Rules; needs no key."} | {
+        f"{name}:NAME": f"{provider.model_class} of {provider.module}, extra {provider.extra}"
+        for name, provider in PROVIDERS.items()
+    }
     for kind in ("policies", "models"):
         installed = {entry.name: entry.value for entry in entry_points(group=f"grs_agents.{kind}")}
-        listed[kind] = listed.get(kind, {}) | _summarise_files(kind) | installed
+        listed[kind] |= _summarise_files(kind) | installed
     if as_json:
         print_json(listed)
         return

@@ -4,6 +4,10 @@ from .execution import Outcome as Outcome
 from .execution import UnexpectedError as UnexpectedError
 from .execution import Views as Views
 from .execution import execute_run as execute_run
+from .experiment_run import Experiment as Experiment
+from .experiment_run import ExperimentParser as ExperimentParser
+from .experiment_run import do_jobs as do_jobs
+from .experiment_run import show_progress as show_progress
 from .experiments import CHECKOUT_ONLY as CHECKOUT_ONLY
 from .experiments import load_experiment as load_experiment
 from .experiments import markdown_table as markdown_table

@@ -255,5 +255,5 @@ def test_rules_turn_to_the_other_program_when_a_fix_changed_nothing(
     done = grs("run", str(small_scene), "--out", "run", "--json", *options, folder=tmp_path)
     assert json.loads(done.stdout)["status"] == "accepted", done.stderr
     decisions = [event for event in read_events(tmp_path / "run" / "events.jsonl") if isinstance(event, Decision)]
-    assert [decision.verdict for decision in decisions] == ["fix_test", "fix_code", "fix_test"]
+    assert [decision.verdict for decision in decisions[:3]] == ["fix_test", "fix_code", "fix_test"]
     assert "left the report as it was" in decisions[1].explanation

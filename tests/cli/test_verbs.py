@@ -260,7 +260,7 @@ def test_an_unknown_graph_lists_the_graphs(tmp_path: Path) -> None:
 
 def test_list_names_all_content(tmp_path: Path) -> None:
     found = json.loads(grs("list", "--json", folder=tmp_path).stdout)
-    assert set(found) == {"graphs", "tools", "prompts", "evals", "assets", "scenes", "cassettes", "policies"}
+    assert set(found) == {"graphs", "tools", "prompts", "evals", "assets", "scenes", "cassettes", "policies", "models"}
     assert [kind for kind, things in found.items() if not things] == []
     assert all(text for things in found.values() for text in things.values())
 

@@ -11,6 +11,8 @@ from grs_agents import content
 from grs_agents.errors import InputError
 from grs_agents.runs import CHECKOUT_ONLY, load_experiment
 
+OPTIONS = ("--out", "--config", "--set", "--json")
+
 
 @pytest.mark.parametrize("name", content.content_names("evals"))
 def test_every_experiment_explains_itself(name: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -19,7 +21,15 @@ def test_every_experiment_explains_itself(name: str, capsys: pytest.CaptureFixtu
     with pytest.raises(SystemExit) as caught:
         module.main(["--help"])
     assert caught.value.code == 0
-    assert name in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert name in told
+    assert [option for option in OPTIONS if f"\n  {option} " in told] == [*OPTIONS]
+
+
+def test_routing_of_no_fault_is_an_error(tmp_path: Path) -> None:
+    main = content.load_module("evals", "routing").main
+    with pytest.raises(InputError, match="none of 0 faults was routed"):
+        main(["--only", "no such fault", "--out", str(tmp_path)])
 
 
 def test_perception_of_labelled_scenes(small_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -29,7 +39,7 @@ def test_perception_of_labelled_scenes(small_scene: Path, tmp_path: Path, capsys
     figures = json.loads(capsys.readouterr().out)
     assert figures["rows"][0]["scene"] == "small"
     assert figures["rows"][0]["F1@.5"] == "1.000"
-    names = "errors.png figures.json figures.md objects.csv runs scenes scenes.csv scores.png sheet-01.png"
+    names = "errors.png figures.json figures.md objects.csv result.json runs scenes scenes.csv scores.png sheet-01.png"
     assert sorted(file.name for file in tmp_path.iterdir()) == names.split()
     assert len((tmp_path / "objects.csv").read_text().splitlines()) == 4
     assert main(arguments) == 0  # nothing is measured again: even the time it took is the same

@@ -59,6 +59,9 @@ def test_mistakes_are_as_frequent_as_the_name_says() -> None:
             said = make_offline_model(name, seed).invoke(prompt).text
             assert said == make_offline_model(name, seed).invoke(prompt).text
             counts[name] += said != right
+        wanting = {"tests": "", "test_results": "", "history": "", "explanation": ""}  # fixes are no better
+        mend = render("fix_code", {**values, **wanting, "code": "import nothing"})
+        assert make_offline_model("offline:faulty:1", seed).invoke(mend).text != OfflineChatModel().invoke(mend).text
     assert counts["offline"] == 0 and counts["offline:faulty:1"] == 30
     assert 0 < counts["offline:faulty:0.1"] < 9 <= counts["offline:faulty"] < 25
 

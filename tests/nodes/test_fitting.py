@@ -95,20 +95,20 @@ def test_the_evaluation_of_placement_names_what_is_off(
     seen: tuple[Photo, CandidateRecord], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     photo, record = seen
-    main = content.load_module("evals", "placement").main
+    main, out = content.load_module("evals", "placement").main, ("--out", str(tmp_path / "out"))
     with pytest.raises(InputError, match=r"no scene\.json"):
-        main([str(tmp_path / "scene")])
+        main([str(tmp_path / "scene"), *out])
     objects = [matched(asset, record, services_in(tmp_path), photo) for asset in ("HOPE/Milk.urdf", "HOPE/Butter.urdf")]
     told = SceneDescription(source="s", image="i", frame=photo[1], objects=tuple(objects))
     told.write(tmp_path / "run" / "scene.json")
-    assert main([str(tmp_path), "--json"]) == 1
+    assert main([str(tmp_path), *out, "--json"]) == 1
     figures = json.loads(capsys.readouterr().out)
     assert (figures["objects"], [one["asset"] for one in figures["off"]]) == (2, ["HOPE/Butter.urdf"])
     told.model_copy(update={"objects": tuple(objects[:1])}).write(tmp_path / "run" / "scene.json")
-    assert main([str(tmp_path)]) == 0
+    assert main([str(tmp_path), *out]) == 0
     assert "1 of 1 objects" in capsys.readouterr().out
     sure = MatchEvidence(match="asset", asset=objects[1].asset, confidence=0.99)
     known = objects[1].model_copy(update={"match": sure, "method": "registered", "residual": 0.001})
     told.model_copy(update={"objects": (known,)}).write(tmp_path / "run" / "scene.json")
-    assert main([str(tmp_path)]) == 0
+    assert main([str(tmp_path), *out]) == 0
     assert "1 of them a certain asset" in capsys.readouterr().out

@@ -44,7 +44,13 @@ ROLES: Mapping[str, Answer] = {
     "fix_tests": lambda prompt, pictures, rng: fix_tests(prompt),
     "judge": lambda prompt, pictures, rng: judge_words(prompt),
 }
-_AUTHORED: Mapping[str, Program] = {"simulation": "simulation", "tests": "tests"}
+_AUTHORED: Mapping[str, Program] = {
+    "simulation": "simulation",
+    "tests": "tests",
+    "fix_code": "simulation",
+    "fix_tests": "tests",
+}
+"""What is authored in each role: who errs in a program errs in a new one, too."""
 _PYTHON = re.compile(r"```python\n(.*)```", re.DOTALL)
 _HELP = "I answer prompts that begin with a line `# Role: NAME`, NAME being one of: "
 
@@ -53,12 +59,12 @@ class OfflineChatModel(BaseChatModel):
     """A chat model that answers the GRS prompts by rules.
 
     It reads the prompt that any other model gets, recognises its role by the ``# Role:`` line and never sees what
-    is not in the prompt. Equal prompt and seed give an equal reply. Its fixes are right ones.
+    is not in the prompt. Equal prompt and seed give an equal reply.
     """
 
     model: str = "grs-offline-1"  # its name in traces
     seed: int = 0  # what it does where rules leave a choice
-    faulty: float = 0.0  # how probable a mistake is in each program and each test script that it authors
+    faulty: float = 0.0  # how probable a mistake is in each program and each test script that it writes, fixes included
 
     @property
     def _llm_type(self) -> str:

@@ -1,6 +1,7 @@
 """Where a program of the offline author moves its objects to, read from its source."""
 
 import ast
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,7 @@ class StatedMove:
     support: int | None  # which of the fixed things it goes to, from 0; None for a place on the table
     place: tuple[float, float] | None  # x, y in the frame of that thing or of the robot, metres; None: drawn at random
     extent: tuple[float, float] | None  # the extents of a zone around that thing that will do; None: just there
+    turned: float  # by how much that thing is turned about z against the frame of place and extents, rad
 
 
 def read_stated_moves(source: str) -> list[StatedMove]:
@@ -64,13 +66,25 @@ def _read_row(
     # A size by its name is that of the whole zone; one in numbers is that of the object's own spot, as its place is.
     extents = _read_numbers(values.get(size.id)) if is_zone and isinstance(size, ast.Name) else None
     place = _find_place(_read_numbers(values.get(ast.unparse(pose))), _read_numbers(offset), support)
-    return StatedMove(asset, alike.index(variable), support, place, (extents[0], extents[1]) if extents else None)
+    extent = (extents[0], extents[1]) if extents else None
+    return StatedMove(asset, alike.index(variable), support, place, extent, _find_turn(support, added))
 
 
 def _find_support(pose: str, added: list[tuple[str, str, str]]) -> int | None:
     """Which of the fixed things stands at a pose, from 0."""
     fixed = [where for variable, _, where in added if not variable]
     return next((index for index, where in enumerate(fixed) if where.lstrip("(").startswith(pose)), None)
+
+
+def _find_turn(support: int | None, added: list[tuple[str, str, str]]) -> float:
+    """The yaw of a fixed thing whose pose has a rotation of its own; 0 where it lies as its place does."""
+    where = [where for variable, _, where in added if not variable][support] if support is not None else ""
+    pose = ast.parse(where or "None", mode="eval").body
+    rotation = _read_numbers(pose.elts[1]) if isinstance(pose, ast.Tuple) and len(pose.elts) == 2 else None
+    if rotation is None:
+        return 0.0
+    x, y, z, w = rotation
+    return round(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)), 4)
 
 
 def _find_place(origin: Any, offset: Any, support: int | None) -> tuple[float, float] | None:

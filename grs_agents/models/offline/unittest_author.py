@@ -16,7 +16,8 @@ from task_code import {title}
 
 MOVES = {moves}
 """Of each object that the robot moves: its asset, which one of that asset, which of the fixed things it goes to (None:
-the table), where in x and y of that (None: anywhere), and how far around that will do (None: just there). Metres."""
+the table), where in x and y of that (None: anywhere), how far around that will do (None: just there), in metres, and by
+how much the fixed thing is turned against these x and y, in radians."""
 
 
 class Test{title}(unittest.TestCase):
@@ -51,22 +52,22 @@ class Test{title}(unittest.TestCase):
             items = self.env.find(asset)[number : number + 1]
             self.assertTrue(set(items) & set(rigid), f"{{asset}} is not on the table, or cannot be moved")
         total, _, _ = self.run_oracle()
-        for asset, number, support, place, extent in MOVES:
+        for asset, number, support, place, extent, turned in MOVES:
             item = self.env.find(asset)[number]
             end = np.array(self.env.get_object_pose(item)[0])
             far = float(np.linalg.norm(end - start[item]))
             self.assertGreater(far, 0.01, f"{{asset}} was not moved, reward {{total:.2f}}")
             if place is not None:
-                off, allowed = self.measure_distance_to_place(item, end, support, place, extent)
+                off, allowed = self.measure_distance_to_place(item, end, support, place, extent, turned)
                 told = f"{{asset}} ends {{off}} m off its place, {{allowed}} is allowed"
                 self.assertTrue((off < allowed).all(), told)
 
-    def measure_distance_to_place(self, item, end, support, place, extent):
+    def measure_distance_to_place(self, item, end, support, place, extent, turned):
         """How far off an object ends, and how far it may, in x and y of what it goes to (None: of the robot)."""
         middle, turn = np.zeros(3), (0, 0, 0, 1)
         if support is not None:
             middle, turn = self.env.get_object_pose(self.env.obj_ids["fixed"][support])
-        yaw = utils.quatXYZW_to_eulerXYZ(turn)[2]
+        yaw = utils.quatXYZW_to_eulerXYZ(turn)[2] - turned
         x, y = (end - np.array(middle))[:2]
         here = np.array([np.cos(yaw) * x + np.sin(yaw) * y, np.cos(yaw) * y - np.sin(yaw) * x])
         if extent is None:
@@ -113,7 +114,7 @@ def fill_tests(program: str, task: Json) -> str:
     description = str(task.get("task-description", "")).replace("\\", "").replace('"', "'")
     rows = [astuple(move) for move in read_stated_moves(program)]
     stated = {row[0] for row in rows}
-    rows += [(asset, 0, None, None, None) for asset in find_assets_said_to_move(task) if asset not in stated]
+    rows += [(asset, 0, None, None, None, 0.0) for asset in find_assets_said_to_move(task) if asset not in stated]
     moves = "".join(f"\n    {row}," for row in rows)
     return _TEMPLATE.format(
         title=title,

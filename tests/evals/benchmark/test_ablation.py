@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from evals.benchmark.ablation_figures import write_figures
+from evals.benchmark.ablation_figures import tell_figures
 from evals.benchmark.ablation_runs import Measured
 from grs_agents.errors import InputError
-from grs_agents.runs import load_experiment
+from grs_agents.runs import ExperimentParser, load_experiment
 
 
 def measured(graph: str, seed: int, published: float | None, status: str = "accepted") -> Measured:
@@ -35,7 +35,8 @@ def test_runtime_errors_are_left_out_and_counted_as_zero(tmp_path: Path) -> None
     pytest.importorskip("scipy")
     good = [measured("grs", seed, 1.0) for seed in range(8)]
     bad = [measured("no_fix", seed, 0.5 if seed < 4 else None, "rejected") for seed in range(8)]
-    figures = write_figures([*good, *bad], tmp_path)
+    tell_figures([*good, *bad], ExperimentParser("ablation", "").start(["--out", str(tmp_path)]))
+    figures = json.loads((tmp_path / "result.json").read_text())
     grs, no_fix = figures["table"]
     assert (grs["reward"], grs["accepted"], grs["code fixes"]) == ("1.000 (1.000, 1.000)", "100%", 3.5)
     assert (no_fix["reward"], no_fix["runtime errors"]) == ("0.500 (0.500, 0.500)", 4)
@@ -57,6 +58,9 @@ def test_a_program_that_no_audit_saw_has_the_same_reward(
     (run,) = figures["runs"]
     assert run["status"] == "accepted" and run["published"] > 0.99
     (tmp_path / "out" / "no_fix-small-0" / "audit.json").unlink()  # as where the tests of a run fail to its end
+    assert main(arguments) == 0  # the row is kept
+    assert json.loads(capsys.readouterr().out) == figures
+    (tmp_path / "out" / "rows.json").unlink()  # as where the experiment was killed between the run's end and its row
     assert main(arguments) == 0  # the run is not made again, its program is rolled out
     assert json.loads(capsys.readouterr().out) == figures
     assert (tmp_path / "out" / "no_fix-small-0.check.json").is_file()

@@ -9,6 +9,14 @@ from evals.benchmark.match_runs import match_orders, run_match_orders
 from evals.benchmark.match_types import f1_precision_recall, matching_file
 from evals.benchmark.perception_runs import MeasurementOptions, orders_of
 from grs_agents.errors import InputError
+from grs_agents.runs import Experiment, ExperimentParser
+
+
+def started(out: Path) -> Experiment:
+    """The experiment, one scene at a time."""
+    parser = ExperimentParser("correspondence", "")
+    parser.add_argument("--workers", type=int, default=1)
+    return parser.start(["--out", str(out), "--json"])
 
 
 def test_orders_are_for_each_method_model_and_run(sample_scene: Path) -> None:
@@ -21,7 +29,7 @@ def test_orders_are_for_each_method_model_and_run(sample_scene: Path) -> None:
 
 def test_a_scene_is_matched_once(small_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     orders = match_orders(orders_of([str(small_scene)], MeasurementOptions(""), 1), ["hybrid"], ["offline"], 1, [])
-    assert run_match_orders(orders, tmp_path, 1, ["offline=1,2"], as_json=True) == 0
+    assert run_match_orders(orders, started(tmp_path), ["offline=1,2"]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert json.loads((tmp_path / "figures.json").read_text()) == figures
     (row,) = figures["table"]
@@ -32,13 +40,13 @@ def test_a_scene_is_matched_once(small_scene: Path, tmp_path: Path, capsys: pyte
         assert (tmp_path / name).stat().st_size > 0
     files = [matching_file(tmp_path, order) for order in orders]
     before = [file.stat().st_mtime_ns for file in files]
-    assert run_match_orders(orders, tmp_path, 1, [], as_json=True) == 0
+    assert run_match_orders(orders, started(tmp_path), []) == 0
     assert [file.stat().st_mtime_ns for file in files] == before
 
 
 def test_a_price_without_numbers_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="MODEL=IN,OUT"):
-        run_match_orders([], tmp_path, 1, ["offline=cheap"], as_json=True)
+        run_match_orders([], started(tmp_path), ["offline=cheap"])
 
 
 def test_scores_of_counts() -> None:
