@@ -17,7 +17,6 @@ from grs_agents.terminal import print_json
 def list_content(as_json: bool) -> None:
     """Print every name a configuration may hold, with its first line of documentation."""
     from grs_agents.library import Library
-    from grs_agents.models import OFFLINE, PROVIDERS
     from grs_agents.policies import POLICIES
 
     listed: dict[str, dict[str, str]] = {kind: _summarise_files(kind) for kind in content.KINDS if kind != "assets"}
@@ -25,10 +24,7 @@ def list_content(as_json: bool) -> None:
     listed["scenes"] = {name: "a sample scene: grs run " + name for name in content.sample_scenes()}
     listed["cassettes"] = {name: "a recorded run: grs run --cassette " + name for name in content.shipped_cassettes()}
     listed["policies"] = {name: _first_line(policy.__doc__) for name, policy in POLICIES.items()}
-    listed["models"] = {OFFLINE: "Rules; needs no key."} | {
-        f"{name}:NAME": f"{provider.model_class} of {provider.module}, extra {provider.extra}"
-        for name, provider in PROVIDERS.items()
-    }
+    listed["models"] = _describe_providers()
     for kind in ("policies", "models"):
         installed = {entry.name: entry.value for entry in entry_points(group=f"grs_agents.{kind}")}
         listed[kind] |= _summarise_files(kind) | installed
@@ -54,6 +50,17 @@ def list_config(effective: Effective, as_json: bool) -> None:
     for key, value in values.items():
         table.add_row(key, Text(json.dumps(value)), Text(sources[key]))
     terminal.make_console().print(table)
+
+
+def _describe_providers() -> dict[str, str]:
+    """What a model's name may begin with, and whose client then asks it."""
+    from grs_agents.models import OFFLINE, PROVIDERS
+
+    clients = {
+        f"{name}:NAME": f"{provider.model_class} of {provider.module}, extra {provider.extra}"
+        for name, provider in PROVIDERS.items()
+    }
+    return {OFFLINE: "Rules; needs no key.", **clients}
 
 
 def _summarise_files(kind: content.Kind) -> dict[str, str]:
