@@ -1,4 +1,5 @@
-"""Checks of goals: each object has one, none is met at the start or almost anywhere, moves are far and not too fine."""
+"""Checks of goals: each object has one, none holds at the start or almost anywhere or for next to no reward, moves are
+far and not too fine."""
 
 import math
 from collections.abc import Mapping, Sequence, Set
@@ -28,6 +29,8 @@ TABLE_SHARE: Final = 0.4
 """A goal that holds on more than this share of the table asks for next to nothing; marks of honest tasks take 0.31."""
 WORKSPACE: Final = 0.5
 """Area of the table in front of the robot, m^2."""
+FAIR_SHARE: Final = 0.5
+"""A goal is worth at least this share of an even part of the reward, by goals or by objects; honest tasks have 1."""
 SURE_HAND: Final = 0.8
 """Share of the episodes with the least noise of the hand that must be solved."""
 
@@ -45,6 +48,7 @@ def check_goals(
         _check_goals_open_at_start(instances, rollouts),
         _check_goals_narrow(instances, library),
         _check_moves_far(pairs, library),
+        _check_fair_rewards(instances),
         _check_hand_noise(rollouts, least),
     ]
     return [_check_objects_have_goals(pairs, library, scene), *findings] if scene is not None else findings
@@ -226,6 +230,24 @@ def _find_nudges(index: int, instance: TaskInstance, rollout: Rollout, library: 
     rows = [row for row, number in enumerate(goal.objects) if number not in spoken_of and number in rollout.final]
     needed = [(row, measure_least_move(goal, row, instance, rollout, library)) for row in rows]
     return [(goal.objects[row], way) for row, way in needed if way < NUDGE and not _is_turned(goal, row, rollout)]
+
+
+def _check_fair_rewards(instances: Sequence[TaskInstance]) -> Finding:
+    """Who reads the reward alone would take a task for done whose last goals are worth next to nothing."""
+    short = [
+        f"goal {index + 1} is worth {goal.max_reward:.3f}, an even part is {even:.3f}"
+        for instance in instances
+        for index, (goal, even) in enumerate(zip(instance.goals, _even_rewards(instance.goals), strict=True))
+        if goal.max_reward < FAIR_SHARE * even
+    ]
+    bound = f"each goal must be worth {FAIR_SHARE:.0%} of its even part of the reward, by goals or by objects"
+    return Finding.of_faults("fair_rewards", short, "no goal is worth much less than the others", bound)
+
+
+def _even_rewards(goals: Sequence[Goal]) -> list[float]:
+    """The part of the reward that each goal has if goals count alike, or if objects do, whichever is less."""
+    objects = sum(len(goal.objects) for goal in goals)
+    return [min(1 / len(goals), len(goal.objects) / max(objects, 1)) for goal in goals]
 
 
 def _check_hand_noise(rollouts: Sequence[Rollout], least: float) -> Finding:

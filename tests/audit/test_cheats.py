@@ -192,6 +192,12 @@ def mark_of_the_tables_color(task: Trial, env: Environment) -> None:
     task.add_goal(in_zone([env.add_object(RED, A), env.add_object(BLUE, B)], mark), language_goal="on the mark")
 
 
+def last_goal_of_little_weight(task: Trial, env: Environment) -> None:
+    """All is done in the end; who reads the reward takes the first half of it for all."""
+    task.want(env.add_object(RED, A), 0.5, -0.1, 0.995)
+    task.want(env.add_object(BLUE, B), 0.5, 0.2, 0.005)
+
+
 def missed_by_little_at_the_start(task: Trial, env: Environment) -> None:
     """The oracle moves both by 6 cm; with this tolerance a centimetre would do."""
     task.pos_eps = 0.05
@@ -253,6 +259,7 @@ def test_a_task_of_one_object_among_others_is_accepted(setup: Setup) -> None:
         (mark_under_a_sheet, "seen"),
         (mark_of_the_tables_color, "seen"),
         (missed_by_little_at_the_start, "moves_far"),
+        (last_goal_of_little_weight, "fair_rewards"),
         (near_at_any_distance, "goals_narrow"),
         (over_the_rim, "solved"),
         (wedged, "rests_at_end"),
