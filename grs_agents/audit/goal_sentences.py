@@ -211,10 +211,10 @@ class _Table:
     def _how_it_lies(self, own: Prism, other: Prism) -> str:
         """``in`` or ``on``, empty where a thing is neither."""
         over, number = _lies_over(own, other), other.owner
-        if over and number in self.walled and other.low - 0.005 <= own.low < other.high - 0.002:
+        if over and number in self.walled and other.low - _RESTING <= own.low < other.high - 0.002:
             return "in"
         if over and number in self.marks | self.hollow:
-            return "on" if other.low - 0.005 <= own.low < other.high + _RESTING else ""
+            return "on" if other.low - _RESTING <= own.low < other.high + _RESTING else ""
         higher = own.low > (other.low + other.high) / 2  # grains lie beside each other
         return "on" if higher and abs(own.low - other.high) < _RESTING and _overlap_from_above(own, other) else ""
 

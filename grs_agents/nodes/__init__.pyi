@@ -5,8 +5,8 @@ from .authoring import generate_sim as generate_sim
 from .authoring import generate_task as generate_task
 from .authoring import generate_tests as generate_tests
 from .bystanders import bystanders_of_run as bystanders_of_run
-from .bystanders import hold_unstable_objects as hold_unstable_objects
 from .bystanders import photo_objects as photo_objects
+from .bystanders import prepare_scene_for_tasks as prepare_scene_for_tasks
 from .bystanders import setup_of_programs as setup_of_programs
 from .competing_drafts import Draft as Draft
 from .competing_drafts import choose_draft as choose_draft

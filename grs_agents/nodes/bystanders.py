@@ -1,13 +1,22 @@
 """What the photo shows in and near the workspace: it stands on the table of every task of the scene."""
 
 import math
+import re
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from grs_agents.library import Library
 from grs_agents.nodes.services import Services
 from grs_agents.perception import SceneDescription, SceneObject, types
 from grs_agents.perception.settling import PlacedObject, to_instance_objects
-from grs_agents.sim import Environment, InstanceObject, InstanceTask, TaskInstance
+from grs_agents.sim import (
+    Environment,
+    InstanceObject,
+    InstanceTask,
+    TaskInstance,
+    explain_unpickable_objects,
+    find_objects_in_robot,
+)
 from grs_agents.sim.world import FIRST_BYSTANDER, TIMESTEP, object_prism_at_pose
 
 _MARGIN: Final = 0.15
@@ -21,9 +30,9 @@ _WATCHED: Final = 500
 def photo_objects(scene: SceneDescription, library: Library) -> tuple[InstanceObject, ...]:
     """The objects of the photo within the workspace and 15 cm around it, as bystanders where they came to rest.
 
-    What may stand on something unseen is fixed.
+    What may stand on something unseen is fixed; what stands where the robot does is left out.
     """
-    near = {FIRST_BYSTANDER + index: item for index, item in enumerate(scene.objects) if _is_near_workspace(item)}
+    near = {FIRST_BYSTANDER + index: item for index, item in enumerate(scene.objects) if _is_in_tasks(item)}
     placed = [PlacedObject(item.asset, item.settled or (item.position, item.orientation)) for item in near.values()]
     return tuple(
         item.model_copy(update={"id": number, "role": "bystander", "category": "fixed" if one.held else "rigid"})
@@ -45,35 +54,66 @@ def setup_of_programs(scene: SceneDescription | None, services: Services) -> dic
     return {**around, "robot": services.robot_name_or_path, **services.simulator_setup}
 
 
-def _is_near_workspace(item: SceneObject) -> bool:
+def _is_in_tasks(item: SceneObject) -> bool:
     (west, south, _), (east, north, _) = item.box.low, item.box.high
     within_x = east > types.X[0] - _MARGIN and west < types.X[1] + _MARGIN
-    return within_x and north > types.Y[0] - _MARGIN and south < types.Y[1] + _MARGIN
+    return not item.stands_in_robot and within_x and north > types.Y[0] - _MARGIN and south < types.Y[1] + _MARGIN
 
 
-def hold_unstable_objects(scene: SceneDescription, library: Library, robot: str) -> SceneDescription:
-    """The scene with what does not stay in the world of its tasks held in the air, the lowest first.
+def prepare_scene_for_tasks(scene: SceneDescription, library: Library, robot: str) -> SceneDescription:
+    """The scene as the world of its tasks bears it, which has the arm and the background, and where things roll.
 
-    A task's world has the arm and the background, and things roll in it: what rests in the twin may fall there. Raises
-    ``SimulationError`` where MuJoCo takes the scene for impossible.
+    What stands where the robot does is left out. What does not stay is held in the air, the lowest first: what rests in
+    the twin may fall there. Then the robot tries to pick each object, and the scene tells what it cannot.
+
+    Raises:
+        SimulationError: MuJoCo takes the scene for impossible.
     """
-    while (unstable := _lowest_unstable_object(scene, library, robot)) is not None:
-        held = scene.objects[unstable].model_copy(update={"held": True})
-        objects = (*scene.objects[:unstable], held, *scene.objects[unstable + 1 :])
-        twin = scene.twin and scene.twin.model_copy(update={"held": sum(item.held for item in objects)})
-        scene = scene.model_copy(update={"objects": objects, "twin": twin})
-    return scene
+    while True:
+        items = photo_objects(scene, library)
+        env = _set_up_world(items, scene, library, robot)
+        if within := find_objects_in_robot(env):
+            scene = _mark_objects(scene, {number: {"stands_in_robot": True} for number in within})
+            continue
+        env.step_simulation(_WATCHED)
+        unstable = _lowest_unstable_object(items, env)
+        if unstable is None:
+            return _mark_objects(scene, _describe_pick_troubles(scene, env))
+        scene = _mark_objects(scene, {unstable: {"held": True}})
 
 
-def _lowest_unstable_object(scene: SceneDescription, library: Library, robot: str) -> int | None:
-    """The number of the object that moves by more than 1 cm when nothing acts, and of several the lowest; or None."""
-    items = photo_objects(scene, library)
+def _set_up_world(
+    items: Sequence[InstanceObject], scene: SceneDescription, library: Library, robot: str
+) -> Environment:
     fields = {"task": "", "seed": 0, "max_steps": 1, "timestep": TIMESTEP, "goals": ()}
     around = {"objects": items, "background": scene.background, "robot": robot}
     instance = TaskInstance.model_validate({**fields, **around})
     env = Environment(library=library, task=InstanceTask(instance), robot=instance.robot)
     env.reset()
-    env.step_simulation(_WATCHED)
+    return env
+
+
+def _lowest_unstable_object(items: Sequence[InstanceObject], env: Environment) -> int | None:
+    """The id of the object that has moved by more than 1 cm though nothing acts, and of several the lowest; or None."""
     moved = [one for one in items if math.dist(one.pose[0], env.get_object_pose(one.id)[0]) > _STAYS]
     lowest = min(moved, key=lambda one: object_prism_at_pose(env.object_model(one.id), one.pose).low, default=None)
-    return None if lowest is None else lowest.id - FIRST_BYSTANDER
+    return None if lowest is None else lowest.id
+
+
+def _describe_pick_troubles(scene: SceneDescription, env: Environment) -> dict[int, dict[str, Any]]:
+    """Of each object that the robot cannot pick, why, with the names of the scene."""
+    names = {label: scene.objects[number - FIRST_BYSTANDER].name for number, label in env.object_labels.items()}
+    labels = re.compile("|".join(map(re.escape, sorted(names, key=len, reverse=True))) or "(?!)")
+    return {
+        number: {"pick_trouble": labels.sub(lambda found: names[found.group()], why)}
+        for number, why in explain_unpickable_objects(env).items()
+    }
+
+
+def _mark_objects(scene: SceneDescription, changes: Mapping[int, Mapping[str, Any]]) -> SceneDescription:
+    """The scene with other values of some objects, by their ids as bystanders."""
+    objects = tuple(
+        item.model_copy(update=changes.get(FIRST_BYSTANDER + index, {})) for index, item in enumerate(scene.objects)
+    )
+    twin = scene.twin and scene.twin.model_copy(update={"held": sum(item.held for item in objects)})
+    return scene.model_copy(update={"objects": objects, "twin": twin})

@@ -14,7 +14,7 @@ from grs_agents.agents import Description
 from grs_agents.errors import GrsError, InputError
 from grs_agents.library import write_background_asset
 from grs_agents.nodes.asset_matching import match_candidates
-from grs_agents.nodes.bystanders import hold_unstable_objects
+from grs_agents.nodes.bystanders import prepare_scene_for_tasks
 from grs_agents.nodes.describing import describe_segments
 from grs_agents.nodes.scene_objects import MatchedCandidate, drop_reason, place_object, replace_misfit_assets
 from grs_agents.nodes.scene_settling import SettledScene, settle_scene
@@ -263,7 +263,7 @@ def settle_objects(state: RunState, services: Services) -> Update:
         table_color=measure_table_color(photo, table),
         coverage=coverage,
     )
-    scene = _hold_unstable_objects(scene, services)
+    scene = _prepare_scene_for_tasks(scene, services)
     scene.write(services.folder / "scene.json")
     files = save_twin_picture(scene, services.library, services.folder)
     files |= {} if coverage is None else {"coverage": coverage.picture}
@@ -316,18 +316,26 @@ def check_coverage(scene: SceneDescription, bound: float) -> None:
         )
 
 
-def _hold_unstable_objects(scene: SceneDescription, services: Services) -> SceneDescription:
-    """The scene with what does not stay at rest held, which its warnings tell."""
+def _prepare_scene_for_tasks(scene: SceneDescription, services: Services) -> SceneDescription:
+    """The scene as the world of its tasks bears it; its warnings tell what had to change."""
     try:
-        scene = hold_unstable_objects(scene, services.library, services.robot_name_or_path)
+        scene = prepare_scene_for_tasks(scene, services.library, services.robot_name_or_path)
     except GrsError as error:
         services.log.append(Note(level="warning", text=f"whether all stays at rest is not known: {error.message}"))
-    held = [item.name for item in scene.objects if item.held]
-    if not held:
-        return scene
-    warning = f"held where the photo shows them, because they would fall: {', '.join(held)}"
-    services.log.append(Note(level="warning", text=warning))
-    return scene.model_copy(update={"warnings": (*scene.warnings, warning)})
+    warnings = [
+        f"{why}: {', '.join(names)}"
+        for why, names in (
+            ("held where the photo shows them, because they would fall", [o.name for o in scene.objects if o.held]),
+            (
+                "left out of the tasks, because the robot stands there",
+                [item.name for item in scene.objects if item.stands_in_robot],
+            ),
+        )
+        if names
+    ]
+    for warning in warnings:
+        services.log.append(Note(level="warning", text=warning))
+    return scene.model_copy(update={"warnings": (*scene.warnings, *warnings)})
 
 
 def _place_candidates(

@@ -27,6 +27,7 @@ def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any
 
     What goes without saying is left out: ``own_size`` where it is ``size``, ``reachable`` unless it is false, and
     ``hollow``, ``floats`` and ``uneven_top`` unless they are true; library assets tell their tops by their names.
+    ``cannot_be_picked`` says what went wrong when the robot tried.
     """
     objects = [_object_fields(item, library) for item in scene.objects]
     by_name = {told["name"]: told for told in objects}
@@ -70,13 +71,17 @@ def _object_fields(item: SceneObject, library: Library) -> dict[str, Any]:
     }
     if np.abs(size - asset.size).max() > _TURNED:
         told["own_size"] = _round_values(asset.size)
-    if not item.reachable:
-        told["reachable"] = False
-    if item.held:
-        told["floats"] = True
+    told |= _tell_what_hinders_picking(item)
     if asset.category == "proxy" and not asset.hollow and _flat_share_of_top(asset, pose, library) < _FLAT:
         told["uneven_top"] = True
     return told | (_hollow_fields(asset, library) if upright else {})
+
+
+def _tell_what_hinders_picking(item: SceneObject) -> dict[str, Any]:
+    told = {} if item.reachable and not item.stands_in_robot else {"reachable": False}
+    if item.held:
+        return told | {"floats": True}
+    return told or ({"cannot_be_picked": item.pick_trouble} if item.pick_trouble else {})
 
 
 def _flat_share_of_top(asset: Asset, pose: Pose, library: Library) -> float:

@@ -253,6 +253,8 @@ class SceneObject(Frozen):
     settled: Pose | None = None  # where it comes to rest in the twin: centre (m) and rotation (xyzw)
     drift: float | None = None  # how far its centre moves until then, m
     held: bool = False  # it would fall, in the twin or in the world of its tasks, and is kept in the air
+    stands_in_robot: bool = False  # the robot stands there in the world of its tasks, which leaves it out
+    pick_trouble: str = ""  # why the robot, which tried, could not pick it where it stands; empty where it could
     match: MatchEvidence | None = None  # scores, runner-up and reason of the match
     # the same box along its own axes; ``None`` in descriptions of before there was one
     upright: UprightBox | None = None

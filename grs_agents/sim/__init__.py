@@ -38,6 +38,7 @@ from grs_agents.sim.instance import (
     upright,
 )
 from grs_agents.sim.instantiation import instantiate
+from grs_agents.sim.pick_trials import explain_unpickable_objects, find_objects_in_robot
 from grs_agents.sim.probing import EpisodeMemory, EpisodeReplay, Probe
 from grs_agents.sim.rollouts import HAND_NOISE, InstanceTask, NoisyTrial, Rollout, rollout, run_oracle
 from grs_agents.sim.world import (
@@ -88,6 +89,8 @@ __all__ = [
     "defines_task_class",
     "describe_first_error",
     "describe_reached_limit",
+    "explain_unpickable_objects",
+    "find_objects_in_robot",
     "find_task_class",
     "hash_instance",
     "in_zone",

@@ -8,7 +8,7 @@ import pytest
 
 from grs_agents import nodes
 from grs_agents.library import Library
-from grs_agents.nodes import Services, bystanders_of_run, hold_unstable_objects, photo_objects
+from grs_agents.nodes import Services, bystanders_of_run, photo_objects, prepare_scene_for_tasks, scene_for_prompt
 from grs_agents.perception import SceneDescription
 from grs_agents.sim import TaskInstance
 from grs_agents.state import RunState
@@ -61,9 +61,31 @@ def test_photo_objects_are_those_up_to_15_cm_around_the_workspace(
 
 def test_what_does_not_stay_is_held_the_lowest_first(state: RunState) -> None:
     in_air, on_it = moved(4, 0.6, -0.3, 0.12), moved(5, 0.6, -0.3, 0.16)
-    held = hold_unstable_objects(scene_of(state, in_air, on_it), Library(), "ur5e")
+    held = prepare_scene_for_tasks(scene_of(state, in_air, on_it), Library(), "ur5e")
     assert [item.held for item in held.objects] == [False, False, False, True, False]
-    assert held == hold_unstable_objects(held, Library(), "ur5e")
+    assert held == prepare_scene_for_tasks(held, Library(), "ur5e")
+
+
+def test_the_scene_tells_what_the_robot_cannot_pick(state: RunState) -> None:
+    """One carries another, and one is held by a roof that the cup does not get under; the rest it lifts."""
+    lower, upper = moved(4, 0.6, -0.3), moved(5, 0.6, -0.3, 0.06)
+    under, roof = moved(6, 0.35, -0.3), moved(7, 0.35, -0.3, 0.2, held=True)
+    scene = prepare_scene_for_tasks(scene_of(state, lower, upper, under, roof), Library(), "ur5e")
+    troubles = {item.name: item.pick_trouble for item in scene.objects if item.pick_trouble}
+    assert troubles.keys() == {"yellow_block_4", "yellow_block_6"}
+    assert troubles["yellow_block_4"] == "it carries yellow_block_5"
+    assert "covered by" in troubles["yellow_block_6"] and "yellow_block_7" in troubles["yellow_block_6"]
+    told = {item["name"]: item.get("cannot_be_picked") for item in scene_for_prompt(scene, Library())["objects"]}
+    assert {name: why for name, why in told.items() if why} == troubles
+
+
+def test_what_stands_where_the_robot_does_is_left_out(state: RunState) -> None:
+    wide = {"low": (-0.15, -0.1, 0.05), "high": (0.15, 0.1, 0.12)}
+    state_of_all = scene_of(state, moved(4, 0.0, 0.0, 0.1, held=True, box=wide))
+    scene = prepare_scene_for_tasks(state_of_all, Library(), "ur5e")
+    assert [item.stands_in_robot for item in scene.objects] == [False, False, False, True]
+    assert [item.id for item in photo_objects(scene, Library())] == [50_000, 50_001, 50_002]
+    assert scene_for_prompt(scene, Library())["objects"][3]["reachable"] is False
 
 
 def test_the_audit_is_about_instances_among_all_that_the_photo_shows(state: RunState, make_services: Make) -> None:

@@ -44,7 +44,7 @@ def rank_movable_objects(objects: Sequence[SceneObject]) -> list[list[SceneObjec
 
     First come those without objects that are called as others of the scene are, since words cannot tell them apart.
     What carries others is in none of them. Where fewer than two objects can be picked where they stand, those that are
-    the easiest to pick are put on a free part of the table.
+    the easiest to pick are put on a free part of the table, before all those whose name no other has.
     """
     called = Counter(obj.label for obj in objects)
     ranked = _rank_by_ease(objects)
@@ -55,7 +55,9 @@ def _rank_by_ease(objects: Sequence[SceneObject]) -> list[list[SceneObject]]:
     loose = [obj for obj in objects if is_uncovered_object(obj, objects)]
     usable = [obj for obj in filter(is_pickable_object, loose) if is_reachable_object(obj)]
     if len(usable) < 2:
-        others = sorted((obj for obj in loose if obj not in usable), key=_rate_difficulty)
+        called = Counter(obj.label for obj in objects)
+        rest = [obj for obj in loose if obj not in usable]
+        others = sorted(rest, key=lambda obj: (called[obj.label] > 1, _rate_difficulty(obj)))
         return [relocate_misplaced_objects([*usable, *others][:2], objects), usable]
     sure = [obj for obj in usable if is_steady_object(obj) and obj.is_flat_topped]
     return [*_filter_by_clearance(sure, objects), *_filter_by_clearance(usable, objects), usable]

@@ -177,6 +177,6 @@ def is_steady_object(obj: SceneObject) -> bool:
 
 
 def is_reachable_object(obj: SceneObject) -> bool:
-    """Whether the arm can pick it where it stands: in reach, and not held there."""
+    """Whether the arm can pick it where it stands: in reach, not held there, and picked before."""
     radius = math.hypot(obj.position[0], obj.position[1])
-    return obj.reachable and not obj.floats and NEAR <= radius <= FAR and obj.position[0] > 0.1
+    return obj.reachable and obj.can_be_picked and not obj.floats and NEAR <= radius <= FAR and obj.position[0] > 0.1

@@ -142,6 +142,7 @@ class SceneObject:
     hollow: bool  # whether other objects can be put inside or on it
     floats: bool = False  # whether it is held where it is, since it stands on what the photo does not show
     uneven_top: bool = False  # whether other objects would tip on it
+    can_be_picked: bool = True  # whether the robot, which tried, could pick it where it stands
     relocated: bool = False  # whether the program puts it elsewhere than the photo
 
     @property
@@ -205,6 +206,7 @@ def _parse_scene_object(entry: Json) -> SceneObject | None:
         hollow=bool(entry.get("hollow")) or _has_hollow_name(asset, category),
         floats=bool(entry.get("floats")),
         uneven_top=bool(entry.get("uneven_top")),
+        can_be_picked=not entry.get("cannot_be_picked"),
     )
 
 

@@ -270,11 +270,11 @@ class Environment(Workcell):
 
     def push(self, pose0: Pose, pose1: Pose) -> PushResult:
         """Push along the table from one pose to another with the spatula; does not score."""
-        return Push(self.physics, self.collider_prisms, self._labels_by_id()).push(pose0, pose1)
+        return Push(self.physics, self.collider_prisms, self.object_labels).push(pose0, pose1)
 
     def pick_place(self, pick: Pose, place: Pose) -> PickPlaceResult:
         """Pick at one pose of the tip and place at another; does not score."""
-        act = PickPlace(self.physics, self.collider_prisms, self._labels_by_id()).pick_and_place
+        act = PickPlace(self.physics, self.collider_prisms, self.object_labels).pick_and_place
         return act(pick, place) if self.witness is None else self.witness.recall_or_act(self, pick, place, act)
 
     def replace_object(self, item: InstanceObject) -> None:
@@ -283,7 +283,9 @@ class Environment(Workcell):
         self._objects[item.id], self._models[item.id] = item, load_object_model(item, self.library)
         self._physics, self._stale = None, False
 
-    def _labels_by_id(self) -> dict[int, str]:
+    @property
+    def object_labels(self) -> dict[int, str]:
+        """``asset #id`` of each object, as episodes name it."""
         return {number: f"{item.asset} #{number}" for number, item in self._objects.items()}
 
     def find(self, asset: str) -> list[int]:
@@ -304,7 +306,7 @@ class Environment(Workcell):
         """Note what did not stay where the program put it, and why not."""
         moved = [n for n, start in placed.items() if _has_shifted(start[0], self.places[n][0])]
         prisms = {n: object_prism_at_pose(self.object_model(n), placed[n]) for n in placed} if moved else {}
-        label = self._labels_by_id()
+        label = self.object_labels
         for number in moved:
             start, end = placed[number][0], self.places[number][0]
             within = [label[n] for n in placed if n != number and _overlap(prisms[number], prisms[n])]

@@ -185,7 +185,7 @@ class Oracle:
         for row, target in self._ropes.rank_bead_moves(goal, view, self.task.pos_eps):
             number = goal.objects[row]
             attempt = (len(self.task.goals), number)
-            hold = self._find_pick_point(number, view) if self._attempts.get(attempt, 0) < _ATTEMPTS else None
+            hold = self.find_pick_point(number, view) if self._attempts.get(attempt, 0) < _ATTEMPTS else None
             spot = Spot((float(target[0]), float(target[1])), 0.0, 0.0)
             if isinstance(hold, tuple) and ReachTest(hold[2], self.table.arm)(np.array([spot.center]), np.zeros(1))[0]:
                 return self._make_attempt(attempt, hold, spot, view)
@@ -222,7 +222,7 @@ class Oracle:
         attempt = (len(self.task.goals), number)
         if self._attempts.get(attempt, 0) >= _ATTEMPTS:
             return self._explain_giving_up(number, view)
-        hold = self._find_pick_point(number, view)
+        hold = self.find_pick_point(number, view)
         if isinstance(hold, Stop):
             return hold
         if isinstance(hold, Blocked):
@@ -238,7 +238,7 @@ class Oracle:
             target = target.otherwise
         return self._make_attempt(attempt, hold, target, view)
 
-    def _find_pick_point(self, number: int, view: SceneView) -> Vec3 | Blocked | Stop:
+    def find_pick_point(self, number: int, view: SceneView) -> Vec3 | Blocked | Stop:
         """Where to pick an object up, or what lies on it, or why it cannot be picked."""
         carried = carried_object_ids(number, view)
         immovable = self._explain_immovable(number, carried, view)
@@ -295,7 +295,7 @@ class Oracle:
                 plan = self._plan_object_action(goal, goal.objects.index(blocker), view, waiting)
                 if not isinstance(plan, Stop):
                     return plan
-        hold = self._find_pick_point(blocker, view)
+        hold = self.find_pick_point(blocker, view)
         if isinstance(hold, Blocked):
             return self._plan_blocker_removal(hold, blocker, view, waiting)
         if isinstance(hold, Stop):

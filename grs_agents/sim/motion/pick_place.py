@@ -84,6 +84,19 @@ class PickPlace:
             return picked
         return self._place_object(picked.grasped, ToolPose(transforms.to_vec3(place[0]), self.yaw + turn, tilt))
 
+    def pick_and_lift(self, pick: Pose, height: float) -> PickPlaceResult:
+        """Pick where the cup touches, and lift straight up by ``height`` (m); ``placed`` says that it hangs there."""
+        point = transforms.to_vec3(pick[0])
+        picked = self._pick_object(point, self._choose_pick_yaw(point, point, 0.0))
+        if picked.grasped is None:
+            return picked
+        self._lift_clear_of_neighbours(picked.grasped)
+        here = self._current_tool_pose()
+        self._follow_tool_poses((here, here.shifted_by(height * _UP)), HELD_SPEED)
+        if self.physics.held_object_id == picked.grasped:
+            return PickPlaceResult(picked.grasped, True, "lifted")
+        return PickPlaceResult(picked.grasped, False, self._describe_drop(picked.grasped), "dropped")
+
     def _choose_pick_yaw(self, pick: Vec3, place: Vec3, turn: float) -> float:
         """The tool's yaw at which to pick so that the wrist's limits allow the turn to the place afterwards."""
         tip, seed = self.physics.tip_position, self.physics.commanded_joint_positions
