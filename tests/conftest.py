@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, settings
 from evals.synthesis import Recipe, synthesise
 from grs_agents import content
 from grs_agents.library import Library
+from tests.cli.command import grs
 
 pytest_plugins = ("tests.needs",)
 
@@ -51,6 +52,15 @@ def small_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     recipe = Recipe(seed=3, objects=3, distractors=0, tilt=50.0, sensor="time_of_flight", width=320, height=240)
     synthesise(recipe, Library()).write(folder)
     return folder
+
+
+@pytest.fixture(scope="session")
+def known_scene(tmp_path_factory: pytest.TempPathFactory, small_scene: Path) -> Path:
+    """That scene, comprehended once: for runs that begin with the task."""
+    folder = tmp_path_factory.mktemp("known")
+    done = grs("scene", str(small_scene), "--out", "small", folder=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / "small"
 
 
 @pytest.fixture

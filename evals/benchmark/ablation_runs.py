@@ -64,21 +64,29 @@ def make_scenes(wanted: Sequence[Recipe], folder: Path) -> list[Path]:
 
 
 def make_runs(scenes: Sequence[str], graphs: Sequence[str], experiment: Experiment) -> list[Measured]:
-    """Make what is not made yet. Scene and seed give the offline author's task, so graphs meet the same tasks."""
+    """Make what is not made yet. Scene and seed give the offline author's task, so graphs meet the same tasks.
+
+    The first run of each scene comprehends it, the others take that over: what differs is what authors and fixers do.
+    """
     options = experiment.options
     common = [part for setting in options.settings for part in ("--set", setting)]
     if options.config is not None:
         common += ["--config", str(options.config.resolve())]
     work: dict[str, Callable[[], Measured]] = {}
+    firsts: dict[str, Path] = {}
     for seed in range(options.runs):
         for scene, short in zip(scenes, unique_names([Path(scene) for scene in scenes]), strict=True):
             for graph in graphs:
                 name = f"{graph}-{short}-{seed}"
                 arguments = (*common, "--set", f"graph={graph}")
-                job = RunJob(name, scene, seed, options.out.resolve() / name, arguments)
+                folder = options.out.resolve() / name
+                job = RunJob(name, scene, seed, folder, arguments, firsts.get(short))
+                firsts.setdefault(short, folder)
                 work[name] = partial(_run, graph, job, options.timeout)
     choosing = ("scenes", "synthesised", "runs", "graphs", "timeout")
-    return experiment.make_rows(Measured, work, workers=options.workers, choosing=choosing, show=str)
+    make = partial(experiment.make_rows, Measured, workers=options.workers, choosing=choosing, show=str)
+    make({folder.name: work[folder.name] for folder in firsts.values()})
+    return make(work)
 
 
 def _run(graph: str, job: RunJob, timeout: float) -> Measured:

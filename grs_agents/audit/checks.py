@@ -12,7 +12,7 @@ from grs_agents.audit.types import AuditReport, Finding
 from grs_agents.audit.visibility_checks import check_visibility
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
-from grs_agents.perception import SceneDescription
+from grs_agents.perception import SceneDescription, SceneObject
 from grs_agents.sim import Goal, Rollout, TaskInstance
 from grs_agents.sim.instance import Episode
 from grs_agents.sim.world import TIMESTEP
@@ -141,7 +141,9 @@ def _check_seeds_differ(instances: Sequence[TaskInstance], task: TaskDefinition 
         check="seeds_differ",
         passed=different > 1 or len(instances) < 2 or not varying,
         measured=f"{len(instances)} seeds give {different} different task instances",
-        bound=f"the task says that something varies ({', '.join(varying)}), so they must differ" if varying else "",
+        bound=f"the task says that something varies ({', '.join(varying)}), so they must differ"
+        if varying
+        else "the task does not say that they must",
     )
 
 
@@ -157,8 +159,8 @@ def _check_objects_moved(
     if scene is not None:
         seen = {item.asset for item in scene.objects}
         counts = [sum(name in seen for name in rollout.moved) for rollout in rollouts]
-        movable = sum(item.reachable and not item.held and not is_covered(item, scene) for item in scene.objects)
-        why = f"{movable} are in reach, uncovered and not held"
+        movable = sum(_can_be_moved(item, scene) for item in scene.objects)
+        why = f"{movable} are in reach, uncovered and not held, and the robot can pick them"
     else:
         counts = [len(rollout.moved) for rollout in rollouts]
         movable = min((sum(map(_count_objects_to_move, instance.goals)) for instance in instances), default=0)
@@ -170,6 +172,11 @@ def _check_objects_moved(
         measured=f"objects moved by the robot: {counts}",
         bound=f"at least {needed} must be, {why}",
     )
+
+
+def _can_be_moved(item: SceneObject, scene: SceneDescription) -> bool:
+    usable = item.reachable and not (item.held or item.stands_in_robot or item.pick_trouble)
+    return usable and not is_covered(item, scene)
 
 
 def _count_objects_to_move(goal: Goal) -> int:

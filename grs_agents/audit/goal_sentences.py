@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from grs_agents.base import Pose, Vec3
+from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.geometry import transforms
 from grs_agents.library import Library, color_name_from_rgb
 from grs_agents.perception import SceneDescription, SceneObject
@@ -188,6 +188,8 @@ class _Table:
             row |= {"end": _round(end[0]), "moved": round(moved, 3)}
         if turned > _TURNED:
             row["turned"] = round(turned)
+        if (tipped := _angle_of_tipping(begin[1], end[1])) > _TURNED:
+            row["tipped"] = round(tipped)
         if actions := [index for index, handled in enumerate(self.rollout.handled, 1) if number in handled]:
             row["actions"] = actions
         if ends := self._describe_supports(self.end[number], self.end):
@@ -288,7 +290,15 @@ class _Table:
             gone = other != number and math.dist(pose[0], self.rollout.final[other][0]) > _SAME_PLACE
             if gone and math.dist(pose[0][:2], target[0][:2]) < _SAME_PLACE:
                 words.append(f"where {self.names[other]} stands at the start")
-        return " and ".join(words)
+        x, y, _ = target[0]
+        return f"{' and '.join(words)}, at ({100 * x:.0f}, {100 * y:.0f})"
+
+
+def _angle_of_tipping(start: Quat, end: Quat) -> float:
+    """By how many degrees a thing leans at the end against how it stood."""
+    back = transforms.invert_pose(((0, 0, 0), start))[1]
+    x, y, _, _ = transforms.multiply_quaternions(end, back)
+    return math.degrees(math.acos(max(-1.0, 1 - 2 * (x * x + y * y))))
 
 
 def _color_name_set_by_program(item: InstanceObject) -> str:

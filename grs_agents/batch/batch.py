@@ -58,8 +58,8 @@ def run_batch(order: BatchOrder, watch: Watcher = lambda _: None) -> BatchResult
     _claim_folder(order)
     names = _name_scenes(order.scenes)
     rows: dict[str, BatchRow] = {}
-    for round_ in range(_SEEDS_PER_TASK if order.tasks else 1):
-        jobs = [job for scene in order.scenes for job in _jobs_of_scene(order, scene, names[scene], round_, rows)]
+    for _ in range(1 + _SEEDS_PER_TASK if order.tasks else 1):
+        jobs = [job for scene in order.scenes for job in _jobs_of_scene(order, scene, names[scene], rows)]
         if jobs:
             _run_round(order, jobs, rows, watch)
     results = summarize_rows(list(rows.values()))
@@ -84,19 +84,19 @@ def _run_round(order: BatchOrder, jobs: Sequence[RunJob], rows: dict[str, BatchR
     rows.update((job.name, ended[job.name]) for job in jobs)
 
 
-def _jobs_of_scene(
-    order: BatchOrder, scene: str, name: str, round_: int, rows: dict[str, BatchRow]
-) -> Iterator[RunJob]:
-    """The runs of one scene in one round: as many as tasks are still wanting."""
+def _jobs_of_scene(order: BatchOrder, scene: str, name: str, rows: dict[str, BatchRow]) -> Iterator[RunJob]:
+    """The runs of one scene in one round: the first alone, since the others take its scene over; then as many as tasks
+    are still wanting."""
     made = [row for row in rows.values() if row.scene == scene]
     found = sum(row.status == "accepted" and not row.repeats for row in mark_repeats(made))
     options = [part for setting in order.settings for part in ("--set", setting)]
     if order.config is not None:
         options += ["--config", str(order.config.resolve())]
-    for number in range(len(made), len(made) + (order.tasks or 1) - found):
-        seed = order.seed + number
-        folder = f"{name}-{seed}"
-        yield RunJob(folder, scene, seed, order.out.resolve() / folder, tuple(options))
+    first = order.out.resolve() / f"{name}-{order.seed}" if made else None
+    wanting = (order.tasks or 1) - found if made else 1
+    for number in range(len(made), len(made) + wanting):
+        folder = f"{name}-{order.seed + number}"
+        yield RunJob(folder, scene, order.seed + number, order.out.resolve() / folder, tuple(options), first)
 
 
 def summarize_rows(rows: Sequence[BatchRow]) -> BatchResults:

@@ -10,6 +10,7 @@ from typing import Final
 
 from grs_agents import content
 from grs_agents.errors import InputError
+from grs_agents.perception import is_known_scene
 from grs_agents.runs import RunRecord, read_record
 
 ENDED: Final = ("accepted", "rejected", "waiting")
@@ -25,6 +26,12 @@ class RunJob:
     seed: int
     folder: Path
     options: tuple[str, ...] = ()  # further options of `grs run`
+    known: Path | None = None  # the folder of a run of the same photo, whose scene is taken over where it has one
+
+    @property
+    def source(self) -> str:
+        """What `grs run` is given."""
+        return self.scene if self.known is None or not is_known_scene(self.known) else str(self.known)
 
 
 @dataclass(frozen=True)
@@ -46,7 +53,8 @@ def run_job(job: RunJob, timeout: float) -> RunEnd:
         return RunEnd(job, earlier.exit_status)
     overlays = [part for root in reversed(content.content_search_roots()[:-1]) for part in ("--content", str(root))]
     options = ("--resume",) if earlier is not None else ("--seed", str(job.seed), *job.options)
-    command = [*overlays, "run", job.scene, "--out", str(job.folder), "--json", *options]
+    source = job.source if earlier is None else earlier.source
+    command = [*overlays, "run", source, "--out", str(job.folder), "--json", *options]
     # The environment is the user's own: a model may need its key.
     starter = [sys.executable, "-m", "grs_agents.batch.child", str(os.getpid())]
     job.folder.parent.mkdir(parents=True, exist_ok=True)

@@ -16,6 +16,7 @@ from .comprehension import describe_candidates as describe_candidates
 from .comprehension import find_table as find_table
 from .comprehension import hide_image as hide_image
 from .comprehension import match_candidates_to_assets as match_candidates_to_assets
+from .comprehension import next_step_after_read as next_step_after_read
 from .comprehension import next_step_after_register as next_step_after_register
 from .comprehension import read_photo as read_photo
 from .comprehension import register_assets_in_photo as register_assets_in_photo

@@ -12,6 +12,7 @@ import numpy as np
 
 from grs_agents.agents import Description
 from grs_agents.errors import GrsError, InputError
+from grs_agents.foreign import find_member_file
 from grs_agents.library import write_background_asset
 from grs_agents.nodes.asset_matching import match_candidates
 from grs_agents.nodes.bystanders import prepare_scene_for_tasks
@@ -20,6 +21,7 @@ from grs_agents.nodes.scene_objects import MatchedCandidate, drop_reason, place_
 from grs_agents.nodes.scene_settling import SettledScene, settle_scene
 from grs_agents.nodes.services import Photo, Services, Update, logged_node
 from grs_agents.perception import (
+    NAMED,
     Candidate,
     CandidateRecord,
     Coverage,
@@ -41,6 +43,7 @@ from grs_agents.perception import (
     describe_table_doubts,
     draw_object_names,
     frame_as_saved,
+    is_known_scene,
     leave_out_scenery,
     load_mask,
     measure_coverage,
@@ -55,12 +58,13 @@ from grs_agents.perception import (
     save_frame,
     save_twin_picture,
     smooth_depth_noise,
+    take_over_scene,
     write_png,
 )
 from grs_agents.perception import find_table as table_in
 from grs_agents.sim.world import arm_spheres_at_home
 from grs_agents.state import RunState
-from grs_agents.trace import Note, SceneStage
+from grs_agents.trace import Note, SceneStage, read_events
 
 LEFT_OUT = "scene/left_out.png"
 
@@ -107,8 +111,14 @@ def build_background_asset(
 
 @logged_node("read")
 def read_photo(state: RunState, services: Services) -> Update:
-    """Read the RGB-D photo and write it into the run folder; all later nodes work on what was written."""
-    frame = read_scene(Path(state["scene_path"]), _make_depth_estimator(services), services.config.depth.field_of_view)
+    """Read the RGB-D photo and write it into the run folder; all later nodes work on what was written.
+
+    Where the source is a run folder, its scene is taken over as it is, and there is nothing left to perceive.
+    """
+    source = Path(state["scene_path"])
+    if is_known_scene(source):
+        return _take_over_scene(source, services)
+    frame = read_scene(source, _make_depth_estimator(services), services.config.depth.field_of_view)
     noise = measure_depth_noise(frame)
     frame = smooth_depth_noise(frame, noise)
     notes = [*frame.notes, *describe_depth_shift(frame), *_check_robot_joints(frame, services)]
@@ -118,6 +128,22 @@ def read_photo(state: RunState, services: Services) -> Update:
     summary = {"camera": camera, "noise": noise.at_one_metre}
     services.log.append(SceneStage(stage="frame", summary=summary, files=files))
     return {"notes": notes, "image": files["rgb"], "camera": camera}
+
+
+def _take_over_scene(source: Path, services: Services) -> Update:
+    scene = take_over_scene(source, services.folder, services.config.robot)
+    for event in read_events(source / "events.jsonl"):
+        if isinstance(event, SceneStage):
+            services.log.append(SceneStage(stage=event.stage, summary=event.summary, files=event.files))
+    services.log.append(Note(text=f"the scene is that of {source}, as it was made there"))
+    check_coverage(scene, services.config.scene.coverage.refuse)
+    named = find_member_file(services.folder, NAMED)
+    return {"scene": scene.model_dump(mode="json"), "image": scene.image if named is None else NAMED}
+
+
+def next_step_after_read(state: RunState) -> Literal["find_table", "done"]:
+    """Whether there is a photo to look at, or the scene is known."""
+    return "done" if state.get("scene") else "find_table"
 
 
 @logged_node("find_table")

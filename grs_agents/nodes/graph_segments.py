@@ -12,6 +12,7 @@ from grs_agents.nodes.comprehension import (
     describe_candidates,
     find_table,
     match_candidates_to_assets,
+    next_step_after_read,
     next_step_after_register,
     read_photo,
     register_assets_in_photo,
@@ -56,11 +57,14 @@ def empty_graph() -> RunGraph:
 def add_perception(graph: RunGraph, then: str) -> None:
     """From the start: from the photo to objects at rest in MuJoCo (paper, Scene Comprehension).
 
-    Residual candidates, which show once the first objects are placed, are described and matched in a second pass.
+    A scene that another run made is taken over as it is. Residual candidates, which show once the first objects are
+    placed, are described and matched in a second pass.
     """
     for name, step in PERCEPTION.items():
         graph.add_node(name, step)
-    for source, target in pairwise((START, *list(PERCEPTION)[:-1])):
+    graph.add_edge(START, "read")
+    graph.add_conditional_edges("read", next_step_after_read, {"find_table": "find_table", "done": then})
+    for source, target in pairwise(list(PERCEPTION)[1:-1]):
         graph.add_edge(source, target)
     graph.add_conditional_edges("register", next_step_after_register, ["describe", "settle"])
     graph.add_edge("settle", then)

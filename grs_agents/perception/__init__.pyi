@@ -1,4 +1,5 @@
 from . import types as types
+from .annotated_pictures import NAMED as NAMED
 from .annotated_pictures import draw_object_names as draw_object_names
 from .annotated_pictures import marked_picture_file as marked_picture_file
 from .annotated_pictures import outline_segments as outline_segments
@@ -50,6 +51,8 @@ from .proxies.neighbors import Surroundings as Surroundings
 from .reading.bop import is_bop_source as is_bop_source
 from .reading.camera import CameraFile as CameraFile
 from .reading.camera import read_camera_file as read_camera_file
+from .reading.known_scene import is_known_scene as is_known_scene
+from .reading.known_scene import take_over_scene as take_over_scene
 from .reading.masks import read_masks as read_masks
 from .reading.photo_without_depth import DepthEstimate as DepthEstimate
 from .reading.photo_without_depth import Estimator as Estimator

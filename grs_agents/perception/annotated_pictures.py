@@ -14,6 +14,8 @@ from grs_agents.perception.types import Array, CandidateRecord, Mask, RGBDFrame
 MARK, OTHERS = (255, 0, 255), (255, 255, 255)
 """Outlines of the segments that are asked about, and of the others."""
 SHOWN_SIDE = 1024
+NAMED = "scene/named.png"
+"""The photo with the names of its objects, in the run folder."""
 _TILE = 256
 _ASIDE = np.array(
     [(0, 0)] + [(x * far / 2, y * far) for far in range(1, 12) for x, y in ((0, -1), (0, 1), (-1, -1), (1, 1))]
@@ -80,8 +82,8 @@ def draw_object_names(frame: RGBDFrame, masks: Mapping[str, Mask], run: Path) ->
     """Write ``scene/named.png``, the photo with the name of each object at its place; returns that name."""
     picture, scale = _resize_for_model(frame, enlarge=True)
     _draw_labels(picture, {name: _find_label_place(mask) * scale for name, mask in masks.items() if mask.any()}, 0.45)
-    write_png(run / "scene/named.png", picture)
-    return "scene/named.png"
+    write_png(run / NAMED, picture)
+    return NAMED
 
 
 def draw_numbered_regions(frame: RGBDFrame, owned: Mask, regions: Sequence[Mask], file: Path) -> None:

@@ -29,7 +29,7 @@ ASKED: dict[str, Callable[[Agents], object]] = {
         agents, "<words>", ["<other_texts>"], [{"x": "<objects>"}], ["<goals>"], []
     ),
 }
-MOST_CHARACTERS = 25_500
+MOST_CHARACTERS = 25_900
 """Of the fixed text of all these prompts together."""
 
 

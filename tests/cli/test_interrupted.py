@@ -179,7 +179,7 @@ def test_a_signal_before_the_first_node_is_not_lost(tmp_path: Path, small_scene:
         assert json.loads(again.stdout)["status"] == "accepted", again.stderr
 
 
-def test_two_processes_do_not_run_in_one_folder(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
+def test_two_processes_do_not_run_in_one_folder(tmp_path: Path, known_scene: Path, scripted_server: Any) -> None:
     pytest.importorskip("langchain_openai")
     asked, go_on = Event(), Event()
 
@@ -188,7 +188,7 @@ def test_two_processes_do_not_run_in_one_folder(tmp_path: Path, small_scene: Pat
         go_on.wait()
 
     scripted_server.arrived = hold
-    order = ["run", str(small_scene), "--out", str(tmp_path / "run")]
+    order = ["run", str(known_scene), "--out", str(tmp_path / "run")]
     with subprocess.Popen(command(*order, *asking(scripted_server)), stdout=subprocess.DEVNULL) as process:
         try:
             assert asked.wait(120)
@@ -199,7 +199,7 @@ def test_two_processes_do_not_run_in_one_folder(tmp_path: Path, small_scene: Pat
             go_on.set()
     assert second.returncode == 2
     assert f"in use by process {process.pid}" in second.stderr and "--out" in second.stderr
-    assert seen.returncode == 0 and "describe" in seen.stdout
+    assert seen.returncode == 0 and "generate_task" in seen.stdout
     assert process.returncode == 130
     events = read_events(tmp_path / "run" / "events.jsonl")
     assert [event.sequence for event in events] == list(range(len(events)))
@@ -245,14 +245,14 @@ def test_every_prompt_has_one_reply_with_what_it_cost(tmp_path: Path, small_scen
 
 
 def test_rules_turn_to_the_other_program_when_a_fix_changed_nothing(
-    tmp_path: Path, small_scene: Path, scripted_server: Any
+    tmp_path: Path, known_scene: Path, scripted_server: Any
 ) -> None:
     pytest.importorskip("langchain_openai")
     tests = "import unittest\n\nclass TestIt(unittest.TestCase):\n    def test_a(self):\n        nowhere()\n"
     broken = f"```python\n{tests}```"
     scripted_server.spoilt = {"tests": [broken], "fix_tests": [broken]}
     options = [*asking(scripted_server), "--set", "policy=rules"]
-    done = grs("run", str(small_scene), "--out", "run", "--json", *options, folder=tmp_path)
+    done = grs("run", str(known_scene), "--out", "run", "--json", *options, folder=tmp_path)
     assert json.loads(done.stdout)["status"] == "accepted", done.stderr
     decisions = [event for event in read_events(tmp_path / "run" / "events.jsonl") if isinstance(event, Decision)]
     assert [decision.verdict for decision in decisions[:3]] == ["fix_test", "fix_code", "fix_test"]

@@ -89,6 +89,21 @@ def test_an_ended_run_is_resumed_without_work(accepted: tuple[Path, dict[str, An
     assert (folder / "events.jsonl").read_bytes() == before
 
 
+def test_the_scene_of_a_run_is_taken_over(tmp_path: Path, known_scene: Path) -> None:
+    """Nothing is perceived again; another arm would have placed and tried things otherwise."""
+    done = grs("run", str(known_scene), "--out", "run", "--seed", "5", "--json", folder=tmp_path)
+    assert json.loads(done.stdout)["status"] == "accepted", done.stderr
+    events = read_events(tmp_path / "run" / "events.jsonl")
+    assert [event.node for event in events if event.kind == "node_ended"][:2] == ["read", "generate_task"]
+    assert {event.role for event in events if event.kind == "prompt"} == {"task", "simulation", "tests", "judge"}
+    assert [event.stage for event in events if event.kind == "scene_stage"][-1] == "matched"
+    made, taken = (json.loads((folder / "scene.json").read_text()) for folder in (known_scene, tmp_path / "run"))
+    assert made == taken
+    assert grs("verify", "run", folder=tmp_path).returncode == 0
+    refused = grs("run", str(known_scene), "--out", "other", "--set", "robot=panda", folder=tmp_path)
+    assert refused.returncode == 2 and "robot=ur5e, not panda" in refused.stderr
+
+
 def test_show_lists_the_steps(accepted: tuple[Path, dict[str, Any]]) -> None:
     folder, _ = accepted
     done = grs("show", str(folder), folder=folder.parent)
@@ -156,9 +171,9 @@ def settings(server: Any) -> list[str]:
     return ["--set", "models.default=openai:any", "--set", f"models.base_url={server.url}"]
 
 
-def test_a_broken_program_is_routed_to_the_code_fixer(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
+def test_a_broken_program_is_routed_to_the_code_fixer(tmp_path: Path, known_scene: Path, scripted_server: Any) -> None:
     scripted_server.spoilt["simulation"] = ["```python\nimport numpy as np\n\nraise RuntimeError('no task')\n```"]
-    done = grs("run", str(small_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
+    done = grs("run", str(known_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
     record = json.loads(done.stdout)
     assert record["status"] == "accepted", record["reason"]
     assert record["counts"]["code_fixes"] >= 1
@@ -166,40 +181,40 @@ def test_a_broken_program_is_routed_to_the_code_fixer(tmp_path: Path, small_scen
     assert scripted_server.images["fix_code"] > 0
 
 
-def test_broken_tests_are_routed_to_the_test_fixer(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
+def test_broken_tests_are_routed_to_the_test_fixer(tmp_path: Path, known_scene: Path, scripted_server: Any) -> None:
     broken = (
         "```python\nimport unittest\n\nclass TestIt(unittest.TestCase):\n    def test_a(self):\n        nowhere()\n```"
     )
     scripted_server.spoilt["tests"] = [broken]
-    done = grs("run", str(small_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
+    done = grs("run", str(known_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
     record = json.loads(done.stdout)
     assert record["status"] == "accepted", record["reason"]
     assert (record["counts"]["code_fixes"], record["counts"]["test_fixes"]) == (0, 1)
     assert scripted_server.images.get("fix_tests", 0) == 0
 
 
-def test_an_unusable_reply_is_asked_for_again(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
+def test_an_unusable_reply_is_asked_for_again(tmp_path: Path, known_scene: Path, scripted_server: Any) -> None:
     scripted_server.spoilt["task"] = ["I had rather not.", '```json\n{"task-name": "t"}\n```']
-    done = grs("run", str(small_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
+    done = grs("run", str(known_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
     assert json.loads(done.stdout)["status"] == "accepted"
     assert scripted_server.roles.count("task") == 3
 
 
 def test_a_model_that_never_answers_usably_is_an_outcome(
-    tmp_path: Path, small_scene: Path, scripted_server: Any
+    tmp_path: Path, known_scene: Path, scripted_server: Any
 ) -> None:
     scripted_server.spoilt["simulation"] = ["No."] * 3
-    done = grs("run", str(small_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
+    done = grs("run", str(known_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
     record = json.loads(done.stdout)
     assert (done.returncode, record["status"]) == (1, "rejected")
     assert "simulation model gave no usable reply in 3 tries" in record["reason"]
 
 
-def test_fixes_run_out(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
+def test_fixes_run_out(tmp_path: Path, known_scene: Path, scripted_server: Any) -> None:
     hopeless = "```python\nraise RuntimeError('hopeless')\n```"
     scripted_server.spoilt.update({"simulation": [hopeless], "fix_code": [hopeless] * 9})
     options = [*settings(scripted_server), "--set", "max_fixes=2"]
-    done = grs("run", str(small_scene), "--out", "run", "--json", *options, folder=tmp_path)
+    done = grs("run", str(known_scene), "--out", "run", "--json", *options, folder=tmp_path)
     record = json.loads(done.stdout)
     assert (done.returncode, record["status"]) == (1, "rejected")
     assert "2 of 2 fixes used" in record["reason"]
@@ -207,8 +222,8 @@ def test_fixes_run_out(tmp_path: Path, small_scene: Path, scripted_server: Any) 
 
 
 @pytest.mark.parametrize("graph", ["no_router", "no_fix", "llm_only"])
-def test_the_ablations_come_to_a_verdict(tmp_path: Path, small_scene: Path, graph: str) -> None:
-    done = grs("run", str(small_scene), "--out", "run", "--json", "--set", f"graph={graph}", folder=tmp_path)
+def test_the_ablations_come_to_a_verdict(tmp_path: Path, known_scene: Path, graph: str) -> None:
+    done = grs("run", str(known_scene), "--out", "run", "--json", "--set", f"graph={graph}", folder=tmp_path)
     record = json.loads(done.stdout)
     assert record["status"] in ("accepted", "rejected")
     assert len(record["rewards"]) == 3

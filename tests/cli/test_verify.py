@@ -17,10 +17,10 @@ from tests.cli.command import Done, grs
 
 
 @pytest.fixture(scope="module")
-def accepted(tmp_path_factory: pytest.TempPathFactory, small_scene: Path) -> Path:
+def accepted(tmp_path_factory: pytest.TempPathFactory, known_scene: Path) -> Path:
     """A run of a small scene with one seed."""
     folder = tmp_path_factory.mktemp("accepted")
-    done = grs("run", str(small_scene), "--out", "run", "--set", "audit.seeds=1", "--json", folder=folder)
+    done = grs("run", str(known_scene), "--out", "run", "--set", "audit.seeds=1", "--json", folder=folder)
     assert done.returncode == 0, done.stderr
     return folder / "run"
 
@@ -235,12 +235,12 @@ def test_sharing_gives_a_changed_file_no_new_hash(run: Path, tmp_path: Path) -> 
 
 
 def test_a_run_of_models_is_verified_without_them(
-    tmp_path: Path, small_scene: Path, scripted_server: Any, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, known_scene: Path, scripted_server: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("langchain_openai")
     monkeypatch.setenv("OPENAI_API_KEY", "sk-none")
     asking = ["--set", "models.default=openai:some/model", "--set", f"models.default.base_url={scripted_server.url}"]
-    done = grs("run", str(small_scene), "--out", "run", *asking, "--set", "audit.seeds=1", folder=tmp_path)
+    done = grs("run", str(known_scene), "--out", "run", *asking, "--set", "audit.seeds=1", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     asked = len(scripted_server.bodies)
     assert "judge" in scripted_server.roles

@@ -107,8 +107,8 @@ def test_the_budget_ends_a_model_that_only_calls(state: RunState, make_services:
     assert [event.ok for event in kinds(services, "tool_call")] == [True, True, False, False, False]
 
 
-def test_the_offline_model_checks_its_draft_and_is_accepted(small_scene: Path, tmp_path: Path) -> None:
-    ended = api.run(small_scene, out=tmp_path / "run", graph="tool_author", audit={"seeds": 1})
+def test_the_offline_model_checks_its_draft_and_is_accepted(known_scene: Path, tmp_path: Path) -> None:
+    ended = api.run(known_scene, out=tmp_path / "run", graph="tool_author", audit={"seeds": 1})
     events = read_events(ended.folder / "events.jsonl")
     [checked] = [event for event in events if isinstance(event, ToolCall)]
     assert ended.status == "accepted"

@@ -189,7 +189,8 @@ class Task(TaskKit):
     def get_random_pose(
         self, env: Environment, obj_size: Sequence[float] | float, **_unknown: Any
     ) -> tuple[list[float], Quat] | tuple[None, None]:
-        """A free pose on the table for an object of ``obj_size`` (x, y, z) metres, its centre in reach, its yaw random.
+        """A free pose on the table for an object of ``obj_size`` (x, y, z) metres: clear of all that stands there by
+        now, bystanders too, its centre in reach, its yaw random, z half its height.
 
         Returns:
             ``([x, y, z], rotation xyzw)``, or ``(None, None)`` when there is no room. The position is a list, since

@@ -247,7 +247,7 @@ class Tabletop:
         return item.pose
 
     def get_object_size(self, obj: int) -> Vec3:
-        """Upright extents x, y, z of an object, metres."""
+        """Extents of an object along its own axes, metres, however it stands."""
         return self.object_model(obj).size
 
     def collider_prisms(self) -> list[footprints.Prism]:

@@ -1,0 +1,38 @@
+"""A scene that was comprehended before: the folder of a run, whose pictures and proxies another run takes over."""
+
+import shutil
+from pathlib import Path
+from typing import Any, Final
+
+from grs_agents.errors import InputError
+from grs_agents.foreign import check_run_folder, path_exists, read_json
+from grs_agents.perception.reading.bop import is_bop_source
+from grs_agents.perception.types import SceneDescription, read_scene_description
+
+_OF_SCENE: Final = ("scene", "assets")
+"""The folders of a run that its scene is made of: pictures, and proxies with the background."""
+_REMEDY: Final = "name the photo instead"
+
+
+def is_known_scene(source: Path) -> bool:
+    """Whether ``source`` is the folder of a run, or of ``grs scene``, that got as far as a scene."""
+    return not is_bop_source(source) and path_exists(source / "run.json") and path_exists(source / "scene.json")
+
+
+def take_over_scene(source: Path, folder: Path, robot: str) -> SceneDescription:
+    """Copy what the scene of another run is made of into the run folder ``folder``.
+
+    Raises:
+        InputError: the folder is no plain run folder, cannot be read, or its scene was made for another ``robot``.
+    """
+    check_run_folder(source)
+    record: Any = read_json(source / "run.json", _REMEDY)
+    made_for = record.get("config", {}).get("robot", robot) if isinstance(record, dict) else robot
+    if made_for != robot:
+        raise InputError(f"the scene of {source} was made for robot={made_for}, not {robot}", _REMEDY)
+    scene = read_scene_description(source / "scene.json")
+    for name in _OF_SCENE:
+        if path_exists(source / name):
+            shutil.copytree(source / name, folder / name, dirs_exist_ok=True)
+    scene.write(folder / "scene.json")
+    return scene
