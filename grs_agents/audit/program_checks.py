@@ -64,9 +64,8 @@ def check_program(simulation: str) -> Finding:
     told = [(source.line, source.message)] if not isinstance(source, ProgramSource) else [*_find_faults(source)]
     faults = [f"line {line}: {fault}" for line, fault in sorted(told)]
     bound = "a program must draw from the seed alone, and override no more than __init__, reset and additional_reset"
-    return Finding.of_faults(
-        "plain_program", faults, "it draws from nothing but the seed, and overrides nothing else", bound
-    )
+    otherwise = "it draws from nothing but the seed, and overrides nothing else"
+    return Finding.of_faults("plain_program", faults, otherwise, bound)
 
 
 def _find_faults(source: ProgramSource) -> Iterator[tuple[int, str]]:
