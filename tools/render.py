@@ -1,6 +1,7 @@
 """Draw a task instance by casting rays: a PNG of the scene before or after a rollout, no GL needed."""
 
 import base64
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -10,11 +11,13 @@ from grs_agents.base import Frozen, Pose, Vec3
 from grs_agents.config import Limits
 from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes
+from grs_agents.library import Library
 from grs_agents.sandbox import CallResult
 from grs_agents.toolkit import ToolContext, ToolRequest, open_library, readable_folders
 
 if TYPE_CHECKING:
-    from grs_agents.sim.rendering import Picture
+    from grs_agents.sim import Environment, InstanceTask, TaskInstance
+    from grs_agents.sim.rendering import Picture, View, VisibleScene
 
 Box = tuple[int, int, int, int]
 MARK = (255, 0, 255)
@@ -36,6 +39,8 @@ class Request(ToolRequest):
     """After settling, or when the oracle has finished."""
     poses: dict[int, Pose] | None = None
     """Positions (metres) and rotations (xyzw) of objects by id, to draw them there; nothing is simulated then."""
+    textured: bool = False
+    """With textures, light and table as films show them, without the robot; nothing is simulated then."""
     marked: tuple[int, ...] = ()
     """Ids of objects to outline."""
     position: Vec3 = (1.35, 0.0, 0.75)
@@ -94,20 +99,39 @@ def _draw(asked: Request, limits: Limits) -> tuple[bytes, dict[int, Box]]:
     sim.set_environment_defaults(library, instance.seed, instance.robot, limits)
     task = sim.InstanceTask(instance)
     env = sim.Environment(task=task, library=library, seed=instance.seed, robot=instance.robot)
-    if asked.poses is not None:
-        poses = [asked.poses.get(item.id, item.pose) for item in instance.objects]
-        visible = rendering.VisibleScene(
-            instance.objects, library, arm=env.arm, poses=poses, background=instance.background
-        )
-    else:
-        env.reset()
-        if asked.moment == "end":
-            sim.run_oracle(env, task)
-        visible = env.visible_scene
     view = rendering.View(asked.position, asked.target, height=asked.height, width=asked.width)
-    picture = rendering.render_views(visible, [view])[0]
+    if asked.poses is not None:
+        placed = [item.model_copy(update={"pose": asked.poses.get(item.id, item.pose)}) for item in instance.objects]
+        instance = instance.model_copy(update={"objects": tuple(placed)})
+    if asked.textured:
+        picture = _draw_textured(instance, library, view)
+    else:
+        picture = rendering.render_views(_find_visible_scene(asked, env, task, instance), [view])[0]
     boxes = {number: box for number in asked.marked if (box := _outline_object(picture, number)) is not None}
     return rendering.encode_png(picture.color), boxes
+
+
+def _draw_textured(instance: "TaskInstance", library: Library, view: "View") -> "Picture":
+    from grs_agents.sim import rendering
+
+    props = replace(rendering.scene_props_from_instance(instance), arm=None)
+    lens = rendering.lens_from_field_of_view(view.field_of_view, view.height, view.width)
+    return rendering.render_from_camera(props, library, lens, rendering.view_pose(view))
+
+
+def _find_visible_scene(
+    asked: Request, env: "Environment", task: "InstanceTask", instance: "TaskInstance"
+) -> "VisibleScene":
+    """What stands where the poses say, else after settling or the rollout."""
+    from grs_agents import sim
+    from grs_agents.sim import rendering
+
+    if asked.poses is not None:
+        return rendering.VisibleScene(instance.objects, env.library, arm=env.arm, background=instance.background)
+    env.reset()
+    if asked.moment == "end":
+        sim.run_oracle(env, task)
+    return env.visible_scene
 
 
 def _outline_object(picture: "Picture", number: int) -> Box | None:

@@ -153,6 +153,7 @@ def _draw_start_and_end(instance: TaskInstance, rollout: Rollout, services: Serv
             instance=instance.model_dump(mode="json"),
             output=str((services.folder / path).resolve()),
             poses=poses,
+            textured=True,
             **services.simulator_setup,
         )
         if not drawn or drawn.image is None:

@@ -23,7 +23,9 @@ from grs_agents.sim.world import (
 )
 
 _BATCH: Final = 256
-_BATCHES: Final = 6
+_BATCHES: Final = 16
+"""Yaws that are tried before there is said to be no room: with 6, every sixth draw for a zone of 10 x 29 cm among 11
+things found none, with 16 none of 100 did; a vain draw takes 10 ms."""
 _FLUSH: Final = 0.003
 _LEVEL: Final = 0.012
 """Supports that differ by less than this are one level, metres."""
