@@ -88,6 +88,13 @@ class Run:
         task = open_task_folder(self.folder, accepted=False)
         return {seed: task.read_instance(seed) for seed in task.seeds}
 
+    def film(self, path: Path | str, seed: int | None = None) -> Path:
+        """Film the scripted robot at the task of ``seed``, or the first, as .webp, .mp4 or .gif; returns the path."""
+        from grs_agents.views.film import shot_of_rollout, write_film
+
+        write_film(shot_of_rollout(self.folder, seed), Path(path))
+        return Path(path)
+
     def resume(self, reply: str | None = None, *, progress: bool = False) -> "Run":
         """Go on with a run that was interrupted, or that waits for a person's reply."""
         order = Order(

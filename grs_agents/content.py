@@ -50,6 +50,11 @@ def add_overlay_folder(folder: Path) -> None:
         _overlays.insert(0, resolved)
 
 
+def overlay_arguments() -> list[str]:
+    """What a command line needs beside its verb to find the same content as this one."""
+    return [part for folder in _overlays[:1] for part in ("--content", str(folder))]
+
+
 def content_search_roots() -> list[Path]:
     """The content roots, first match wins."""
     return [*_overlays, content_root(), *installed_content_folders()]

@@ -6,6 +6,9 @@ from difflib import get_close_matches
 _FEW, _NEAREST = 20, 5
 """Of up to so many valid names a message lists all, of more the nearest few."""
 
+_ALIKE = 0.6
+"""How alike a name must be to one that there is, 0..1, for it to be taken for a slip of the pen."""
+
 
 class GrsError(Exception):
     """An error to be read: what is wrong, with value and bound, and what to do about it (an imperative)."""
@@ -37,5 +40,11 @@ class UnknownNameError(ConfigError):
         count = len(names) if len(names) <= _FEW else _NEAREST
         shown = (near + [other for other in names if other not in near])[:count]
         more = f" and {len(names) - len(shown)} more" if len(names) > len(shown) else ""
-        super().__init__(f"unknown {kind} {name[:80]!r}", f"use one of: {', '.join(shown) or '(none)'}{more}")
+        meant = suggest_name(name, names)
+        super().__init__(f"unknown {kind} {name[:80]!r}", f"{meant}use one of: {', '.join(shown) or '(none)'}{more}")
         self.kind, self.name, self.valid = kind, name, tuple(names)
+
+
+def suggest_name(name: str, valid: Iterable[str]) -> str:
+    """The question whether another name was meant, and a space; empty where none is alike."""
+    return "".join(f"did you mean {near}? " for near in get_close_matches(name, list(valid), n=1, cutoff=_ALIKE))

@@ -1,6 +1,7 @@
 """Make the pictures of the documentation anew: `.venv/bin/python scripts/pictures.py`; needs a Vulkan driver.
 
-Two runs on the sample scene are made and photographed in rerun's viewer. A digest of what they
+Two runs on the sample scene are made and photographed in rerun's viewer; of the first there is a film, too, as
+`grs report RUN --out film.webp` makes it. A digest of what they
 depend on is kept beside them; `tests/test_docs.py` compares it, without a viewer, and says when they must be renewed.
 """
 
@@ -22,6 +23,7 @@ from PIL import Image
 
 ROOT = Path(__file__).parents[1]
 IMAGES = ROOT / "docs" / "images"
+FILM = IMAGES / "film.webp"
 DIGEST = IMAGES / "pictures.sha256"
 SIZE = "1600x900"
 FIXES = 10
@@ -171,17 +173,18 @@ def main() -> int:
     from grs_agents.config import load_config
     from grs_agents.runs import Order, execute_run
     from grs_agents.views import attach_live_views
+    from grs_agents.views.film import shot_of_rollout, write_film
 
-    scene = content.sample_scenes()["groceries"]
+    scene, config = content.sample_scenes()["groceries"], load_config().config
     with tempfile.TemporaryDirectory() as temporary:
         accepted, fixed = Path(temporary) / "groceries", Path(temporary) / "fixed"
-        if status := execute_run(
-            Order("run", scene, load_config().config, accepted), attach_live_views
-        ).record.exit_status:
+        if status := execute_run(Order("run", scene, config, accepted), attach_live_views).record.exit_status:
             return status
         shoot(accepted, ACCEPTED)
+        frames = write_film(shot_of_rollout(accepted), FILM)
+        print(f"{FILM}: {FILM.stat().st_size // 1024} KiB, {frames} pictures")
         fixed.mkdir()
-        content.load_module("evals", "trace_cost").measure(scene, fixed, FIXES)
+        content.load_module("evals", "trace_cost").measure(scene, fixed, FIXES, config)
         shoot(fixed, FIXED)
     DIGEST.write_text(f"{digest()}\n", "utf-8")
     return 0

@@ -81,7 +81,9 @@ def test_names_that_start_with_an_underscore_are_private(overlay: Path) -> None:
 
 
 def test_an_unknown_name_lists_the_nearest_first() -> None:
-    with pytest.raises(UnknownNameError, match="unknown graph 'no_ruter'; use one of: no_router"):
+    with pytest.raises(
+        UnknownNameError, match=r"unknown graph 'no_ruter'; did you mean no_router\? use one of: no_router"
+    ):
         content.content_path("graphs", "no_ruter")
 
 

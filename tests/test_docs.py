@@ -146,7 +146,7 @@ def test_the_site_fetches_nothing_from_elsewhere() -> None:
     assert scripts and scripts[1] == "javascripts/mermaid.min.js" and "font: false" in settings
     source = (ROOT / "docs" / scripts[1]).read_text("utf-8")
     assert "stateDiagram" in source and "globalThis" in source[-200:]
-    assert "hooks: [scripts/offline.py]" in settings
+    assert "hooks: [scripts/offline.py, " in settings
     refuses = runpy.run_path(str(ROOT / "scripts" / "offline.py"))["on_post_page"]
     fine = '<script src="a.js"></script><link rel="canonical" href="https://a/"><a href="https://a/">a</a>'
     assert refuses(output=fine, page=None) == fine
@@ -157,6 +157,16 @@ def test_the_site_fetches_nothing_from_elsewhere() -> None:
     ):
         with pytest.raises(ValueError, match="fetches from elsewhere"):
             refuses(output=page, page=SimpleNamespace(file=SimpleNamespace(src_path="a.md")))
+
+
+def test_the_page_of_the_notebook_shows_each_of_its_cells() -> None:
+    shows = runpy.run_path(str(ROOT / "scripts" / "notebook_page.py"))["on_page_markdown"]
+    shown = shows(page("tour.md"), {"docs_dir": str(ROOT / "docs")})
+    cells = json.loads((ROOT / "docs" / "tour.ipynb").read_text("utf-8"))["cells"]
+    codes = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    assert codes == [text.strip("\n") for text in re.findall(r"```python\n(.*?)```", shown, re.DOTALL)]
+    assert len(re.findall("^# ", re.sub(r"```.*?```", "", shown, flags=re.DOTALL), re.MULTILINE)) == 1
+    assert shows("as it is", {}) == "as it is"
 
 
 def test_the_pictures_show_the_present_views() -> None:
@@ -260,9 +270,8 @@ def test_every_call_of_pybullet_is_documented() -> None:
     assert named == sorted(name for name in vars(p) if re.match("[a-z]+[A-Z]", name))
 
 
-@pytest.mark.parametrize("file", [ROOT / "README.md", ROOT / "docs" / "simulation.md"], ids=lambda file: file.name)
-def test_the_programs_of_a_page_are_accepted(file: Path, tmp_path: Path) -> None:
-    programs = {name: text for name, text in files_of(file.read_text("utf-8")).items() if "(Task)" in text}
+def test_the_programs_of_the_page_on_simulation_are_accepted(tmp_path: Path) -> None:
+    programs = {name: text for name, text in files_of(page("simulation.md")).items() if "(Task)" in text}
     assert programs
     for name, text in programs.items():
         (tmp_path / name).write_text(text, encoding="utf-8")

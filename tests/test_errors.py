@@ -23,7 +23,10 @@ def test_exit_status_tells_whose_fault_it_is() -> None:
 
 def test_an_unknown_name_lists_the_nearest_first() -> None:
     error = UnknownNameError("tool", "segment_rgb", ["rollout", "segment_rgbd", "instantiate"])
-    assert str(error) == "unknown tool 'segment_rgb'; use one of: segment_rgbd, instantiate, rollout"
+    assert (
+        str(error)
+        == "unknown tool 'segment_rgb'; did you mean segment_rgbd? use one of: segment_rgbd, instantiate, rollout"
+    )
     assert error.valid == ("instantiate", "rollout", "segment_rgbd")
 
 

@@ -80,11 +80,12 @@ def show_assets(
     shipped: Shipped = False,
     out: Annotated[Path, typer.Option("--out", help="The picture to write.", metavar="FILE")] = Path("assets.png"),
     views: Annotated[int, typer.Option("--views", help="Pictures of each.", min=1, max=12)] = 3,
+    json: Json = False,
 ) -> None:
     """Write a contact sheet: a picture of the assets from several sides."""
     from grs_agents.cli.assets_import import write_contact_sheets
 
-    sys.exit(write_contact_sheets(library, names or [], shipped, out, views))
+    sys.exit(write_contact_sheets(library, names or [], shipped, out, views, json))
 
 
 @assets_app.command("verify")

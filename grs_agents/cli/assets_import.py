@@ -73,8 +73,9 @@ class Progress:
         if self._quiet:
             return
         status = f"{outcome.status}{' before' if old else ''}"
-        what = outcome.asset.description if outcome.asset is not None else outcome.reason
-        print_escaped(f"[{self._done}/{self._count}] {outcome.item}: {status}: {what}", error=True)
+        asset = outcome.asset
+        name, what = (outcome.item, outcome.reason) if asset is None else (asset.name, asset.description)
+        print_escaped(f"[{self._done}/{self._count}] {name}: {status}: {what}", error=True)
         for note in outcome.notes if not old else ():
             print_escaped(f"    {note}", error=True)
 
@@ -147,19 +148,27 @@ def list_library(library: Path | None, names: Sequence[str], shipped: bool, as_j
     console.print(table)
 
 
-def write_contact_sheets(library: Path | None, names: Sequence[str], shipped: bool, out: Path, views: int) -> int:
+def write_contact_sheets(
+    library: Path | None, names: Sequence[str], shipped: bool, out: Path, views: int, as_json: bool
+) -> int:
     """Write a contact sheet; 1 where an asset cannot be drawn."""
     from grs_agents.library import MAX_ASSETS, draw_contact_sheet, encode_png
 
     known, assets = select_assets(library, names, shipped)
     sheets = [assets[start : start + MAX_ASSETS] for start in range(0, len(assets), MAX_ASSETS)]
     broken: dict[str, str] = {}
+    written: dict[str, int] = {}
     for number, part in enumerate(sheets):
         picture, failed = draw_contact_sheet(known, part, views)
         path = out if len(sheets) == 1 else out.with_stem(f"{out.stem}-{number + 1}")
         write_bytes(resolve_output_file(path), encode_png(picture))
-        print_escaped(f"{len(part)} assets in {path}")
+        written[str(path)] = len(part)
         broken |= failed
+    if as_json:
+        print_json({"files": written, "broken": broken})
+        return 1 if broken else 0
+    for path, count in written.items():
+        print_escaped(f"{count} assets in {path}")
     for name, reason in broken.items():
         print_escaped(f"{name}: {reason}", error=True)
     return 1 if broken else 0

@@ -428,11 +428,13 @@ def serve_tools(
     config: ConfigFile = None,
     settings: Settings = None,
     unsafe: Unsafe = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the tools with their schemas instead.")] = False,
 ) -> None:
     """Serve scene, check, rollout, render and show over the Model Context Protocol."""
-    from grs_agents.serving import serve_mcp
+    from grs_agents.serving import list_mcp_tools, serve_mcp
 
-    serve_mcp(load_effective_config(config, settings, unsafe=unsafe).config, port)
+    chosen = load_effective_config(config, settings, unsafe=unsafe).config
+    print_json(list_mcp_tools(chosen)) if json else serve_mcp(chosen, port)
 
 
 @app.command()

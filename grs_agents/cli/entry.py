@@ -6,13 +6,14 @@ import gc
 import io
 import logging
 import os
+import re
 import sys
 import traceback
 from collections.abc import Sequence
 from typing import Any, cast
 
 from grs_agents import interrupts
-from grs_agents.errors import GrsError, InputError
+from grs_agents.errors import GrsError, InputError, suggest_name
 from grs_agents.runs import defer_unused_imports
 from grs_agents.terminal import VERBOSITY, EscapingFormatter, print_escaped
 
@@ -23,6 +24,7 @@ _UNUSABLE = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno
 
 _COLLECTED_AFTER = 20_000
 """New containers until the collector of cycles looks at them; imports alone make hundreds of thousands that stay."""
+_NO_CHOICE = re.compile(r"'([^']*)' is not one of ((?:'[\w-]+'(?:, )?)+)")
 _INTERRUPTED = 130
 """Exit status, as shells give it for Ctrl-C."""
 
@@ -88,6 +90,13 @@ def _check_arguments(arguments: Sequence[str]) -> None:
             raise InputError(f"{shown} is not UTF-8: {argument}", "rename the file, or set the locale to UTF-8")
 
 
+def _suggest_choice(message: str) -> str:
+    """``message``; where it refuses one of a few words, with the one that was probably meant."""
+    refused = _NO_CHOICE.search(message)
+    meant = suggest_name(refused[1], refused[2].replace("'", "").split(", ")) if refused else ""
+    return f"{message.rstrip()} {meant.strip().capitalize()}\n" if meant else message
+
+
 def _run_command_line(app: Any) -> int:
     """Run the verb, and say what is wrong with the command line if something is."""
     from typer.exceptions import Abort, TyperException
@@ -98,7 +107,7 @@ def _run_command_line(app: Any) -> int:
         message = io.StringIO()
         with contextlib.redirect_stderr(message):
             cast(Any, error).show()
-        print_escaped(message.getvalue(), error=True, end="")
+        print_escaped(_suggest_choice(message.getvalue()), error=True, end="")
         return error.exit_code
     except Abort:
         return 1

@@ -16,6 +16,20 @@ from grs_agents.terminal import print_json
 
 def list_content(as_json: bool) -> None:
     """Print every name a configuration may hold, with its first line of documentation."""
+    listed = _collect_content()
+    if as_json:
+        print_json(listed)
+        return
+    console = terminal.make_console()
+    for kind, entries in listed.items():
+        table = Table("name", "what it is", title=kind, title_justify="left", expand=False)
+        for name, text in entries.items():
+            table.add_row(Text(name), Text(text))
+        console.print(table)
+
+
+def _collect_content() -> dict[str, dict[str, str]]:
+    """By kind, each name with what it is."""
     from grs_agents.library import Library
     from grs_agents.policies import POLICIES
 
@@ -28,15 +42,7 @@ def list_content(as_json: bool) -> None:
     for kind in ("policies", "models"):
         installed = {entry.name: entry.value for entry in entry_points(group=f"grs_agents.{kind}")}
         listed[kind] |= _summarise_files(kind) | installed
-    if as_json:
-        print_json(listed)
-        return
-    console = terminal.make_console()
-    for kind, entries in listed.items():
-        table = Table("name", "what it is", title=kind, title_justify="left", expand=False)
-        for name, text in entries.items():
-            table.add_row(Text(name), Text(text))
-        console.print(table)
+    return listed
 
 
 def list_config(effective: Effective, as_json: bool) -> None:

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from grs_agents import terminal
 from grs_agents.config import Config, validate_config
+from grs_agents.content import overlay_arguments
 from grs_agents.errors import GrsError, InputError
 from grs_agents.perception import SceneDescription, describe_coverage, read_scene_description, resolve_scene_path
 from grs_agents.questions import Question, check_reply
@@ -75,10 +76,10 @@ def _print_end(command: str, scene: Path, ended: Outcome, as_json: bool) -> None
     if ended.problem is not None:
         _print_run_error(ended.problem, ended.folder)
     if ended.record.status == "interrupted" and command == "run":
-        again = shlex.join(["grs", "run", str(scene), "--out", str(ended.folder), "--resume"])
+        again = shlex.join(["grs", *overlay_arguments(), "run", str(scene), "--out", str(ended.folder), "--resume"])
         print_escaped(f"interrupted; to go on: {again}", error=True)
     if ended.record.status == "waiting":
-        again = shlex.join(["grs", "approve", str(ended.folder), "--reply", "..."])
+        again = shlex.join(["grs", *overlay_arguments(), "approve", str(ended.folder), "--reply", "..."])
         print_escaped(f"waiting for a reply; to go on: {again}", error=True)
 
 

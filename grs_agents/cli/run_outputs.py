@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
-from grs_agents.cli.show import rebuild_recording, shot_of_rollout
+from grs_agents.cli.show import rebuild_recording
 from grs_agents.errors import InputError
 from grs_agents.files import STANDARD_OUTPUT, check_output_path, write_file_or_stdout
 from grs_agents.library import Library
@@ -47,13 +47,14 @@ def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) ->
 def report_run(folder: Path, out: Path | None, seed: int | None, large: bool, as_json: bool) -> None:
     """Write a run as what the ending of ``out`` says and tell where; standard output is the page's alone."""
     from grs_agents.views import show_activity_status
-    from grs_agents.views.film import HIGH_DEFINITION, SUFFIXES, write_film
+    from grs_agents.views.film import HIGH_DEFINITION, SUFFIXES, shot_of_rollout, write_film
 
     kind = "" if out is None else out.suffix.lower()
     with show_activity_status("writing the report") as show:
         if out is not None and kind == ".rrd":
             path = write_file_or_stdout(out, rebuild_recording(folder).read_bytes())
         elif out is not None and kind in SUFFIXES:
+            read_record(folder)
             path = out
             write_film(shot_of_rollout(folder, seed, HIGH_DEFINITION if large else None), path, show=show)
         elif out in (None, STANDARD_OUTPUT) or kind in (".html", ".htm"):

@@ -2,9 +2,7 @@
 
 import json
 import tempfile
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from grs_agents import terminal
 from grs_agents.errors import InputError
@@ -12,9 +10,6 @@ from grs_agents.library import Library
 from grs_agents.runs import read_record
 from grs_agents.terminal import print_escaped, print_json
 from grs_agents.trace import RunEnded, read_events
-
-if TYPE_CHECKING:
-    from grs_agents.views.film import Shot
 
 
 def show_run(folder: Path, as_json: bool) -> None:
@@ -69,21 +64,11 @@ def rebuild_recording(folder: Path) -> Path:
     return recording
 
 
-def shot_of_rollout(folder: Path, seed: int | None, size: tuple[int, int] | None = None) -> "Shot":
-    """The rollout of ``seed``, or the first, of a run, to be filmed in ``size`` (width, height in pixels)."""
-    from grs_agents.views.common import library_with_run_assets
-    from grs_agents.views.film import Shot, find_recorded_rollout
-
-    read_record(folder)
-    rollout = find_recorded_rollout(read_events(folder / "events.jsonl"), folder, seed)
-    shot = Shot(folder.resolve(), rollout, library_with_run_assets(folder, Library()))
-    return shot if size is None else replace(shot, width=size[0], height=size[1])
-
-
 def play_in_window(folder: Path, seed: int | None) -> int:
     """Play a rollout of a run in MuJoCo's window."""
-    from grs_agents.views.film import play_in_mujoco_window
+    from grs_agents.views.film import play_in_mujoco_window, shot_of_rollout
 
+    read_record(folder)
     return play_in_mujoco_window(shot_of_rollout(folder, seed))
 
 

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from langchain_core.language_models.chat_models import BaseChatModel
@@ -15,6 +15,8 @@ from grs_agents.models.provider_errors import classify_provider_error
 from grs_agents.models.reply_limits import WireCall, call_with_timeout
 
 DEADLINE = 300.0
+_RETURNED = "stop"
+"""The finish reason of a reply whose model returned it as a whole and gave none."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ def request_message(
         left = None if retries.deadline is None else max(0.0, end - time.monotonic())
         try:
             message = call_with_timeout(left, lambda: model.invoke(list(messages)), call)
-            return message, answer_from_message(message)
+            return message, _answer_of(model, message)
         except GrsError:
             raise
         except Exception as error:  # each provider raises its own
@@ -63,6 +65,20 @@ def request_message(
                 raise _out_of_time(failure, pause, retries) from error
             retries.sleep(pause)
     raise GrsError("no try was allowed", "set Retries.tries to 1 or more")
+
+
+def _answer_of(model: Runnable[Any, AIMessage], message: AIMessage) -> Answer:
+    """What ``message`` holds; one that ``model`` returned as a whole has ended."""
+    answer = answer_from_message(message)
+    return answer if answer.finish_reason or _streams(model) else replace(answer, finish_reason=_RETURNED)
+
+
+def _streams(model: Runnable[Any, AIMessage]) -> bool:
+    """Whether a reply may come in pieces, of which the last can get lost; a class that returns it whole has it all."""
+    made = getattr(model, "bound", model)
+    return not isinstance(made, BaseChatModel) or any(
+        getattr(type(made), name) is not getattr(BaseChatModel, name) for name in ("_stream", "_astream")
+    )
 
 
 def _out_of_time(failure: ProviderFailure, pause: float, retries: Retries) -> ProviderFailure:

@@ -3,6 +3,7 @@
 It talks on stdio, or over HTTP on 127.0.0.1 alone. Programs run in the sandbox, as everywhere.
 """
 
+import asyncio
 import tempfile
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
@@ -154,3 +155,9 @@ def serve_mcp(config: Config, port: int | None) -> None:
         server.run("stdio")
     else:
         server.run("streamable-http", host="127.0.0.1", port=port)
+
+
+def list_mcp_tools(config: Config) -> list[dict[str, Any]]:
+    """The tools that are served, each with its description and the schemas of what it takes and gives."""
+    tools = asyncio.run(build_mcp_server(config).list_tools())
+    return [tool.model_dump(mode="json", exclude_none=True) for tool in tools]

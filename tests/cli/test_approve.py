@@ -30,6 +30,7 @@ def test_the_graph_with_approval_of_the_documentation(approving: Path) -> None:
     )
     assert asked.returncode == 4, asked.stderr
     assert json.loads(asked.stdout)["status"] == "waiting"
+    assert f"to go on: grs --content {approving.resolve()} approve r --reply ..." in asked.stderr
 
     shown = grs(*content_folder, "approve", "r", folder=approving)
     assert shown.returncode == 4

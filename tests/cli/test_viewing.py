@@ -8,16 +8,20 @@ import socket
 import subprocess
 import sys
 import zipfile
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from io import BufferedReader
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+from typer.core import TyperGroup
+from typer.main import get_command
 
-from grs_agents.cli import main
+from grs_agents.cli import app, main
 from grs_agents.config import Config
 from grs_agents.runs import RunRecord
 from grs_agents.trace import EventLog
@@ -113,9 +117,66 @@ def test_every_verb_can_be_quiet_or_tell_more(run: Path) -> None:
     assert "Traceback" not in grs("show", "nowhere", folder=run.parent).stderr
     told = grs("show", "nowhere", "--verbose", folder=run.parent).stderr
     assert told.startswith("grs: nowhere holds no run") and "Traceback" in told
-    assert "-q, --quiet" in grs("assets", "list", "--help", folder=run.parent).stdout
     assert grs("show", "run", "-q", folder=run.parent).stdout == grs("show", "run", folder=run.parent).stdout
-    assert "Did you mean 'show'" in grs("shwo", folder=run.parent).stderr
+
+
+def verbs(group: TyperGroup, before: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Every verb with its command, those of groups too."""
+    for name, command in group.commands.items():
+        if isinstance(command, TyperGroup):
+            yield from verbs(command, (*before, name))
+        else:
+            yield (*before, name), command
+
+
+def test_every_verb_has_help_and_json_and_may_be_quiet_or_verbose(run: Path) -> None:
+    group = get_command(app)
+    assert isinstance(group, TyperGroup)
+    for words, _ in (every := list(verbs(group))):
+        shown = grs(*words, "-h", folder=run.parent)
+        assert shown.returncode == 0 and all(option in shown.stdout for option in ("-q, --quiet", "-v, --verbose")), (
+            words
+        )
+        assert "--json" in shown.stdout or words == ("eval",), words  # an experiment has its own
+    assert len(every) >= 28
+    cheap: dict[str, tuple[str, ...]] = {
+        "show": ("run",),
+        "runs": (".",),
+        "compare": ("run", "run"),
+        "report": ("run", "--out", "a.rrd"),
+        "graph": ("grs",),
+        "list": (),
+        "config": (),
+        "mcp": (),
+        "assets list": ("--all",),
+        "assets show": ("HOPE/Milk.urdf", "--views", "1"),
+        "assets verify": ("HOPE/Milk.urdf",),
+    }
+    for verb, arguments in cheap.items():
+        done = grs(*verb.split(), *arguments, "--json", "--quiet", folder=run.parent)
+        assert done.returncode == 0 and json.loads(done.stdout), (verb, done.stderr)
+        assert done.stderr == "", verb
+    assert {tool["name"] for tool in json.loads(grs("mcp", "--json", folder=run.parent).stdout)} >= {"scene", "check"}
+
+
+@pytest.mark.parametrize(
+    ("line", "meant"),
+    [
+        ("runs --status acepted", "Did you mean accepted?"),
+        ("batch --engine locl x", "Did you mean local?"),
+        ("run groceries --set policy=ruls", "did you mean rules? use one of"),
+        ("run groceries --set polcy=rules", "did you mean policy? use one of"),
+        ("run groceries --model ofline", "did you mean offline? use one of"),
+        ("run groceris", "did you mean groceries?"),
+        ("graph gsr", "did you mean grs? use one of"),
+        ("demos run --format lerobt", "did you mean lerobot? use one of"),
+        ("lst", "Did you mean 'list'?"),
+        ("list --jsn", "--json"),
+    ],
+)
+def test_a_slip_of_the_pen_is_told_what_was_probably_meant(tmp_path: Path, line: str, meant: str) -> None:
+    done = grs(*line.split(), folder=tmp_path)
+    assert done.returncode == 2 and meant in done.stderr, done.stderr
 
 
 def test_share_holds_neither_key_nor_home(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,8 @@
 """GRS as agents of others meet it: the official client of the Model Context Protocol, on stdio and over HTTP."""
 
 import asyncio
+import json
+import re
 import subprocess
 import sys
 from collections.abc import AsyncGenerator, Awaitable, Callable
@@ -16,7 +18,9 @@ from mcp.types import ImageContent, TextContent
 from tests.envs.conftest import block_instance
 from tests.views.looking import free_port
 
-GRS = [sys.executable, "-m", "grs_agents", "mcp"]
+DOCS = (Path(__file__).parents[2] / "docs" / "python.md").read_text("utf-8")
+TOLD = json.loads(re.findall(r"```json\n(.*?)```", DOCS, re.DOTALL)[-1])["mcpServers"]["grs"]
+GRS = [sys.executable, "-m", "grs_agents", *TOLD["args"]]  # as the documentation has clients start it
 PROGRAM = """
 from cliport.tasks.task import Task
 

@@ -26,7 +26,7 @@ from grs_agents.models.offline.describer_and_matcher import (
 )
 from grs_agents.models.offline.judging import judge_words
 from grs_agents.models.offline.mistakes import Program, make_mistake
-from grs_agents.models.offline.prompt_text import PromptText, parse_prompt
+from grs_agents.models.offline.prompt_text import PromptText, parse_prompt, parse_scene_objects
 from grs_agents.models.offline.router import decide_what_to_fix
 from grs_agents.models.offline.unittest_author import author_tests, fix_tests
 
@@ -141,7 +141,7 @@ class OfflineChatModel(BaseChatModel):
                 continue
             prompt = parse_prompt(str(message.text))
             if prompt is not None and prompt.role in ROLES:
-                rng = self._rng_for_prompt(str(message.text))
+                rng = self._rng_for_text(_text_that_chooses(prompt, str(message.text)))
                 reply = ROLES[prompt.role](prompt, extract_message_images(message), rng)
                 return self._add_mistake(reply, prompt.role, rng)
         return _HELP + ", ".join(ROLES)
@@ -155,9 +155,17 @@ class OfflineChatModel(BaseChatModel):
         source, _ = make_mistake(block[1], program, random.Random(int(rng.integers(2**31))))
         return f"```python\n{source}```"
 
-    def _rng_for_prompt(self, text: str) -> np.random.Generator:
+    def _rng_for_text(self, text: str) -> np.random.Generator:
         digest = hashlib.sha256(text.encode()).digest()
         return np.random.default_rng([self.seed, int.from_bytes(digest[:8], "big")])
+
+
+def _text_that_chooses(prompt: PromptText, text: str) -> str:
+    """What choices follow from, beside the seed: for a task the things on the table, so that neither the words of the
+    prompt nor a millimetre change it; else the whole prompt."""
+    if prompt.role != "task":
+        return text
+    return "\n".join(sorted(obj.asset for obj in parse_scene_objects(prompt.section_json("scene"))))
 
 
 def _calls_check(messages: list[BaseMessage], reply: str, tools: Sequence[str]) -> list[ToolCall]:

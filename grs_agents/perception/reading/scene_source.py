@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from grs_agents import content
-from grs_agents.errors import InputError
+from grs_agents.errors import InputError, suggest_name
 from grs_agents.foreign import is_folder, path_exists
 from grs_agents.perception.reading import point_cloud
 from grs_agents.perception.reading.bop import PREFIX, is_bop_source, parse_bop_source, read_bop_image
@@ -30,7 +30,8 @@ def check_scene_source(source: Path) -> None:
         parse_bop_source(source)
     elif not is_folder(source):
         if not path_exists(source):
-            remedy = f"{REMEDY}; samples: {', '.join(content.sample_scenes())}"
+            samples = content.sample_scenes()
+            remedy = f"{suggest_name(str(source), samples)}{REMEDY}; samples: {', '.join(samples)}"
             raise InputError(f"scene {source} does not exist", remedy)
         if source.suffix.lower() in point_cloud.SUFFIXES:
             raise InputError(f"{source} is a cloud alone", "put it into a folder with rgb.png and camera.json")

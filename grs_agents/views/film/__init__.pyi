@@ -6,9 +6,14 @@ from .recorded_motion import show_recorded_frame as show_recorded_frame
 from .rollout_film import HIGH_DEFINITION as HIGH_DEFINITION
 from .rollout_film import SUFFIXES as SUFFIXES
 from .rollout_film import Shot as Shot
+from .rollout_film import Take as Take
+from .rollout_film import caption_take as caption_take
 from .rollout_film import encode_animation as encode_animation
 from .rollout_film import find_recorded_rollout as find_recorded_rollout
 from .rollout_film import play_in_mujoco_window as play_in_mujoco_window
 from .rollout_film import render_film_frames as render_film_frames
 from .rollout_film import render_frames as render_frames
+from .rollout_film import render_takes as render_takes
+from .rollout_film import shot_of_rollout as shot_of_rollout
+from .rollout_film import take_film as take_film
 from .rollout_film import write_film as write_film

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 
@@ -18,8 +18,8 @@ from grs_agents.errors import GrsError, InputError
 from grs_agents.files import resolve_output_file, unwritable_error
 from grs_agents.foreign import find_member_file, resolve_member_file
 from grs_agents.library import Library
-from grs_agents.trace import Event, Rollout
-from grs_agents.views.common import Motion, read_motion, read_task_instance
+from grs_agents.trace import Event, Rollout, read_events
+from grs_agents.views.common import Motion, library_with_run_assets, read_motion, read_task_instance
 from grs_agents.views.film.captions import describe_moments, draw_captions
 from grs_agents.views.rerun import has_display
 
@@ -54,6 +54,10 @@ class Shot:
         return read_motion(resolve_member_file(self.folder, self.event.recording or ""))
 
 
+Take = tuple[Shot, Sequence[float]]
+"""A shot, and the moments of it that are drawn, s."""
+
+
 def find_recorded_rollout(events: Sequence[Event], folder: Path, seed: int | None = None) -> Rollout:
     """The rollout of the run's last audit that used ``seed``, or its first one, of which the recording is there."""
     by_seed = {event.seed: event for event in events if isinstance(event, Rollout)}
@@ -71,12 +75,24 @@ def find_recorded_rollout(events: Sequence[Event], folder: Path, seed: int | Non
     return played[seed]
 
 
+def shot_of_rollout(folder: Path, seed: int | None = None, size: tuple[int, int] | None = None) -> Shot:
+    """The rollout of ``seed``, or the first, of the run in ``folder``, to be filmed in ``size`` (width, height)."""
+    rollout = find_recorded_rollout(read_events(folder / "events.jsonl"), folder, seed)
+    shot = Shot(folder.resolve(), rollout, library_with_run_assets(folder, Library()))
+    return shot if size is None else replace(shot, width=size[0], height=size[1])
+
+
 def render_frames(shot: Shot, seconds: Sequence[float]) -> Iterator[Image]:
     """The pictures (H, W, 3) of ``shot`` at these moments, drawn with EGL, OSMesa, or rays where neither is there."""
+    return render_takes([(shot, seconds)])
+
+
+def render_takes(takes: Sequence[Take]) -> Iterator[Image]:
+    """The pictures of several shots of one size, one after the other: to begin costs as much as 30 pictures."""
     for backend in _rendering_backends():
         drawn = False
         try:
-            for image in _render_with_backend(shot, seconds, backend):
+            for image in _render_with_backend(takes, backend):
                 drawn = True
                 yield image
         except InputError:  # no way of drawing mends the files of a run
@@ -93,11 +109,12 @@ def _rendering_backends() -> tuple[str, ...]:
     return ("egl", "osmesa", _RAYS) if sys.platform.startswith("linux") else ("", _RAYS)
 
 
-def _render_with_backend(shot: Shot, seconds: Sequence[float], backend: str) -> Iterator[Image]:
+def _render_with_backend(takes: Sequence[Take], backend: str) -> Iterator[Image]:
+    shot = takes[0][0]
     size = shot.width * shot.height * 3
     with tempfile.TemporaryFile() as errors, _start_render_worker(backend, errors.fileno()) as process:
         assert process.stdin is not None and process.stdout is not None
-        process.stdin.write(_encode_render_job(shot, seconds, rays=backend == _RAYS))
+        process.stdin.write(_encode_render_job(takes, rays=backend == _RAYS))
         process.stdin.close()
         try:
             while data := process.stdout.read(size):
@@ -122,14 +139,19 @@ def _start_render_worker(backend: str, errors: int) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, env=environment)
 
 
-def _encode_render_job(shot: Shot, seconds: Sequence[float], rays: bool = False, window: bool = False) -> bytes:
-    files = {
-        "instance": str(resolve_member_file(shot.folder, shot.event.instance or "")),
-        "recording": str(resolve_member_file(shot.folder, shot.event.recording or "")),
-        "roots": [str(root) for root in shot.library.roots],
-    }
-    look = {key: asdict(shot)[key] for key in ("width", "height", "target", "distance", "azimuth", "elevation")}
-    return json.dumps({**files, **look, "seconds": list(seconds), "rays": rays, "window": window}).encode()
+def _encode_render_job(takes: Sequence[Take], rays: bool = False, window: bool = False) -> bytes:
+    rollouts = [
+        {
+            "instance": str(resolve_member_file(shot.folder, shot.event.instance or "")),
+            "recording": str(resolve_member_file(shot.folder, shot.event.recording or "")),
+            "roots": [str(root) for root in shot.library.roots],
+            "seconds": list(seconds),
+        }
+        for shot, seconds in takes
+    ]
+    first = asdict(takes[0][0])
+    look = {key: first[key] for key in ("width", "height", "target", "distance", "azimuth", "elevation")}
+    return json.dumps({**look, "rollouts": rollouts, "rays": rays, "window": window}).encode()
 
 
 def write_film(shot: Shot, path: Path, rate: float = 15.0, show: Callable[[str], None] | None = None) -> int:
@@ -154,11 +176,20 @@ def write_film(shot: Shot, path: Path, rate: float = 15.0, show: Callable[[str],
 
 def render_film_frames(shot: Shot, rate: float, show: Callable[[str], None] | None = None) -> Iterator[Image]:
     """The pictures of ``shot`` with captions, ``rate`` of them a second; ``show`` is told what is drawn."""
-    motion = shot.recorded_motion
-    seconds = [frame / rate for frame in range(int(motion.duration_seconds * rate) + 1)]
+    take = take_film(shot, rate)
+    return caption_take(take, _report_frame_progress(render_takes([take]), len(take[1]), show))
+
+
+def take_film(shot: Shot, rate: float) -> Take:
+    """The moments of a film with ``rate`` pictures a second."""
+    return shot, [frame / rate for frame in range(int(shot.recorded_motion.duration_seconds * rate) + 1)]
+
+
+def caption_take(take: Take, images: Iterator[Image]) -> Iterator[Image]:
+    """The pictures of a take, each with its caption."""
+    shot, seconds = take
     instance = read_task_instance(resolve_member_file(shot.folder, shot.event.instance or ""))
-    drawn = _report_frame_progress(render_frames(shot, seconds), len(seconds), show)
-    return draw_captions(drawn, describe_moments(shot.event, instance, motion, seconds))
+    return draw_captions(images, describe_moments(shot.event, instance, shot.recorded_motion, seconds))
 
 
 def _report_frame_progress(images: Iterator[Image], total: int, show: Callable[[str], None] | None) -> Iterator[Image]:
@@ -207,7 +238,7 @@ def play_in_mujoco_window(shot: Shot) -> int:
             "no display to open MuJoCo's window on", "write a film instead: grs report RUN --out film.webp"
         )
     with tempfile.TemporaryFile() as errors, _start_render_worker("", errors.fileno()) as process:
-        process.communicate(_encode_render_job(shot, (), window=True))
+        process.communicate(_encode_render_job([(shot, ())], window=True))
         errors.seek(0)
         lines = errors.read().decode("utf-8", "replace").strip().splitlines()
     if process.returncode > 0:

@@ -22,22 +22,37 @@ from grs_agents.terminal import print_escaped
 STILLS = 24
 """Up to so many pictures are drawn with smooth edges."""
 Image = npt.NDArray[np.uint8]
+_FACETS = (16, 8)
+"""Of round links, about the axis and along it, in a film: a third cheaper than MuJoCo's own, and hardly to be seen."""
+_NOWHERE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
-def _load_stage_and_motion(order: dict[str, Any]) -> tuple[Any, Any, Any]:
-    """The stage, the motion and the joints of the arm in it."""
-    from grs_agents.library import Library
-    from grs_agents.sim.rendering import Stage, scene_props_from_instance
-    from grs_agents.views.common import read_motion, read_task_instance
-    from grs_agents.views.film.recorded_motion import recover_joint_positions
+class _Stages:
+    """Makes stages; rollouts of the same things share one: a new one costs as much as ten pictures."""
 
-    instance = read_task_instance(Path(order["instance"]))
-    library = Library(*(Path(root) for root in order["roots"]))
-    samples = 4 if len(order["seconds"]) <= STILLS else 0
-    props = scene_props_from_instance(instance)
-    stage = Stage(replace(props, samples=samples, table=_grained(props.table)), library)
-    motion = read_motion(Path(order["recording"]))
-    return stage, motion, recover_joint_positions(stage.model, motion)
+    def __init__(self, order: dict[str, Any]) -> None:
+        self._samples = 4 if sum(len(rollout["seconds"]) for rollout in order["rollouts"]) <= STILLS else 0
+        self._shown: Any = None  # the things of the last stage, wherever they are, and where they come from
+        self._stage: Any = None
+
+    def set_up(self, rollout: dict[str, Any]) -> tuple[Any, Any, Any]:
+        """The stage, with everything where the rollout began, the motion, and the joints of the arm in it."""
+        from grs_agents.library import Library
+        from grs_agents.sim.rendering import Stage, scene_props_from_instance
+        from grs_agents.views.common import read_motion, read_task_instance
+        from grs_agents.views.film.recorded_motion import recover_joint_positions
+
+        props = scene_props_from_instance(read_task_instance(Path(rollout["instance"])))
+        props = replace(props, samples=self._samples, table=_grained(props.table))
+        somewhere = [item.model_copy(update={"pose": _NOWHERE}) for item in props.objects]
+        shown = (replace(props, objects=somewhere), rollout["roots"])
+        if shown != self._shown:
+            self._stage = Stage(props, Library(*(Path(root) for root in rollout["roots"])))
+            self._shown = shown
+        for item in props.objects:
+            self._stage.set_object_pose(item.id, np.array(item.pose[0]), np.array(item.pose[1]))
+        motion = read_motion(Path(rollout["recording"]))
+        return self._stage, motion, recover_joint_positions(self._stage.model, motion)
 
 
 def _grained(table: Any) -> Any:
@@ -57,24 +72,28 @@ def _make_camera(mujoco: Any, order: dict[str, Any]) -> Any:
 
 def write_rendered_frames(order: dict[str, Any], output: BinaryIO) -> None:
     """Write the ordered frames, with OpenGL or, if ``order["rays"]``, without."""
-    if order["rays"]:
-        stage, motion, joints = _load_stage_and_motion(order)
-        picture = _make_raycast_renderer(stage, order)
-    else:
+    make = _make_raycast_renderer
+    if not order["rays"]:
         # before anything else imports it: with the graphics library of MUJOCO_GL
-        mujoco = importlib.import_module("mujoco")
-        stage, motion, joints = _load_stage_and_motion(order)
-        picture = _make_opengl_renderer(mujoco, stage, order)
+        make = partial(_make_opengl_renderer, importlib.import_module("mujoco"))
     from grs_agents.views.film.recorded_motion import show_recorded_frame
 
-    for seconds in order["seconds"]:
-        show_recorded_frame(stage, motion, motion.frame_index_at(seconds), joints)
-        output.write(np.ascontiguousarray(picture()).tobytes())
+    stages, drawn, picture = _Stages(order), None, None
+    for rollout in order["rollouts"]:
+        stage, motion, joints = stages.set_up(rollout)
+        if picture is None or stage is not drawn:
+            drawn, picture = stage, make(stage, order)
+        for seconds in rollout["seconds"]:
+            show_recorded_frame(stage, motion, motion.frame_index_at(seconds), joints)
+            output.write(np.ascontiguousarray(picture()).tobytes())
     output.flush()
 
 
 def _make_opengl_renderer(mujoco: Any, stage: Any, order: dict[str, Any]) -> Callable[[], Image]:
-    camera = _make_camera(mujoco, order)
+    camera, room, quality = _make_camera(mujoco, order), stage.model.vis.global_, stage.model.vis.quality
+    room.offwidth, room.offheight = order["width"], order["height"]  # each picture clears all of it
+    if not quality.offsamples:
+        quality.numslices, quality.numstacks = _FACETS
     renderer = mujoco.Renderer(stage.model, order["height"], order["width"])
 
     def paint() -> Image:
@@ -108,7 +127,7 @@ def play_in_mujoco_window(order: dict[str, Any]) -> None:
     viewer_module = importlib.import_module("mujoco.viewer")
     from grs_agents.views.film.recorded_motion import show_recorded_frame
 
-    stage, motion, joints = _load_stage_and_motion(order)
+    stage, motion, joints = _Stages(order).set_up(order["rollouts"][0])
     with viewer_module.launch_passive(stage.model, stage.data, show_left_ui=False, show_right_ui=False) as viewer:
         camera = _make_camera(mujoco, order)
         viewer.cam.lookat[:], viewer.cam.distance = camera.lookat, camera.distance

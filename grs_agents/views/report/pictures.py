@@ -3,6 +3,7 @@ rollouts of the last audit, one of them as a film."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -23,7 +24,7 @@ from grs_agents.views.common import (
     object_mask_label,
     read_task_instance,
 )
-from grs_agents.views.film import Shot, encode_animation, render_film_frames, render_frames
+from grs_agents.views.film import Shot, Take, caption_take, encode_animation, render_takes, take_film
 from grs_agents.views.report import html
 
 AuditEvent = TypeVar("AuditEvent", trace.Rollout, trace.Finding)
@@ -68,6 +69,19 @@ class DrawnRollout:
         return f"{verdict}doing nothing earns {event.idle_reward:.2f}; moved {', '.join(event.moved) or 'nothing'}"
 
 
+@dataclass(frozen=True)
+class _Plan:
+    """What is to be drawn of a rollout."""
+
+    take: Take
+    rate: float = 0.0  # pictures a second of a film; 0 if it is none
+
+    def finish(self, images: Iterator[Image]) -> DrawnRollout:
+        """The rollout with its pictures; those of a film with captions."""
+        shown = caption_take(self.take, images) if self.rate else images
+        return DrawnRollout(self.take[0].event, list(shown), self.rate)
+
+
 def last_audit_events(events: Sequence[trace.Event], kind: type[AuditEvent]) -> list[AuditEvent]:
     """The rollouts, or the findings, of the last audit."""
     starts = [at for at, event in enumerate(events) if isinstance(event, trace.NodeStarted) and event.node == "audit"]
@@ -78,23 +92,36 @@ def draw_rollouts(events: Sequence[trace.Event], sources: Sources) -> list[Drawn
     """The rollouts of the last audit; the first that failed, or else the first, as a film."""
     played = last_audit_events(events, trace.Rollout)
     filmed = next((event for event in played if event.outcome != "success"), next(iter(played), None))
-    return [_draw_rollout(event, sources, event is filmed) for event in played]
+    planned = [_plan_rollout(event, sources, event is filmed) for event in played]
+    sources.announce_drawing(f"{len(played)} rollouts")
+    drawn = iter(_draw_takes([plan for plan in planned if not isinstance(plan, DrawnRollout)]))
+    return [plan if isinstance(plan, DrawnRollout) else next(drawn) for plan in planned]
 
 
-def _draw_rollout(event: trace.Rollout, sources: Sources, filmed: bool) -> DrawnRollout:
+def _plan_rollout(event: trace.Rollout, sources: Sources, filmed: bool) -> _Plan | DrawnRollout:
+    """What is to be drawn of a rollout; what came of it where nothing can be."""
     if not (event.instance and event.recording and find_member_file(sources.folder, event.recording)):
         return DrawnRollout(event)
-    width, height = _FILM_SIZE
-    shot = Shot(sources.folder.resolve(), event, sources.library, width, height)
+    shot = Shot(sources.folder.resolve(), event, sources.library, *_FILM_SIZE)
     try:
         seconds = shot.recorded_motion.duration_seconds
-        if filmed:
-            rate = min(FILM_RATE, _MOST_PICTURES / max(seconds, 1.0))
-            return DrawnRollout(event, list(render_film_frames(shot, rate, sources.show)), rate)
-        sources.announce_drawing(f"the rollout of seed {event.seed}")
-        return DrawnRollout(event, list(render_frames(shot, [0.0, seconds])))
     except GrsError as error:
         return DrawnRollout(event, problem=str(error))
+    if not filmed:
+        return _Plan((shot, [0.0, seconds]))
+    rate = min(FILM_RATE, _MOST_PICTURES / max(seconds, 1.0))
+    return _Plan(take_film(shot, rate), rate)
+
+
+def _draw_takes(plans: Sequence[_Plan]) -> list[DrawnRollout]:
+    """The rollouts, drawn by one process; where it fails, each by its own."""
+    try:
+        images = render_takes([plan.take for plan in plans]) if plans else iter(())
+        return [plan.finish(islice(images, len(plan.take[1]))) for plan in plans]
+    except GrsError as error:
+        if len(plans) == 1:
+            return [DrawnRollout(plans[0].take[0].event, problem=str(error))]
+        return [drawn for plan in plans for drawn in _draw_takes([plan])]
 
 
 def render_film(drawn: Sequence[DrawnRollout]) -> str:

@@ -14,14 +14,14 @@ from grs_agents.views.rerun.rollout_view import RolloutView, rollout_duration
 from grs_agents.views.rerun.scene_view import SceneView, log_picture
 from grs_agents.views.rerun.state_machine_view import MachineView
 from grs_agents.views.rerun.viewer_layout import build_run_blueprint
+from grs_agents.views.rerun.waiting import NOT_YET, end_waiting, log_waiting_panes
 
 _COLORS = {"+": (30, 150, 70), "-": (215, 70, 70), "@": (60, 130, 230)}
 _GREY, _VIOLET = (125, 125, 132), (150, 100, 215)
 """Colours that are read on a light ground and on a dark one."""
 _DOCUMENTS = (Paths.DECISION, Paths.TASK, Paths.OBJECTS, Paths.AUDIT, Paths.SIMULATION, Paths.TESTS, Paths.REPORT)
 _LONGEST = 400
-NOT_YET = "*Not yet.*"
-"""Stands in a document until there is one."""
+_STEPS = rr.components.InterpolationMode.StepAfter
 
 
 def log_program_version(recording: Recording, folder: Path, event: trace.ProgramVersion) -> None:
@@ -89,15 +89,20 @@ class EventView:
             else:
                 recording = Recording(self._to, self._run_id, build_run_blueprint(self._machine.nodes), self._live)
             for outcome, color in (("passed", (46, 204, 113)), ("failed", (231, 76, 60))):
-                lines = rr.SeriesLines(names=outcome, colors=[color])
+                lines = rr.SeriesLines(names=outcome, colors=[color], interpolation_mode=_STEPS)
                 recording.log(f"{Paths.METRICS}/tests/{outcome}", lines, static=True)
             points = rr.SeriesPoints(names="reward of a rollout", colors=[(241, 196, 15)], marker_sizes=[5])
             recording.log(f"{Paths.METRICS}/reward", points, static=True)
-            recording.log(f"{Paths.METRICS}/tokens", rr.SeriesLines(names="tokens so far"), static=True)
+            recording.log(
+                f"{Paths.METRICS}/tokens", rr.SeriesLines(names="tokens so far", interpolation_mode=_STEPS), static=True
+            )
             self._machine.log_static_graph(recording)
             if self._clock.now == recording.moment:  # the run begins
                 for path in (*_DOCUMENTS, Paths.PROMPT, Paths.REPLY):
                     recording.log_markdown(path, NOT_YET)
+                log_waiting_panes(recording)
+                for name in ("tests/passed", "tests/failed", "tokens"):
+                    recording.log_row(f"{Paths.METRICS}/{name}", rr.Scalars, scalars=[0])
                 self._machine.log_current_state(recording)
             self._recording = recording
         return self._recording
@@ -165,6 +170,8 @@ class EventView:
     def _log_prompt_picture(self, recording: Recording, event: trace.Prompt) -> None:
         """The first picture of the prompt, if it is another than the one shown."""
         picture = event.images[0] if event.images else None
+        if picture and self._picture is None:
+            end_waiting(recording, Paths.IMAGE)
         if picture and picture != self._picture:
             log_picture(recording, Paths.IMAGE, resolve_member_file(self._folder, picture))
             self._picture = picture

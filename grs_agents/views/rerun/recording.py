@@ -225,6 +225,8 @@ class Paths:
     METRICS = "/metrics"
     SCENE = "/scene"
     CAMERA = "/scene/camera"
+    PHOTO = f"{CAMERA}/rgb"
+    DEPTH = f"{CAMERA}/depth"
     TWIN_PICTURE = f"{CAMERA}/twin"
     TWIN = "/scene/twin"
     SURROUNDINGS = "/scene/background"

@@ -29,6 +29,7 @@ from grs_agents.views.common import (
     replace_undrawable_chars,
 )
 from grs_agents.views.rerun.recording import Paths, Recording
+from grs_agents.views.rerun.waiting import end_waiting, log_table
 
 TEXTURE_EDGE = 256
 """Pixels; larger textures are shown smaller to keep recordings small."""
@@ -115,7 +116,6 @@ def _load_texture(path: Path) -> Any:
 
 
 FRAMES_PER_SECOND = 25.0
-_TABLE = ((0.5, 0.0, -0.011), (0.62, 1.1, 0.02))  # centre, size
 _ORANGE, _MUTED, _YELLOW, _GREEN = (208, 104, 28), (125, 125, 132), (255, 210, 60), (70, 215, 120)
 _BLUE, _PINK = (90, 170, 255), (255, 120, 200)
 
@@ -195,10 +195,8 @@ class RolloutView:
         if self._table_shown:
             return
         self._table_shown = True
-        recording.log(Paths.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        (center, size), color = _TABLE, [round(255 * channel) for channel in looks.color]
-        table = rr.Boxes3D(centers=[center], sizes=[size], colors=[color], fill_mode="solid")
-        recording.log(f"{Paths.WORLD}/table", table)
+        end_waiting(recording, Paths.WORLD)
+        log_table(recording, looks)
         recording.log(f"{Paths.WORLD}/tool", rr.Points3D.from_fields(radii=[0.012], colors=[_YELLOW]), static=True)
 
 

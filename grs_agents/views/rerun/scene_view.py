@@ -28,6 +28,7 @@ from grs_agents.views.common import (
 )
 from grs_agents.views.rerun.recording import Paths, Recording
 from grs_agents.views.rerun.rollout_view import log_asset_shapes
+from grs_agents.views.rerun.waiting import end_waiting
 
 MOST_POINTS = 40_000
 """Points of the cloud that are kept, evenly spread over the picture."""
@@ -36,6 +37,7 @@ SMALL = 64 * 1024
 _BOX = (205, 135, 20)
 _TINT = 0.4
 """How much a mask covers of the photo."""
+_PICTURES = {"rgb": Paths.PHOTO, "coverage": Paths.COVERAGE, "twin": Paths.TWIN_PICTURE, "depth": Paths.DEPTH}
 Image = npt.NDArray[Any]
 
 
@@ -106,20 +108,17 @@ class SceneView:
             log_asset_shapes(recording, Paths.SURROUNDINGS, str(background), library)
 
     def _show_new_pictures(self, recording: Recording, event: SceneStage) -> None:
-        pictures = {"rgb": f"{Paths.CAMERA}/rgb", "coverage": Paths.COVERAGE, "twin": Paths.TWIN_PICTURE}
-        for kind, path in pictures.items():
-            if self._is_new_file(kind, event):
-                log_picture(recording, path, resolve_member_file(self._folder, event.files[kind]))
-        if self._is_new_file("depth", event):
-            self._show_depth_image(recording)
-
-    def _is_new_file(self, name: str, event: SceneStage) -> bool:
-        """Whether ``event`` brings a file that is not shown yet."""
-        file = event.files.get(name)
-        if file is None or file == self._shown.get(name):
-            return False
-        self._shown[name] = file
-        return True
+        for kind, path in _PICTURES.items():
+            file = event.files.get(kind)
+            if file is None or file == self._shown.get(kind):
+                continue
+            if kind not in self._shown:
+                end_waiting(recording, path)
+            self._shown[kind] = file
+            if kind == "depth":
+                self._show_depth_image(recording)
+            else:
+                log_picture(recording, path, resolve_member_file(self._folder, file))
 
     def _show_twin_objects(self, recording: Recording, objects: list[dict[str, Any]]) -> None:
         """The assets that stand for the objects, where they do; the viewer draws them from the camera of the photo."""
@@ -160,7 +159,7 @@ class SceneView:
         image = rr.EncodedDepthImage(
             blob=blob, media_type="image/png", meter=meter, depth_range=(float(low), float(high)), colormap="turbo"
         )
-        recording.log(f"{Paths.CAMERA}/depth", image)
+        recording.log(Paths.DEPTH, image)
 
     def _show_point_cloud(self, recording: Recording) -> None:
         """The point cloud in the robot frame, once the camera's pose is known."""

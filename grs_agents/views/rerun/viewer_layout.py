@@ -8,6 +8,7 @@ import rerun.blueprint as rrb
 from grs_agents.base import Vec3
 from grs_agents.views.rerun import state_machine_view
 from grs_agents.views.rerun.recording import Paths
+from grs_agents.views.rerun.waiting import waiting_path
 
 
 def build_run_blueprint(nodes: tuple[str, ...]) -> rrb.Blueprint:
@@ -27,7 +28,7 @@ def build_comparison_blueprint(runs: Sequence[tuple[str, str, tuple[str, ...]]])
 def _make_blueprint(content: rrb.Container) -> rrb.Blueprint:
     return rrb.Blueprint(
         content,
-        # At its latest moment every pane shows something; at the first one all are empty.
+        # At its latest moment every pane shows what came of the run; at the first one most say that there is nothing.
         rrb.TimePanel(state="collapsed", timeline="replay", play_state="following"),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
@@ -131,22 +132,25 @@ class _Views:
         )
 
     def _photo_view(self) -> rrb.Spatial2DView:
-        camera = self._prefixed_path(Paths.CAMERA)
-        return rrb.Spatial2DView(origin=camera, contents=[f"{camera}/{part}" for part in _PHOTO], name="Photo")
+        shown = (Paths.PHOTO, waiting_path(Paths.PHOTO), f"{Paths.CAMERA}/masks", f"{Paths.CAMERA}/boxes")
+        return self._camera_view("Photo", *shown)
 
     def _depth_view(self) -> rrb.Spatial2DView:
-        camera = self._prefixed_path(Paths.CAMERA)
-        return rrb.Spatial2DView(origin=camera, contents=[f"{camera}/depth"], name="Depth")
+        return self._camera_view("Depth", Paths.DEPTH, waiting_path(Paths.DEPTH))
 
     def _twin_view(self) -> rrb.Spatial2DView:
         """The assets as the camera of the photo sees them, over the picture of the twin that MuJoCo drew."""
-        shapes = [f"{self._prefixed_path(path)}/**" for path in (Paths.TWIN, Paths.SURROUNDINGS)]
-        contents = [self._prefixed_path(Paths.TWIN_PICTURE), *shapes]
-        return rrb.Spatial2DView(origin=self._prefixed_path(Paths.CAMERA), contents=contents, name="Twin, same camera")
+        shapes = (f"{Paths.TWIN}/**", f"{Paths.SURROUNDINGS}/**")
+        return self._camera_view("Twin, same camera", Paths.TWIN_PICTURE, waiting_path(Paths.TWIN_PICTURE), *shapes)
+
+    def _camera_view(self, name: str, *paths: str) -> rrb.Spatial2DView:
+        """What lies at ``paths``, as the camera of the photo sees it."""
+        origin = self._prefixed_path(Paths.CAMERA)
+        return rrb.Spatial2DView(origin=origin, contents=[self._prefixed_path(path) for path in paths], name=name)
 
     def _scene_3d_view(self) -> rrb.Spatial3DView:
         scene, camera = self._prefixed_path(Paths.SCENE), self._prefixed_path(Paths.CAMERA)
-        contents = [f"{scene}/**", *(f"- {camera}/{part}" for part in ("masks", "boxes", "depth", "twin"))]
+        contents = [f"{scene}/**", *(f"- {camera}/{part}/**" for part in ("masks", "boxes", "depth", "twin"))]
         eye_controls = _eye_controls((-0.15, -0.5, 0.6), (0.5, 0.0, 0.0))
         return rrb.Spatial3DView(
             origin=scene, contents=contents, name="Scene in 3D", eye_controls=eye_controls, line_grid=False
@@ -167,9 +171,6 @@ class _Views:
         named = (("tests", "Tests passed"), ("tokens", "Tokens"), ("seconds", "Seconds"))
         others = (rrb.TimeSeriesView(origin=f"{metrics}/{key}", name=name) for key, name in named)
         return rrb.Tabs(reward, *others, active_tab=first)
-
-
-_PHOTO = ("rgb", "masks", "boxes")
 
 
 def _eye_controls(position: Vec3, target: Vec3) -> rrb.archetypes.EyeControls3D:

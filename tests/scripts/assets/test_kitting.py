@@ -43,5 +43,5 @@ def test_a_file_that_is_none_of_ours_is_refused(name: str) -> None:
 
 
 def test_a_colour_that_has_no_name_is_refused() -> None:
-    with pytest.raises(UnknownNameError, match="unknown color 'rde'; use one of: red"):
+    with pytest.raises(UnknownNameError, match=r"unknown color 'rde'; did you mean red\? use one of: red"):
         LIBRARY.load_filled_template(TOUCHING, {"COLOR": "rde"})

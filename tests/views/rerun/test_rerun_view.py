@@ -4,11 +4,12 @@ import contextlib
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from rerun.blueprint import View
 from rerun.chunk import RrdReader
 
 from grs_agents.library import Library
@@ -16,7 +17,14 @@ from grs_agents.sim.arms import get_arm
 from grs_agents.trace import Decision, Event, NodeStarted, ProgramVersion, Prompt, Reply, Rollout, read_events
 from grs_agents.trace import TestsRun as Tested
 from grs_agents.views.common import format_event_line
-from grs_agents.views.rerun import Paths, RerunView, find_rerun_program, rebuild_rrd_file, viewer_environment
+from grs_agents.views.rerun import (
+    Paths,
+    RerunView,
+    build_run_blueprint,
+    find_rerun_program,
+    rebuild_rrd_file,
+    viewer_environment,
+)
 from tests.needs import needs
 from tests.views.looking import connected, picture, viewer
 
@@ -171,6 +179,38 @@ def test_no_pane_of_the_models_is_empty_at_the_end(script: Callable[[], Any], li
     assert [bool(value) for _, value in shown] == [True]
 
 
+def views_of(part: Any) -> Iterator[Any]:
+    """Every view in a container."""
+    for child in part.contents:
+        if isinstance(child, View):
+            yield child
+        else:
+            yield from views_of(child)
+
+
+def test_no_pane_is_empty_at_the_first_moment(script: Callable[[], Any], library: Library) -> None:
+    run = script()
+    run.before_fix()
+    path = rebuild_rrd_file(run.folder, library)
+    first = min(event for event, _ in every_row(path, Paths.LOG, "TextLog:text"))
+    there = {
+        str(chunk.entity_path)
+        for chunk in RrdReader(path).stream().to_chunks()
+        if "event" in (names := (batch := chunk.to_record_batch()).schema.names)
+        and first in batch.column("event").to_pylist()
+        and any(":" in name and not name.startswith(("Pinhole", "ViewCoordinates")) for name in names)
+    }
+    shown = {f"{view.name}": view for view in views_of(build_run_blueprint(("read",)).root_container)}
+    empty: list[str] = []
+    for name, view in shown.items():
+        given = view.contents if isinstance(view.contents, list) else [view.contents]
+        wanted = [str(one).replace("$origin", str(view.origin)).removesuffix("/**") for one in given if one[0] != "-"]
+        if not any(one == want or (one + "/").startswith(f"{want}/") for one in there for want in wanted):
+            empty.append(name)
+    # these are drawn over the whole of their time line at once, wherever one stands in it
+    assert set(empty) <= {"What changed", "Nodes over time", "Reward", "Seconds"} and len(shown) > 18
+
+
 def test_the_viewer_opens_at_the_end(script: Callable[[], Any], library: Library) -> None:
     run = script()
     run.before_fix()
@@ -198,6 +238,7 @@ def test_a_missing_file_costs_one_warning_and_nothing_else(watched: Callable[[],
 def test_a_killed_run_leaves_both_files_readable(tmp_path: Path) -> None:
     program = """
 import contextlib, os, pathlib, signal
+from rerun.blueprint import View
 from rerun.chunk import RrdReader
 from grs_agents.library import Library
 from grs_agents.trace import EventLog, NodeStarted, Note, RunStarted

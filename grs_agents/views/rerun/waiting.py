@@ -1,0 +1,61 @@
+"""What stands in the panes at the first moment, until there is what they are for: no pane is empty."""
+
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+import rerun as rr
+from PIL import Image, ImageDraw, ImageFont
+
+from grs_agents.sim.instance import InstanceTable
+from grs_agents.views.rerun.recording import Paths, Recording
+
+NOT_YET = "*Not yet.*"
+"""Stands in a document until there is one."""
+_WORDS = NOT_YET.strip("*")
+_SIZE = (640, 480)
+"""Width and height of the pictures, pixels."""
+_GROUND, _INK = 48, 170
+_TABLE = ((0.5, 0.0, -0.011), (0.62, 1.1, 0.02))  # centre, size
+_ABOVE_TABLE = (0.45, 0.0, 0.1)
+_PICTURES = (Paths.PHOTO, Paths.DEPTH, Paths.TWIN_PICTURE, Paths.COVERAGE, Paths.IMAGE)
+
+
+def waiting_path(path: str) -> str:
+    """Where the words stand until there is something at ``path``: one path holds pictures of one kind and size."""
+    return f"{path}/not_yet"
+
+
+def log_waiting_panes(recording: Recording) -> None:
+    """Say in every picture and in the worlds that there is nothing yet."""
+    picture = rr.Image(_draw_words())  # of encoded ones the viewer makes a film, from which nothing is cleared
+    for path in _PICTURES:
+        recording.log(waiting_path(path), picture)
+    lens = rr.Pinhole(
+        focal_length=float(_SIZE[0]), resolution=_SIZE, camera_xyz=rr.ViewCoordinates.RDF, image_plane_distance=0.25
+    )
+    recording.log(Paths.CAMERA, lens)
+    log_table(recording, InstanceTable())
+    words = rr.Points3D([_ABOVE_TABLE], labels=[_WORDS], show_labels=True, radii=[0.001], colors=[(_INK,) * 3])
+    recording.log(waiting_path(Paths.WORLD), words)
+
+
+def end_waiting(recording: Recording, path: str) -> None:
+    """Take the words away: now there is something at ``path``."""
+    recording.log(waiting_path(path), rr.Clear(recursive=False))
+
+
+def log_table(recording: Recording, looks: InstanceTable) -> None:
+    """The table top in the world of the rollouts."""
+    recording.log(Paths.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    (center, size), color = _TABLE, [round(255 * channel) for channel in looks.color]
+    recording.log(f"{Paths.WORLD}/table", rr.Boxes3D(centers=[center], sizes=[size], colors=[color], fill_mode="solid"))
+
+
+@lru_cache(maxsize=1)
+def _draw_words() -> npt.NDArray[np.uint8]:
+    """The words in the middle of a grey picture (H, W)."""
+    image = Image.new("L", _SIZE, _GROUND)
+    middle = (_SIZE[0] / 2, _SIZE[1] / 2)
+    ImageDraw.Draw(image).text(middle, _WORDS, _INK, ImageFont.load_default(32), anchor="mm")
+    return np.asarray(image)
