@@ -26,8 +26,7 @@ def take_over_scene(source: Path, folder: Path, robot: str) -> SceneDescription:
         InputError: the folder is no plain run folder, cannot be read, or its scene was made for another ``robot``.
     """
     check_run_folder(source)
-    record: Any = read_json(source / "run.json", _REMEDY)
-    made_for = record.get("config", {}).get("robot", robot) if isinstance(record, dict) else robot
+    made_for = _robot_of_record(read_json(source / "run.json", _REMEDY))
     if made_for != robot:
         raise InputError(f"the scene of {source} was made for robot={made_for}, not {robot}", _REMEDY)
     scene = read_scene_description(source / "scene.json")
@@ -36,3 +35,11 @@ def take_over_scene(source: Path, folder: Path, robot: str) -> SceneDescription:
             shutil.copytree(source / name, folder / name, dirs_exist_ok=True)
     scene.write(folder / "scene.json")
     return scene
+
+
+def _robot_of_record(record: Any) -> str:
+    """The robot that the configuration of a run names; empty where the record tells none."""
+    try:
+        return str(record["config"]["robot"])
+    except (KeyError, TypeError):
+        return ""
