@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import check_run_folder, path_exists, read_json
+from grs_agents.foreign import check_run_folder, is_folder, path_exists, read_json
 from grs_agents.perception.reading.bop import is_bop_source
 from grs_agents.perception.types import SceneDescription, read_scene_description
 
@@ -16,7 +16,9 @@ _REMEDY: Final = "name the photo instead"
 
 def is_known_scene(source: Path) -> bool:
     """Whether ``source`` is the folder of a run, or of ``grs scene``, that got as far as a scene."""
-    return not is_bop_source(source) and path_exists(source / "run.json") and path_exists(source / "scene.json")
+    if is_bop_source(source) or not is_folder(source):
+        return False
+    return path_exists(source / "run.json") and path_exists(source / "scene.json")
 
 
 def take_over_scene(source: Path, folder: Path, robot: str) -> SceneDescription:
