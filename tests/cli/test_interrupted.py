@@ -172,7 +172,7 @@ def test_a_signal_before_the_first_node_is_not_lost(tmp_path: Path, small_scene:
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background jobs ignore it
     )
     assert done.returncode == 130, done.stderr
-    assert f"grs run {small_scene} --out {out} --resume" in done.stderr
+    assert f"grs --content {graphs.parent} run {small_scene} --out {out} --resume" in done.stderr
     assert json.loads((out / "run.json").read_text())["status"] == "interrupted"
     if name == "SIGTERM":
         again = grs(*order, "--resume", "--json", folder=tmp_path)
