@@ -175,8 +175,7 @@ def _check_objects_moved(
 
 
 def _can_be_moved(item: SceneObject, scene: SceneDescription) -> bool:
-    usable = item.reachable and not (item.held or item.stands_in_robot or item.pick_trouble)
-    return usable and not is_covered(item, scene)
+    return item.reachable and not (item.held or item.pick_trouble or is_covered(item, scene))
 
 
 def _count_objects_to_move(goal: Goal) -> int:

@@ -73,7 +73,7 @@ def prepare_scene_for_tasks(scene: SceneDescription, library: Library, robot: st
         items = photo_objects(scene, library)
         env = _set_up_world(items, scene, library, robot)
         if within := find_objects_in_robot(env):
-            scene = _mark_objects(scene, {number: {"stands_in_robot": True} for number in within})
+            scene = _mark_objects(scene, {number: {"stands_in_robot": True, "reachable": False} for number in within})
             continue
         env.step_simulation(_WATCHED)
         unstable = _lowest_unstable_object(items, env)

@@ -78,7 +78,7 @@ def _object_fields(item: SceneObject, library: Library) -> dict[str, Any]:
 
 
 def _tell_what_hinders_picking(item: SceneObject) -> dict[str, Any]:
-    told = {} if item.reachable and not item.stands_in_robot else {"reachable": False}
+    told = {} if item.reachable else {"reachable": False}
     if item.held:
         return told | {"floats": True}
     return told or ({"cannot_be_picked": item.pick_trouble} if item.pick_trouble else {})
