@@ -41,7 +41,7 @@ def make_mutants(instance: TaskInstance, solved: Rollout, library: Library) -> t
     made = [_drop_goal(instance, item) for item in chosen]
     made += [mutant for item in chosen if (mutant := _move_target(instance, item)) is not None]
     made += [_freeze(instance, item) for item in chosen[:1]]
-    made += [_exchange_asset(instance, item, library) for item in chosen]
+    made += [_exchange_asset(instance, item, library) for item in chosen[-1:]]  # nothing of its episode is shared
     made += [_start_at_end(instance, solved, movers[:count]) for count in sorted({len(chosen[:1]), len(movers)} - {0})]
     return (*made, Mutant("undone", "all stands where it stood before once the goals were met", instance))
 

@@ -24,11 +24,12 @@ _REST_STEPS: Final = 20
 
 def record_expert(env: Environment, task: Task) -> tuple[FloatArray, Flags]:
     """Let the expert solve a task that was just reset; returns joint positions (N, dof) and whether something is held
-    (N,), at each physics step. ``env.current_episode`` says how it went."""
+    (N,), at each physics step; between two looks the joints turn evenly. ``env.current_episode`` says how it went."""
     physics = env.physics
-    positions, held = [physics.joint_positions], [False]
+    times, positions, held = [float(physics.data.time)], [physics.joint_positions], [False]
 
     def look() -> None:
+        times.append(float(physics.data.time))
         positions.append(physics.joint_positions)
         held.append(physics.held_object_id is not None)
 
@@ -37,7 +38,11 @@ def record_expert(env: Environment, task: Task) -> tuple[FloatArray, Flags]:
         run_oracle(env, task)
     finally:
         physics.observer = None
-    return np.array(positions), np.array(held)
+    steps: FloatArray = np.round((np.array(times) - times[0]) / physics.timestep)
+    at = np.linspace(0.0, float(steps[-1]), int(steps[-1]) + 1)
+    looks: FloatArray = np.array(positions)
+    path = np.column_stack([np.interp(at, steps, looks[:, joint]) for joint in range(looks.shape[1])])
+    return path, np.array(held)[np.searchsorted(steps, at)]
 
 
 def path_to_actions(positions: FloatArray, held: Flags, period: int, pace: float = 1.0) -> npt.NDArray[np.float32]:

@@ -190,7 +190,8 @@ def _displace_pose(pose: Pose, noise: float, rng: np.random.Generator) -> Pose:
 
 
 def _try_with_noise(env: Environment, task: InstanceTask, count: int) -> Iterator[NoisyTrial]:
-    """``count`` episodes with the least noise, half as many with each larger one, until fewer than half succeed."""
+    """``count`` episodes with the least noise, and where these are several one with each larger one, until fewer than
+    half succeed."""
     task.max_steps = _PICKS * task.instance.max_steps
     for noise in HAND_NOISE:
         scores: list[float] = []
@@ -205,7 +206,7 @@ def _try_with_noise(env: Environment, task: InstanceTask, count: int) -> Iterato
             yield NoisyTrial(noise=noise, score=scores[-1])
         if 2 * sum(score > 0.9 for score in scores) < len(scores):
             return
-        count //= 2
+        count = min(1, count // 2) if noise == HAND_NOISE[0] else count
 
 
 def _measure_end(env: Environment, task: InstanceTask) -> dict[str, Any]:

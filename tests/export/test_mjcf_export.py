@@ -78,7 +78,7 @@ def test_a_moved_folder_moves_as_the_trusted_world_does(export: Export) -> None:
     swing = 0.3 * np.sin(np.linspace(0, 4, 500)[:, None] + np.arange(6)) - 0.3 * np.sin(np.arange(6))
     mine = follow(model, data, data.ctrl + swing)
     for command in world.arm.home_joints + swing:
-        world.data.ctrl[:] = command
+        world.data.act[:] = command
         mujoco.mj_step(world.model, world.data)
     assert np.abs(mine[-1] - world.data.qpos).max() < 1e-4
 

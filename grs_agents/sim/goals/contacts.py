@@ -86,7 +86,7 @@ def measure_supports(table: Tabletop) -> tuple[Support, ...]:
     physics = table.physics
     model, world = physics.model, physics.world
     data = mujoco.MjData(model)
-    for name in ("qpos", "ctrl", "eq_active", "qacc_warmstart"):
+    for name in ("qpos", "act", "eq_active", "qacc_warmstart"):
         getattr(data, name)[:] = getattr(physics.data, name)
     flags, sleep = model.opt.enableflags, int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     model.opt.enableflags = flags & ~sleep

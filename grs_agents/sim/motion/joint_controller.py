@@ -33,7 +33,6 @@ class JointController:
         self.physics, self.rate, self.steps = physics, rate, round(steps)
         self.low, self.high = physics.arm.lower_joint_limits, physics.arm.upper_joint_limits
         self.farthest: FloatArray = physics.arm.joint_speed_limits / rate  # (dof,) rad or m a period
-        self._shares = (np.arange(self.steps)[:, None] + 1.0) / self.steps
         self.reset()
 
     def reset(self) -> None:
@@ -56,17 +55,17 @@ class JointController:
             way[:] = 0.0
         # A speed that jumped from period to period would shake off what is held.
         speed = way * self.rate
-        commands = physics.lead_commands(
-            self.reference + self._shares * way, self._speed + self._shares * (speed - self._speed)
-        )
         self.reference, self._speed = self.reference + way, speed
+        (command,) = physics.lead_commands(self.reference[None], self._speed)
         if not suction and physics.held_object_id is not None:
             physics.cup.release()
-        control, dof = physics.data.ctrl, physics.dof
-        for command in commands:
-            control[:dof] = command
-            physics.step()
-            if suction and physics.held_object_id is None and (found := find_object_in_seal(physics)) is not None:
+        left = self.steps
+        while left:
+            seeking = suction and physics.held_object_id is None
+            part = 1 if seeking else min(left, physics.cup.due)  # what slips off the cup is taken again at once
+            physics.lead_arm(command, part, within=left)
+            left -= part
+            if seeking and (found := find_object_in_seal(physics)) is not None:
                 physics.cup.grasp(found)
 
     def _would_collide(self, joints: FloatArray) -> bool:

@@ -177,9 +177,7 @@ class PickPlace:
             return PickPlaceResult(grasped, False, note, "unreachable")
         deepest = max(drop - 0.01, place.point[2] - 0.25, _LOWEST)
         lowest = place.shifted_by(-0.03 * up) if tilted else ToolPose((*place.point[:2], deepest), place.yaw)
-        self._descend_until(
-            near, lowest, lambda: physics.held_object_id is None or physics.is_object_supported(grasped)
-        )
+        self._descend_until(near, lowest, lambda: physics.is_object_supported(grasped))
         physics.step(10)
         held = physics.held_object_id == grasped
         self._release_and_retreat(up)
@@ -302,9 +300,8 @@ class PickPlace:
         legs = plan_joint_legs(self.arm, poses, gaits, physics.commanded_joint_positions)
         if not self._is_joint_path_feasible(np.concatenate(legs)):
             return False
-        held = physics.held_object_id
         for leg in legs:
-            if physics.follow_joint_path(leg, None if held is None else lambda: physics.held_object_id is None):
+            if physics.follow_joint_path(leg):
                 self.yaw, self.tilt = split_into_yaw_and_tilt(physics.suction_tip_rotation())
                 return False
         physics.wait_for_joint_positions(legs[-1][-1])

@@ -76,7 +76,13 @@ def _group_rigidly_tied_objects(ties: Sequence[InstanceTie]) -> dict[int, frozen
 
 
 def compile_world(made: WorldSpec) -> World:
-    """The compiled world with the places of everything in it; errors as ``build_world``."""
+    """The compiled world with the places of everything in it; errors as ``build_world``.
+
+    Its arm is told how fast the joint positions that it is to keep change: they are ``data.act``, and a command of
+    several time steps leads through them evenly. One that jumped from step to step would shake off what is held.
+    """
+    for actuator in made.spec.actuators:
+        actuator.dyntype, actuator.actearly = mujoco.mjtDyn.mjDYN_INTEGRATOR, True
     model, models, ties = _compile_spec(made.spec), made.models, made.ties
     limp = find_object_ids_in_point_ties(ties)
     bodies = {number: int(model.body(f"object_{number}").id) for number in models}

@@ -22,6 +22,11 @@ _ARRIVED: Final = 0.002
 """Radians from the end of a motion at which the next one begins: 1 mm of the tip."""
 _TOP_SPEED: Final = 0.95
 """How much of its joints' speeds the arm is told to use, since it swings a little beyond."""
+_COARSE: Final = 2
+"""How many time steps one of a free hand's stands for. What is held stays with one: its weld would give way more."""
+_FREE_STRIDE, _FEELING_STRIDE, _HELD_STRIDE = 8, 2, 4
+"""Time steps that a command of the arm lasts: of a free hand, of one that feels its way, and of one that holds
+something. Each leads evenly to the next, so that nothing jerks; the last is as often as the load is looked at."""
 _GENTLE: Final = 0.15
 """Fastest a body may be pushed out of another while the scene settles at reset, m/s."""
 _WARNINGS: Final = (
@@ -56,7 +61,8 @@ class Physics:
         if joints is None:
             joints = self.arm.home_joints
         self.data.qpos[: self.dof] = joints
-        self.data.ctrl[: self.dof] = joints
+        self._command: Any = self.data.act[: self.dof]
+        self._command[:] = joints
         self._stiffness: FloatArray = np.array(self.model.actuator_gainprm[: self.dof, 0])
         self._lead: FloatArray = -self.model.actuator_biasprm[: self.dof, 2] / self._stiffness
         self.cup = Cup(world, self.data)
@@ -75,7 +81,7 @@ class Physics:
     @property
     def commanded_joint_positions(self) -> FloatArray:
         """The joint positions (dof,) that the arm is told to keep."""
-        return np.array(self.data.ctrl[: self.dof])
+        return np.array(self._command)
 
     @property
     def tip_position(self) -> Vec3:
@@ -133,28 +139,48 @@ class Physics:
         self.data.qpos[start : start + 7] = (*position, w, x, y, z)
         mujoco.mj_forward(self.model, self.data)
 
-    def step(self, count: int = 1) -> None:
-        """Simulate ``count`` time steps; what pulls too hard at the cup meanwhile is let go (``cup.slip``)."""
+    def step(self, count: int = 1, coarse: bool = False) -> None:
+        """Simulate ``count`` time steps; what pulls too hard at the cup meanwhile is let go (``cup.slip``).
+        ``coarse``: steps twice as long, half as many, while nothing that is awake touches anything."""
         self.budget.spend_steps(count)
         cup, observer = self.cup, self.observer
         while count > 0:
             part = count if cup.held is None else min(count, cup.due)
-            if observer is not None:
+            if observer is not None and not coarse:
                 part = min(part, self.observer_period - self._unobserved)
-            self._advance(part)
+            self._advance(part, coarse)
             if observer is not None:
-                self._unobserved = (self._unobserved + part) % self.observer_period
-                if self._unobserved == 0:
+                self._unobserved += part
+                if self._unobserved >= self.observer_period:
+                    self._unobserved = 0
                     observer()
             count -= part
             if cup.held is not None:
                 cup.release_if_overloaded(part)
 
-    def _advance(self, count: int) -> None:
-        data, expected = self.data, self.data.time + count * self.timestep
-        mujoco.mj_step(self.model, data, count)
+    def _advance(self, count: int, coarse: bool) -> None:
+        data, option = self.data, self.model.opt
+        expected = data.time + count * self.timestep
+        if coarse and data.ncon == 0 and count % _COARSE == 0:
+            option.timestep = _COARSE * self.timestep
+            mujoco.mj_step(self.model, data, count // _COARSE)
+            option.timestep = self.timestep
+        else:
+            mujoco.mj_step(self.model, data, count)
         if data.time < expected - self.timestep / 2 and self.diverged_at is None:
             self.diverged_at = expected - data.time  # where it diverges, MuJoCo begins anew at 0
+
+    def lead_arm(self, joints: FloatArray, count: int, coarse: bool = False, within: int = 0) -> None:
+        """Step ``count`` times while the joint positions that the arm is told to keep go evenly to ``joints`` (dof,),
+        or as far as they come if it has ``within`` time steps for all of the way. ``coarse`` as ``step``."""
+        control = self.data.ctrl[: self.dof]
+        control[:] = (joints - self._command) / (max(count, within) * self.timestep)
+        self.step(count, coarse)
+        control[:] = 0.0
+
+    def hold_arm(self, joints: FloatArray) -> None:
+        """Tell the arm to keep joint positions (dof,) from now on."""
+        self._command[:] = joints
 
     def object_mass(self, number: int) -> float:
         """Of an object with what is rigidly tied to it, kg."""
@@ -253,23 +279,22 @@ class Physics:
         return path + speeds * self._lead
 
     def follow_joint_path(self, path: FloatArray, stop: Callable[[], bool] | None = None) -> bool:
-        """Drive the arm through joint positions (N, dof), one a time step or slower, as its joints' speeds allow;
-        True if ``stop`` (asked each time) held."""
+        """Drive the arm through joint positions (N, dof), one a time step or slower, as its joints' speeds allow.
+        True if it ended before: the cup let go, or ``stop`` held, which is asked after each command."""
+        held = self.cup.held
         path = joint_paths.slow_to_speed_limits(path, self.timestep, _TOP_SPEED * self.arm.joint_speed_limits)
         rate = joint_paths.joint_speeds(path, self.timestep)
-        # A free hand is content with half the rate; what is held would be shaken off by its coarser steps.
-        stride = 2 if self.cup.held is None else 1
+        stride = _HELD_STRIDE if held is not None else _FREE_STRIDE
+        if stop is not None:
+            stride = _FEELING_STRIDE if held is None else 1
         # Ahead by what damping and inertia cost, the arm keeps to its path; else it would swing out to the side.
         torque = joint_paths.joint_speeds(rate, self.timestep) @ self.arm.inertia_matrix(path[len(path) // 2])
-        commands = (self.lead_commands(path, rate) + torque / self._stiffness)[stride - 1 :: stride]
-        control = self.data.ctrl[: self.dof]
-        for command in commands:
-            control[:] = command
-            self.step(stride)
-            if stop is not None and stop():
-                control[:] = self.data.qpos[: self.dof]
+        for command in (self.lead_commands(path, rate) + torque / self._stiffness)[stride - 1 :: stride]:
+            self.lead_arm(command, stride, coarse=held is None)
+            if self.cup.held != held or (stop is not None and stop()):
+                self.hold_arm(self.joint_positions)
                 return True
-        control[:] = path[-1]
+        self.hold_arm(path[-1])
         return False
 
     def wait_for_joint_positions(self, joints: FloatArray, steps: int = 60) -> None:

@@ -116,7 +116,7 @@ def test_a_tangle_of_many_is_refused_before_it_costs_minutes() -> None:
 
 
 def test_a_scene_that_bursts_is_an_error() -> None:
-    offsets = {number: 0.041 * (number // 2) * (-1) ** number for number in range(1, 9)}  # the first is in the middle
+    offsets = {number: 0.03 * (number // 2) * (-1) ** number for number in range(1, 9)}  # the first is in the middle
     row = tuple(thing(number, 0.5, 0.3 + aside) for number, aside in offsets.items())
     train = tuple(
         tie(1, number, kind="fixed", parent_frame=((0.0, offsets[number], 0.0), FLAT)) for number in range(2, 9)

@@ -21,15 +21,18 @@ def scene_with_block(robot: str = "ur5e") -> tuple[Environment, Scripted]:
 @pytest.mark.parametrize("robot", ["ur5e", "panda"])
 def test_what_the_expert_reached_one_period_later_does_its_episode_again(robot) -> None:
     env, task = scene_with_block(robot)
-    joints, held = [env.physics.joint_positions], [False]
+    looks = [(env.physics.data.time, env.physics.joint_positions, False)]
 
     def look() -> None:
-        joints.append(env.physics.joint_positions)
-        held.append(env.physics.held_object_id is not None)
+        looks.append((env.physics.data.time, env.physics.joint_positions, env.physics.held_object_id is not None))
 
     env.physics.observer = look
     run_oracle(env, task)
-    targets, suction = np.array(joints)[10::10], np.array(held)[10::10]
+    times, positions, holding = (np.array(column) for column in zip(*looks, strict=True))
+    at = np.arange(times[0], times[-1] + 1e-6, env.physics.timestep)
+    joints = np.column_stack([np.interp(at, times, column) for column in positions.T])
+    held = holding[np.searchsorted(times, at - 1e-6)]
+    targets, suction = joints[10::10], held[10::10]
     taken = int(np.argmax(held))
     targets[taken // 10] = joints[taken - 1]
     suction[np.argmax(suction) - 8 : np.argmax(suction)] = True
