@@ -169,7 +169,7 @@ def main(arguments: Sequence[str]) -> int:
     options, config = experiment.options, experiment.config
     work = _plan_audits(options, config)
     choosing = ("scenes", "seeds") if not options.cheats else ()
-    rows = experiment.make_rows(AuditedCase, work, choosing=choosing, show=str)
+    rows = experiment.make_or_reuse_rows(AuditedCase, work, choosing=choosing, show=str)
     summary = summarise_verdicts(rows)
     audited = f"cheats of {options.cheats.name}" if options.cheats else f"plans, {len(options.scenes)} scenes"
     table = [{"audited": audited, "accepted": summary["accepted"], **_count_rejections(rows)}]

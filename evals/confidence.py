@@ -58,7 +58,7 @@ def main(arguments: Sequence[str]) -> int:
             return _Named(assets=tuple(name_assets(folder, options.segment or config.tools.segment, context)))
 
         work = {str(folder): partial(name, folder) for folder in folders}
-        rows = experiment.make_rows(_Named, work, choosing=("scenes", "fit"))
+        rows = experiment.make_or_reuse_rows(_Named, work, choosing=("scenes", "fit"))
     named = [one for row in rows for one in row.assets]
     if not named:
         raise InputError("no segment of these scenes is like an asset", "name scenes with objects")

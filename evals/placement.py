@@ -40,7 +40,7 @@ def main(arguments: Sequence[str]) -> int:
     if not files:
         raise InputError(f"{folder} holds no scene.json", "make some with `grs batch` or `grs scene`")
     work = {_name(file, folder): partial(_check_scene, file) for file in files}
-    rows = [row for scene in experiment.make_rows(_Scene, work) for row in scene.objects]
+    rows = [row for scene in experiment.make_or_reuse_rows(_Scene, work) for row in scene.objects]
     off, known = [row for row in rows if not row["agrees"]], sum(row["is_match_certain"] for row in rows)
     lines = [
         f"{row['scene']}: {row['object']} ({row['asset']}): "
@@ -63,7 +63,7 @@ def _name(file: Path, folder: Path) -> str:
 
 def _check_scene(file: Path) -> "_Scene":
     library, proxies = Library(), file.parent / "assets"
-    library = library.with_overlay(proxies) if proxies.is_dir() else library
+    library = library.copy_with_overlay_root(proxies) if proxies.is_dir() else library
     things = read_scene_description(file).objects
     return _Scene(objects=tuple({"scene": file.parent.name, **_row(thing, library)} for thing in things))
 

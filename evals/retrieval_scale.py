@@ -36,7 +36,7 @@ def main(arguments: Sequence[str]) -> int:
                 figures=measure_retrieval(Path(folder) / "index", options.assets, options.queries, options.seed)
             )
 
-    (index,) = experiment.make_rows(_Index, {"index": measure})
+    (index,) = experiment.make_or_reuse_rows(_Index, {"index": measure})
     bounds = retrieval_targets(index.figures)
     limits = {bound.name: bound.format_target_value() for bound in bounds}
     rows = [

@@ -226,7 +226,7 @@ def main(arguments: Sequence[str]) -> int:
     faults = list(filter(lambda fault: re.search(options.only, fault.name), planted))
     with FaultRuns(experiment.config, options.fixes) as runs:
         work = {fault.name: partial(runs.route, fault) for fault in faults}
-        rows = experiment.make_rows(RoutedFault, work, choosing=("half", "only"), show=str)
+        rows = experiment.make_or_reuse_rows(RoutedFault, work, choosing=("half", "only"), show=str)
     if not any(row.verdict for row in rows):
         raise InputError(f"none of {len(rows)} faults was routed", "name faults that do harm: another folder or --only")
     summary = summarise_routing(rows)

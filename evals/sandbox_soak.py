@@ -175,7 +175,7 @@ def main(arguments: Sequence[str]) -> int:
     experiment = parser.start(arguments)
     calls, seed = experiment.options.calls, experiment.options.seed
     # one row: what is left behind shows in one process alone
-    (figures,) = experiment.make_rows(Figures, {"soak": lambda: soak(calls, seed, experiment.config)})
+    (figures,) = experiment.make_or_reuse_rows(Figures, {"soak": lambda: soak(calls, seed, experiment.config)})
     rows = [{"what": name, "found": str(value)} for name, value in figures.model_dump().items()]
     title = "clean" if figures.clean else "not clean"
     experiment.tell(rows, terminal_table(title, ("what", "found"), rows), **figures.model_dump(), clean=figures.clean)

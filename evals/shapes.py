@@ -40,7 +40,7 @@ def main(arguments: Sequence[str]) -> int:
         },
         "real": {str(folder): partial(measure_real, folder, pictures) for folder in folders},
     }
-    rows = experiment.make_rows(Shapes, work["known"] | work["real"], choosing=("known", "scenes"))
+    rows = experiment.make_or_reuse_rows(Shapes, work["known"] | work["real"], choosing=("known", "scenes"))
     found = {
         name: _gather_figures(some, options.out, name)
         for name, some in (("known", rows[: options.known]), ("real", rows[options.known :]))

@@ -203,7 +203,7 @@ def main(arguments: Sequence[str]) -> int:
         folder.mkdir(parents=True)
         return measure(options.scene, folder, options.fixes, experiment.config)
 
-    (cost,) = experiment.make_rows(Cost, {"run": measure_anew})
+    (cost,) = experiment.make_or_reuse_rows(Cost, {"run": measure_anew})
     run = f"{cost.status}, {cost.fixes} fixes, {cost.rollouts} rollouts, {cost.events} events"
     traced = f"{cost.trace_seconds:.2f} s, {100 * cost.share:.1f} %"
     rows = [

@@ -45,7 +45,7 @@ def main(arguments: Sequence[str]) -> int:
         return _Twin(error=error_of(done))
 
     work = {f"{order.name} {order.source}": partial(comprehend, order) for order in orders}
-    twins = experiment.make_rows(_Twin, work, workers=experiment.options.workers, choosing=("scenes",))
+    twins = experiment.make_or_reuse_rows(_Twin, work, workers=experiment.options.workers, choosing=("scenes",))
     pages = write_pages(out, [_row(out, order, twin.error) for order, twin in zip(orders, twins, strict=True)])
     table = [{"scene": order.name, "error": twin.error} for order, twin in zip(orders, twins, strict=True)]
     experiment.tell(table, f"{', '.join(pages)} are in {out}", pages=pages)

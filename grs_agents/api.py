@@ -25,7 +25,7 @@ from grs_agents.runs import (
     check_user_program,
     execute_run,
     load_graph,
-    prepare_check,
+    open_check_order,
     read_record,
 )
 from grs_agents.sim import TaskInstance
@@ -90,9 +90,9 @@ class Run:
 
     def film(self, path: Path | str, seed: int | None = None) -> Path:
         """Film the scripted robot at the task of ``seed``, or the first, as .webp, .mp4 or .gif; returns the path."""
-        from grs_agents.views.film import shot_of_rollout, write_film
+        from grs_agents.views.film import make_rollout_shot, write_film
 
-        write_film(shot_of_rollout(self.folder, seed), Path(path))
+        write_film(make_rollout_shot(self.folder, seed), Path(path))
         return Path(path)
 
     def resume(self, reply: str | None = None, *, progress: bool = False) -> "Run":
@@ -105,7 +105,7 @@ class Run:
             resume=True,
             reply=reply,
         )
-        return _execute_order(order, partial(attach_live_views, progress=progress))
+        return _execute_run_or_raise(order, partial(attach_live_views, progress=progress))
 
 
 def run(
@@ -137,8 +137,8 @@ def run(
         GrsError: the run failed; its folder holds what was reached.
         KeyboardInterrupt: it was interrupted; `Run.resume` goes on.
     """
-    return _execute_order(
-        _make_run_order(scene, out, config, settings), partial(attach_live_views, view=view, progress=progress)
+    return _execute_run_or_raise(
+        _build_order_from_config(scene, out, config, settings), partial(attach_live_views, view=view, progress=progress)
     )
 
 
@@ -158,7 +158,7 @@ def stream(
     scene: Path | str, /, *, out: Path | str | None = None, config: Path | str | None = None, **settings: Any
 ) -> "RunStream":
     """Start a run and follow its events: ``for event in stream("groceries"): ...``. Arguments as for `run`."""
-    return RunStream(_make_run_order(scene, out, config, settings))
+    return RunStream(_build_order_from_config(scene, out, config, settings))
 
 
 def check(
@@ -186,7 +186,7 @@ def check(
     """
     own, words, seen = (None if file is None else Path(file) for file in (tests, task, photo))
     chosen = load_config(None if config is None else Path(config), overrides=settings)
-    with prepare_check(Path(program), own, words, seen, chosen, partial(attach_live_views, progress=False)) as order:
+    with open_check_order(Path(program), own, words, seen, chosen, partial(attach_live_views, progress=False)) as order:
         return check_user_program(order)
 
 
@@ -224,13 +224,13 @@ class RunStream(Iterator[Event]):
 
     def _run_in_thread(self, order: Order) -> None:
         try:
-            self._run = _execute_order(order, partial(_attach_subscriber, subscriber=self._take_event))
+            self._run = _execute_run_or_raise(order, partial(_attach_subscriber, subscriber=self._queue_event_or_stop))
         except (Exception, KeyboardInterrupt) as error:  # for the thread that waits
             self._error = error
         finally:
             self._events.put(None)
 
-    def _take_event(self, event: Event) -> None:
+    def _queue_event_or_stop(self, event: Event) -> None:
         self._events.put(event)
         if self._stopped and event.kind != "run_ended":
             raise KeyboardInterrupt
@@ -243,7 +243,7 @@ def _attach_subscriber(folder: Path, log: EventLog, subscriber: Subscriber) -> G
         yield
 
 
-def _make_run_order(
+def _build_order_from_config(
     scene: Path | str, out: Path | str | None, config: Path | str | None, settings: dict[str, Any]
 ) -> Order:
     chosen = load_config(None if config is None else Path(config), overrides=settings).config
@@ -251,7 +251,7 @@ def _make_run_order(
     return Order(command, resolve_scene_path(Path(scene)), chosen, None if out is None else Path(out))
 
 
-def _execute_order(order: Order, views: Views) -> Run:
+def _execute_run_or_raise(order: Order, views: Views) -> Run:
     ended = execute_run(order, views)
     if ended.problem is not None:
         raise ended.problem

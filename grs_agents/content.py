@@ -50,7 +50,7 @@ def add_overlay_folder(folder: Path) -> None:
         _overlays.insert(0, resolved)
 
 
-def overlay_arguments() -> list[str]:
+def list_content_options() -> list[str]:
     """What a command line needs beside its verb to find the same content as this one."""
     return [part for folder in _overlays[:1] for part in ("--content", str(folder))]
 
@@ -80,13 +80,13 @@ def content_names(kind: Kind) -> list[str]:
     """Every name of ``kind``, sorted. Names that start with an underscore are private."""
     entries: set[str] = set()
     for root in content_search_roots():
-        for entry in (root / kind).glob(f"*{_suffix(kind)}") if (root / kind).is_dir() else ():
+        for entry in (root / kind).glob(f"*{_suffix_of_kind(kind)}") if (root / kind).is_dir() else ():
             if not entry.name.startswith(("_", ".")):
-                entries.add(entry.stem if _suffix(kind) else entry.name)
+                entries.add(entry.stem if _suffix_of_kind(kind) else entry.name)
     return sorted(entries)
 
 
-def _suffix(kind: Kind) -> str:
+def _suffix_of_kind(kind: Kind) -> str:
     return _SUFFIX.get(kind, ".py")
 
 
@@ -98,7 +98,7 @@ def content_path(kind: Kind, name: str) -> Path:
 def all_content_paths(kind: Kind, name: str) -> list[Path]:
     """Every file or folder called ``name``, the one that wins first. Raises UnknownNameError: nothing has that name."""
     public = name != "" and name == Path(name).name and not name.startswith(("_", "."))
-    candidates = [root / kind / f"{name}{_suffix(kind)}" for root in content_search_roots()] if public else []
+    candidates = [root / kind / f"{name}{_suffix_of_kind(kind)}" for root in content_search_roots()] if public else []
     existing = [candidate for candidate in candidates if candidate.exists()]
     if not existing:
         raise UnknownNameError(kind.removesuffix("s"), name, content_names(kind))

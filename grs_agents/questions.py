@@ -35,7 +35,7 @@ def ask_person(text: str, choices: Sequence[str] = (), details: str = "") -> str
     return str(interrupt(question.model_dump(mode="json")))
 
 
-def read_question(value: Any) -> Question:
+def parse_question(value: Any) -> Question:
     """The question that the value of an ``interrupt`` holds; any other value is the text of one."""
     try:
         return Question.model_validate(value)
@@ -50,7 +50,7 @@ def first_word(reply: str) -> str:
     return words[0].rstrip(":.,;") if words else ""
 
 
-def check_reply(question: Question, reply: str) -> None:
+def require_reply_is_a_choice(question: Question, reply: str) -> None:
     """Raise ``InputError`` unless a reply begins with one of the question's choices, if it has any."""
     if not reply.strip():
         raise InputError("the reply is empty", f"answer: {question.text}"[:300])

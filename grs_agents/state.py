@@ -41,7 +41,7 @@ class RunState(TypedDict):
     fixes: Annotated[int, operator.add]
     history: list[dict[str, Any]]  # each fix with the score before and after it, `FixRecord` as JSON
     best: dict[str, Any]  # the best version of the two programs so far, `BestVersion` as JSON
-    # each decision with the report it was made on, `Routed` as JSON
+    # each decision with the report it was made on, `EarlierDecision` as JSON
     routed: Annotated[list[dict[str, Any]], operator.add]
     problem: str  # why the run cannot go on, if it cannot
     status: str  # `accepted` or `rejected` once it is known

@@ -15,7 +15,7 @@ from grs_agents.foreign import check_run_folder, read_bytes, read_json
 from grs_agents.library import Library
 from grs_agents.sim import TaskInstance, parse_instance_json
 from grs_agents.sim.arms import ROBOT_FOLDER
-from grs_agents.sim.instance import find_robot_in_folder
+from grs_agents.sim.instance import resolve_robot_path
 
 _REMEDY = "name a folder that `grs run` or `grs instances` wrote"
 _ASSETS = "assets"
@@ -39,9 +39,9 @@ class TaskFolder:
         """The instance of a seed; raises ``UnknownNameError`` for another seed, ``InputError`` for a faulty file."""
         if seed not in self.files:
             raise UnknownNameError("seed", str(seed), tuple(map(str, self.seeds)))
-        return find_robot_in_folder(parse_instance_json(read_bytes(self.files[seed], _REMEDY)), self.path)
+        return resolve_robot_path(parse_instance_json(read_bytes(self.files[seed], _REMEDY)), self.path)
 
-    def copy_own_files(self, out: Path) -> None:
+    def copy_assets_and_robot(self, out: Path) -> None:
         """Copy what instances name of the folder itself into another one: assets, and the files of an arm."""
         for name in (_ASSETS, ROBOT_FOLDER):
             if (self.path / name).is_dir():
@@ -66,12 +66,14 @@ def open_task_folder(path: Path, accepted: bool = True) -> TaskFolder:
     status = read_json(record, _REMEDY).get("status") if record.is_file() else "accepted"
     if accepted and status != "accepted":
         raise InputError(f"the run {path} is {status}, not accepted", "name an accepted run; `grs show` tells why not")
-    found = {int(match[1]): file for file in (path / "instances").glob("seed_*.json") if (match := _name(file))}
+    found = {int(match[1]): file for file in (path / "instances").glob("seed_*.json") if (match := _match_file(file))}
     if not found:
         raise InputError(f"{path} holds no task instances", _REMEDY)
     library, own = Library(), path / _ASSETS
-    return TaskFolder(path, library.with_overlay(own) if own.is_dir() else library, dict(sorted(found.items())))
+    return TaskFolder(
+        path, library.copy_with_overlay_root(own) if own.is_dir() else library, dict(sorted(found.items()))
+    )
 
 
-def _name(file: Path) -> re.Match[str] | None:
+def _match_file(file: Path) -> re.Match[str] | None:
     return _INSTANCE_FILE.fullmatch(file.name)

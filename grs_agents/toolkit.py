@@ -135,7 +135,7 @@ def open_library(roots: Sequence[str]) -> Library:
     return Library(*(Path(root) for root in roots))
 
 
-def readable_folders(library_roots: Sequence[str], robot: str) -> tuple[Path, ...]:
+def list_folders_to_read(library_roots: Sequence[str], robot: str) -> tuple[Path, ...]:
     """The folders that a simulation with these assets and this arm reads, beside the shipped ones."""
     arm = (Path(robot).parent,) if Path(robot).suffix else ()
     return (*(Path(root) for root in library_roots), *arm)

@@ -16,7 +16,7 @@ from grs_agents.errors import GrsError, InputError
 from grs_agents.files import write_json
 from grs_agents.foreign import read_json
 from grs_agents.sim import hash_instance, rollout
-from grs_agents.sim.instance import name_robot_in_folder
+from grs_agents.sim.instance import make_robot_path_relative
 from grs_agents.sim.variation import Variation, vary_instance
 from grs_agents.task_folder import TaskFolder, open_task_folder
 from grs_agents.worker_pool import map_in_processes
@@ -62,7 +62,7 @@ class Manifest(Frozen):
         """Every seed that was tried."""
         return frozenset(one.seed for one in (*self.instances, *self.left_out))
 
-    def with_instance(self, made: VariedInstance) -> "Manifest":
+    def with_added_instance(self, made: VariedInstance) -> "Manifest":
         """The same with one more."""
         key = "instances" if made.solved else "left_out"
         rows: tuple[VariedInstance, ...] = (*getattr(self, key), made)
@@ -88,8 +88,8 @@ def make_varied_instances(
     manifest = _open_manifest(folder, variation, out)
     waiting = [seed for seed in dict.fromkeys(seeds) if seed not in manifest.seeds]
     show(manifest)
-    for made in map_in_processes(_make_one, waiting, workers, _begin, (folder.path, variation, out)):
-        manifest = manifest.with_instance(made)
+    for made in map_in_processes(_make_varied_instance, waiting, workers, _set_job, (folder.path, variation, out)):
+        manifest = manifest.with_added_instance(made)
         write_json(out / MANIFEST, manifest.model_dump(mode="json"))
         show(manifest)
     return manifest
@@ -110,7 +110,7 @@ def _open_manifest(folder: TaskFolder, variation: Variation, out: Path) -> Manif
         return found
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out} is there and holds no varied instances", _REMEDY)
-    folder.copy_own_files(out)
+    folder.copy_assets_and_robot(out)
     write_json(out / MANIFEST, begun.model_dump(mode="json"))
     return begun
 
@@ -118,11 +118,11 @@ def _open_manifest(folder: TaskFolder, variation: Variation, out: Path) -> Manif
 _job: list[tuple[TaskFolder, Variation, Path]] = []
 
 
-def _begin(run: Path, variation: Variation, out: Path) -> None:
+def _set_job(run: Path, variation: Variation, out: Path) -> None:
     _job[:] = [(open_task_folder(run), variation, out)]
 
 
-def _make_one(seed: int) -> VariedInstance:
+def _make_varied_instance(seed: int) -> VariedInstance:
     """Draw one instance, let the expert solve it, and write it if that succeeds."""
     folder, variation, out = _job[0]
     base = folder.seeds[seed % len(folder.seeds)]
@@ -135,7 +135,7 @@ def _make_one(seed: int) -> VariedInstance:
     episode = done.episode
     solved = episode.outcome == "success" and min(episode.reward, episode.strict) >= SOLVED > done.idle_reward
     if solved:
-        written = name_robot_in_folder(instance, folder.path).model_dump(mode="json")
+        written = make_robot_path_relative(instance, folder.path).model_dump(mode="json")
         write_json(out / "instances" / f"seed_{seed}.json", written)
     return VariedInstance(
         seed=seed,

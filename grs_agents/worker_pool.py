@@ -36,12 +36,12 @@ def map_in_processes(
         begin(*arguments)
         yield from map(work, items)
         return
-    with _one_thread_each():
+    with _limit_workers_to_one_thread():
         yield from _map_in_pool(work, items, workers, begin, arguments)
 
 
 @contextmanager
-def _one_thread_each() -> Generator[None]:
+def _limit_workers_to_one_thread() -> Generator[None]:
     """Processes that begin meanwhile leave threads of matrix products alone: there are as many of them as cores."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
@@ -63,7 +63,7 @@ def _map_in_pool(
     arguments: tuple[Any, ...],
 ) -> Iterator[Result]:
     spawn: Any = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(workers, len(items)), spawn, _begin_process, (begin, arguments))
+    pool = ProcessPoolExecutor(min(workers, len(items)), spawn, _initialize_worker_process, (begin, arguments))
     left = iter(items)
     running: set[Future[Result]] = set()
     try:
@@ -80,6 +80,6 @@ def _map_in_pool(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _begin_process(begin: Callable[..., object], arguments: tuple[Any, ...]) -> None:
+def _initialize_worker_process(begin: Callable[..., object], arguments: tuple[Any, ...]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is interrupted, and ends this process
     begin(*arguments)

@@ -173,7 +173,7 @@ def main() -> int:
     from grs_agents.config import load_config
     from grs_agents.runs import Order, execute_run
     from grs_agents.views import attach_live_views
-    from grs_agents.views.film import shot_of_rollout, write_film
+    from grs_agents.views.film import make_rollout_shot, write_film
 
     scene, config = content.sample_scenes()["groceries"], load_config().config
     with tempfile.TemporaryDirectory() as temporary:
@@ -181,7 +181,7 @@ def main() -> int:
         if status := execute_run(Order("run", scene, config, accepted), attach_live_views).record.exit_status:
             return status
         shoot(accepted, ACCEPTED)
-        frames = write_film(shot_of_rollout(accepted), FILM)
+        frames = write_film(make_rollout_shot(accepted), FILM)
         print(f"{FILM}: {FILM.stat().st_size // 1024} KiB, {frames} pictures")
         fixed.mkdir()
         content.load_module("evals", "trace_cost").measure(scene, fixed, FIXES, config)

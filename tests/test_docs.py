@@ -59,7 +59,7 @@ def test_every_role_is_documented() -> None:
 
 def test_every_check_of_the_audit_is_documented() -> None:
     sources = [*(ROOT / "grs_agents" / "audit").glob("*.py"), *(ROOT / "grs_agents" / "nodes").glob("*.py")]
-    named = re.compile(r'(?:check=|of_faults\()"(\w+)"')
+    named = re.compile(r'(?:check=|from_fault_list\()"(\w+)"')
     made = {name for file in sources for name in named.findall(file.read_text(encoding="utf-8"))}
     assert {cells[0].strip("`") for cells in rows(page("audit.md"))} == made
 

@@ -17,13 +17,13 @@ from grs_agents.errors import ConfigError, UnknownNameError
 from grs_agents.nodes import render_evidence
 from grs_agents.policies import (
     POLICIES,
-    Routed,
+    EarlierDecision,
     RoutingContext,
     RoutingDecision,
-    failures_without_run_details,
+    list_stable_failures,
     load_policy,
 )
-from grs_agents.questions import read_question
+from grs_agents.questions import parse_question
 from grs_agents.sandbox import TestCase, TestReport
 from grs_agents.sim import ActionRecord, Episode, Outcome
 from grs_agents.sim.instance import ObjectMotion
@@ -184,7 +184,7 @@ def test_a_task_that_cannot_be_done_is_revised_once_the_program_was_mended_in_va
     given = context("failed", [case("failed", "tests", episode("target_too_small"))])
     given = replace(given, verdicts=("fix_code", "fix_test", "fix_task"))
     assert load_policy("rules").decide(given).verdict == "fix_code"
-    routed = Routed(failures=failures_without_run_details(given.report), verdict="fix_code")
+    routed = EarlierDecision(failures=list_stable_failures(given.report), verdict="fix_code")
     assert load_policy("rules").decide(replace(given, earlier=(routed,))).verdict == "fix_task"
 
 
@@ -223,7 +223,7 @@ def test_rules_turn_to_the_other_side_while_the_report_stays_as_it_is() -> None:
     for _ in range(4):
         decision = load_policy("rules").decide(given)
         verdicts.append(decision.verdict)
-        routed = Routed(failures=failures_without_run_details(given.report), verdict=decision.verdict)
+        routed = EarlierDecision(failures=list_stable_failures(given.report), verdict=decision.verdict)
         given = replace(given, earlier=(*given.earlier, routed))
     assert verdicts == ["fix_test", "fix_code", "fix_test", "fix_code"]
     other = context("failed", [case("error", "simulation")])
@@ -278,7 +278,7 @@ def test_human_asks_with_the_evidence_and_follows_the_reply() -> None:
     graph = StateGraph(Routing).add_node("route", route).add_edge(START, "route").compile(InMemorySaver())
     thread: Any = {"configurable": {"thread_id": "1"}}
     graph.invoke({}, thread)
-    question = read_question(graph.get_state(thread).interrupts[0].value)
+    question = parse_question(graph.get_state(thread).interrupts[0].value)
     assert question.choices == ("fix_code", "fix_test")
     assert "The rules would say fix_code" in question.details
     assert graph.invoke(Command(resume="fix_test: the test expects what the task does not say"), thread) == {

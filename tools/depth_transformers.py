@@ -54,7 +54,7 @@ def run(request: Request, context: ToolContext) -> Result:
         ConfigError: ``depth.model`` names no folder with a metric depth model, or transformers is not installed.
         InputError: the model cannot be loaded, lacks weights, or does not answer.
     """
-    folder = _metric_model(request.model)
+    folder = _load_metric_model_folder(request.model)
     try:
         torch, transformers = importlib.import_module("torch"), importlib.import_module("transformers")
     except ImportError as error:
@@ -62,10 +62,10 @@ def run(request: Request, context: ToolContext) -> Result:
             f"tool depth_transformers needs {error.name or 'transformers'}", 'pip install "grs-agents[transformers]"'
         ) from error
     with wrap_model_errors("depth", folder, request.photo, "AutoModelForDepthEstimation"):
-        return _asked(request, folder, torch, transformers)
+        return _predict_metric_depth(request, folder, torch, transformers)
 
 
-def _asked(request: Request, folder: Path, torch: Any, transformers: Any) -> Result:
+def _predict_metric_depth(request: Request, folder: Path, torch: Any, transformers: Any) -> Result:
     processor = transformers.AutoImageProcessor.from_pretrained(str(folder), **LOCAL, trust_remote_code=False)
     kind = transformers.AutoModelForDepthEstimation
     model = load_pretrained_model(kind, folder, "depth.model", transformers, trust_remote_code=False)
@@ -79,7 +79,7 @@ def _asked(request: Request, folder: Path, torch: Any, transformers: Any) -> Res
     return Result(depth, None if focal is None or not math.isfinite(float(focal)) else float(focal))
 
 
-def _metric_model(name: str | None) -> Path:
+def _load_metric_model_folder(name: str | None) -> Path:
     """The folder of a model that answers in metres."""
     folder, config = load_model_config("depth.model", name, "depth_transformers")
     kind = config["model_type"]

@@ -22,7 +22,7 @@ from grs_agents.sim import (
     describe_first_error,
     parse_instance_json,
 )
-from grs_agents.toolkit import ToolContext, ToolRequest, open_library, readable_folders
+from grs_agents.toolkit import ToolContext, ToolRequest, list_folders_to_read, open_library
 
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 FailureOutcome = Literal[
@@ -111,15 +111,15 @@ class Result(Frozen):
 
 def run(request: Request, context: ToolContext) -> Result:
     """Run the program in the sandbox and check what it yields; whatever it does is in the result."""
-    failures = _unsound(request)
+    failures = _list_source_failures(request)
     if failures:
         return Result(instances=(), failures=failures, seconds=0.0, backend=context.sandbox.backend)
-    drawn, first = _draw_all(tuple(dict.fromkeys(request.seeds)), request, context)
+    drawn, first = _draw_instances_of_seeds(tuple(dict.fromkeys(request.seeds)), request, context)
     calls = first.calls
     if kept := tuple(seed for seed, outcome in drawn.items() if isinstance(outcome, TaskInstance)):
-        again, second = _draw_all(_in_another_order(kept), request, context)
+        again, second = _draw_instances_of_seeds(_reorder_seeds(kept), request, context)
         calls += second.calls
-        drawn |= {seed: _same(drawn[seed], again[seed]) for seed in kept}
+        drawn |= {seed: _require_same_instance(drawn[seed], again[seed]) for seed in kept}
     return Result(
         instances=tuple(
             outcome.model_dump(mode="json") for outcome in drawn.values() if isinstance(outcome, TaskInstance)
@@ -130,43 +130,43 @@ def run(request: Request, context: ToolContext) -> Result:
     )
 
 
-def _unsound(request: Request) -> tuple[Failure, ...]:
+def _list_source_failures(request: Request) -> tuple[Failure, ...]:
     """Why the source need not run at all, for each seed; empty if it is Python with a task in it."""
     try:
         tree = sandbox.parse_program(request.simulation, sandbox.SIMULATION_FILE)
     except SyntaxError as error:
         trace = sandbox.describe_error(error)
-        return tuple(Failure(seed=seed, outcome="error", **_shown(trace)) for seed in request.seeds)
+        return tuple(Failure(seed=seed, outcome="error", **_trace_to_fields(trace)) for seed in request.seeds)
     if defines_task_class(tree):
         return ()
     message = "the program defines no class that derives from Task: write `class Name(Task):`"
     return tuple(Failure(seed=seed, outcome="error", message=message) for seed in request.seeds)
 
 
-def _draw_all(
+def _draw_instances_of_seeds(
     seeds: Sequence[int], request: Request, context: ToolContext
 ) -> tuple[dict[int, TaskInstance | Failure], BatchResult]:
     """Draw each seed once, in a process that ran nothing before."""
-    batch = sandbox.call_batch(
+    batch = sandbox.call_tool_for_each_item(
         context.sandbox,
         "instantiate",
         request.model_dump(mode="json") | {"limits": context.limits.model_dump(mode="json")},
         [str(seed) for seed in seeds],
         context.limits,
         hopeless=lambda call: True,  # what hangs in reset for one seed hangs for all
-        readable=readable_folders(request.library_roots, request.robot),
+        readable=list_folders_to_read(request.library_roots, request.robot),
     )
-    return {seed: _draw(seed, batch, request.simulation, context.limits) for seed in seeds}, batch
+    return {seed: _read_drawn_instance(seed, batch, request.simulation, context.limits) for seed in seeds}, batch
 
 
-def _in_another_order(seeds: Sequence[int]) -> tuple[int, ...]:
+def _reorder_seeds(seeds: Sequence[int]) -> tuple[int, ...]:
     """Backwards, the one in the middle first: none comes as many draws after the beginning as before, so that a program
     which counts them, or keeps something from one to the next, draws something else."""
     middle = len(seeds) // 2 if len(seeds) % 2 else len(seeds)
     return (*seeds[middle : middle + 1], *reversed(seeds[middle + 1 :]), *reversed(seeds[:middle]))
 
 
-def _same(first: TaskInstance | Failure, second: TaskInstance | Failure) -> TaskInstance | Failure:
+def _require_same_instance(first: TaskInstance | Failure, second: TaskInstance | Failure) -> TaskInstance | Failure:
     """The instance that was drawn twice, or why it does not count."""
     if isinstance(first, Failure) or first == second:
         return first
@@ -216,28 +216,28 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
         if isinstance(captured.error, MemoryError):
             raise captured.error
         if captured.error is not None:
-            event = _failure(captured.error)
+            event = _format_failure_fields(captured.error)
         sandbox.report_progress({"item": item, "phase": "end", **event})
     ballast.clear()  # until here it moves what a program allocates, so that no instance can depend on addresses
     return {}
 
 
-def _failure(error: BaseException) -> dict[str, str]:
-    shown = _shown(sandbox.describe_error(error))
+def _format_failure_fields(error: BaseException) -> dict[str, str]:
+    shown = _trace_to_fields(sandbox.describe_error(error))
     if isinstance(error, ValidationError):
         return {**shown, "message": describe_first_error(error), "outcome": "invalid"}
     return {**shown, "outcome": str(getattr(error, "outcome", "error"))}
 
 
-def _draw(seed: int, batch: BatchResult, source: str, limits: Limits) -> TaskInstance | Failure:
+def _read_drawn_instance(seed: int, batch: BatchResult, source: str, limits: Limits) -> TaskInstance | Failure:
     item = str(seed)
     if item in batch.stopped:
-        return _stopped(seed, batch.stopped[item], source)
+        return _make_failure_of_stopped_call(seed, batch.stopped[item], source)
     event = batch.ended.get(item)
     if item in batch.repeated or item in batch.untimely:
         return Failure(seed=seed, outcome="forged", message="its instance was reported twice, or out of turn")
     if event is None and not batch.last_call.events:
-        return _stopped(seed, batch.last_call, source)
+        return _make_failure_of_stopped_call(seed, batch.last_call, source)
     if event is None:
         message = f"an earlier seed used up the limit of {limits.wall_seconds:g} s for all of them"
         return Failure(seed=seed, outcome="not_run", message=message)
@@ -245,10 +245,10 @@ def _draw(seed: int, batch: BatchResult, source: str, limits: Limits) -> TaskIns
         outcome: Any = event.get("outcome") if event.get("outcome") in get_args(FailureOutcome) else "error"
         message, trace = str(event.get("message", ""))[:1000], str(event.get("traceback", ""))[:8000]
         return Failure(seed=seed, outcome=outcome, message=message, traceback=trace)
-    return _validated(seed, event["instance"], limits.objects)
+    return _validate_instance_json(seed, event["instance"], limits.objects)
 
 
-def _validated(seed: int, text: object, objects: int) -> TaskInstance | Failure:
+def _validate_instance_json(seed: int, text: object, objects: int) -> TaskInstance | Failure:
     if not isinstance(text, str):
         return Failure(seed=seed, outcome="invalid", message=f"the instance is {type(text).__name__}, not JSON as text")
     try:
@@ -260,12 +260,12 @@ def _validated(seed: int, text: object, objects: int) -> TaskInstance | Failure:
     return checked
 
 
-def _stopped(seed: int, call: CallResult, source: str) -> Failure:
+def _make_failure_of_stopped_call(seed: int, call: CallResult, source: str) -> Failure:
     trace = sandbox.describe_stack_dump(call.stack, {sandbox.SIMULATION_FILE: source}, call.error)
     last = (call.error.strip().splitlines() or [call.outcome])[-1][:1000]
     outcome = _STOPPED.get(call.outcome, "crashed")
     return Failure(seed=seed, outcome=outcome, message=last, traceback=trace.text if trace else call.error[-8000:])
 
 
-def _shown(trace: Trace) -> dict[str, str]:
+def _trace_to_fields(trace: Trace) -> dict[str, str]:
     return {"message": trace.message, "traceback": trace.text}

@@ -9,7 +9,7 @@ from grs_agents.base import Frozen
 from grs_agents.config import Limits
 from grs_agents.sandbox import BatchResult, discover_tests, parse_program
 from grs_agents.sim import InstanceObject
-from grs_agents.toolkit import ToolContext, ToolRequest, open_library, readable_folders
+from grs_agents.toolkit import ToolContext, ToolRequest, list_folders_to_read, open_library
 
 
 class ProbeRun(Frozen):
@@ -95,15 +95,15 @@ def run(request: Request, context: ToolContext) -> Result:
     tests = discover_tests(parse_program(request.tests, sandbox.TESTS_FILE)).ids
     asked = {**request.model_dump(mode="json"), "tests_run": tests, "limits": context.limits.model_dump(mode="json")}
     names = [one.name for one in request.runs]
-    reads = readable_folders(request.library_roots, request.robot)
-    batch = sandbox.call_batch(
+    reads = list_folders_to_read(request.library_roots, request.robot)
+    batch = sandbox.call_tool_for_each_item(
         context.sandbox, "probe_tests", asked, names, context.limits, lambda call: True, readable=reads
     )
     cpu = sum(call.cpu_seconds for call in batch.calls)
-    return Result(outcomes=tuple(_read_outcome(name, batch) for name in names), cpu_seconds=cpu)
+    return Result(outcomes=tuple(_read_probe_outcome(name, batch) for name in names), cpu_seconds=cpu)
 
 
-def _read_outcome(name: str, batch: BatchResult) -> Outcome:
+def _read_probe_outcome(name: str, batch: BatchResult) -> Outcome:
     event = batch.ended.get(name)
     if event is None and name not in batch.stopped:
         return Outcome(name=name, ended="not_run", message=f"not run: {batch.last_call.outcome}")
@@ -127,7 +127,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     bystanders = [sim.InstanceObject.model_validate(item) for item in request["bystanders"]]
     around = (request["robot"], limits, request["background"], bystanders)
     memory = sim.EpisodeMemory()
-    report, run_suite, describe = sandbox.report_progress, sandbox.run_suite_once, sim.Probe.describe
+    report, run_suite, finish = sandbox.report_progress, sandbox.run_suite_once, sim.Probe.finish_and_report
     for item in request["items"]:
         report({"item": item, "phase": "start"})
         one = asked[item]
@@ -142,5 +142,5 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
 
         programs = (request["simulation"], request["tests"], request["simulation_name"])
         event = run_suite(*programs, request["tests_run"], instance.seed, begin_test)
-        report({"item": item, "phase": "end", **event, **describe(probe)})
+        report({"item": item, "phase": "end", **event, **finish(probe)})
     return {}

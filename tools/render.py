@@ -13,7 +13,7 @@ from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes
 from grs_agents.library import Library
 from grs_agents.sandbox import CallResult
-from grs_agents.toolkit import ToolContext, ToolRequest, open_library, readable_folders
+from grs_agents.toolkit import ToolContext, ToolRequest, list_folders_to_read, open_library
 
 if TYPE_CHECKING:
     from grs_agents.sim import Environment, InstanceTask, TaskInstance
@@ -68,7 +68,7 @@ class Result(Frozen):
 
 def run(request: Request, context: ToolContext) -> Result:
     """Draw in the sandbox."""
-    reads = readable_folders(request.library_roots, str(request.instance.get("robot", "")))
+    reads = list_folders_to_read(request.library_roots, str(request.instance.get("robot", "")))
     limits = context.limits.model_dump(mode="json")
     frame = {"request": request.model_dump(mode="json"), "limits": limits}
     call: CallResult = context.sandbox.call("render", frame, context.limits, reads)
@@ -84,13 +84,13 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     """The worker's part: the picture as base64, since a worker reaches no file of the host."""
     asked, limits = Request.model_validate(request["request"]), Limits.model_validate(request["limits"])
     try:
-        png, boxes = _draw(asked, limits)
+        png, boxes = _draw_scene(asked, limits)
         return {"png": base64.b64encode(png).decode(), "error": "", "boxes": boxes}
     except (GrsError, ValueError) as error:
         return {"png": None, "error": str(error)}
 
 
-def _draw(asked: Request, limits: Limits) -> tuple[bytes, dict[int, Box]]:
+def _draw_scene(asked: Request, limits: Limits) -> tuple[bytes, dict[int, Box]]:
     from grs_agents import sim
     from grs_agents.sim import rendering
 
@@ -106,7 +106,7 @@ def _draw(asked: Request, limits: Limits) -> tuple[bytes, dict[int, Box]]:
     if asked.textured:
         picture = _draw_textured(instance, library, view)
     else:
-        picture = rendering.render_views(_find_visible_scene(asked, env, task, instance), [view])[0]
+        picture = rendering.render_views(_prepare_visible_scene(asked, env, task, instance), [view])[0]
     boxes = {number: box for number in asked.marked if (box := _outline_object(picture, number)) is not None}
     return rendering.encode_png(picture.color), boxes
 
@@ -119,7 +119,7 @@ def _draw_textured(instance: "TaskInstance", library: Library, view: "View") -> 
     return rendering.render_from_camera(props, library, lens, rendering.view_pose(view))
 
 
-def _find_visible_scene(
+def _prepare_visible_scene(
     asked: Request, env: "Environment", task: "InstanceTask", instance: "TaskInstance"
 ) -> "VisibleScene":
     """What stands where the poses say, else after settling or the rollout."""

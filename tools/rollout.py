@@ -11,7 +11,7 @@ from grs_agents.config import Limits
 from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes
 from grs_agents.sandbox import CallResult
-from grs_agents.toolkit import ToolContext, ToolRequest, open_library, readable_folders
+from grs_agents.toolkit import ToolContext, ToolRequest, list_folders_to_read, open_library
 
 
 class Request(ToolRequest):
@@ -43,7 +43,7 @@ class Result(Frozen):
 
 def run(request: Request, context: ToolContext) -> Result:
     """Run the oracle in the sandbox."""
-    reads = readable_folders(request.library_roots, str(request.instance.get("robot", "")))
+    reads = list_folders_to_read(request.library_roots, str(request.instance.get("robot", "")))
     limits = context.limits.model_dump(mode="json")
     frame = {"request": request.model_dump(mode="json"), "limits": limits}
     call: CallResult = context.sandbox.call("rollout", frame, context.limits, reads)

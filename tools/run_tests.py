@@ -9,7 +9,7 @@ from grs_agents.base import Frozen
 from grs_agents.config import Limits
 from grs_agents.sandbox import TestReport, TestRun
 from grs_agents.sim import InstanceObject
-from grs_agents.toolkit import ToolContext, ToolRequest, open_library, readable_folders
+from grs_agents.toolkit import ToolContext, ToolRequest, list_folders_to_read, open_library
 
 
 class Request(ToolRequest):
@@ -57,7 +57,7 @@ def run(request: Request, context: ToolContext) -> Result:
             "limits": context.limits.model_dump(mode="json"),
         },
     )
-    reads = readable_folders(request.library_roots, request.robot)
+    reads = list_folders_to_read(request.library_roots, request.robot)
     return Result(report=sandbox.run_tests(context.sandbox, "run_tests", programs, context.limits, reads))
 
 

@@ -80,15 +80,15 @@ def run(request: Request, context: ToolContext) -> Result:
         processor = transformers.AutoProcessor.from_pretrained(str(folder), **LOCAL, trust_remote_code=False)
         model = load_pretrained_model(kind, folder, "segment.model", transformers, trust_remote_code=False)
 
-        def proposals(rgb: Image, where: Mask) -> Iterator[Proposal]:
+        def propose_boxes(rgb: Image, where: Mask) -> Iterator[Proposal]:
             with torch.inference_mode():
-                return _boxes(model.float().to(request.device), processor, rgb, where, prompts)
+                return _detect_boxes(model.float().to(request.device), processor, rgb, where, prompts)
 
-        labels = segment_from_proposals(request.frame, request.table, proposals, request.config)
+        labels = segment_from_proposals(request.frame, request.table, propose_boxes, request.config)
     return Result(measure_candidates(request.frame, request.table, labels))
 
 
-def _boxes(model: Any, processor: Any, rgb: Image, where: Mask, prompts: tuple[str, ...]) -> Iterator[Proposal]:
+def _detect_boxes(model: Any, processor: Any, rgb: Image, where: Mask, prompts: tuple[str, ...]) -> Iterator[Proposal]:
     """The boxes that score above what the detector's own authors take for a find."""
     asked = processor(images=rgb, text=[list(prompts)], return_tensors="pt").to(model.device)
     answer = processor.post_process_grounded_object_detection(model(**asked), target_sizes=[where.shape])[0]

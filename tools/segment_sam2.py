@@ -76,17 +76,17 @@ def run(request: Request, context: ToolContext) -> Result:
     with wrap_model_errors("segmentation", Path(request.model or ""), request.frame.source, "Sam2Model"):
         embed = load_sam2(request.model, request.device)
 
-        def proposals(rgb: Image, where: Mask) -> Iterator[Proposal]:
-            points = _grid(where)
+        def propose_stable_masks(rgb: Image, where: Mask) -> Iterator[Proposal]:
+            points = _make_grid_points(where)
             cost = f", which takes {CPU_SECONDS} CPU seconds a photo" if request.device == "cpu" else ""
             context.say(f"asks SAM 2 at {len(points)} points{cost}")
-            return _automatic(embed(rgb), points, (where.shape[1], where.shape[0]), request.batch)
+            return _generate_stable_masks(embed(rgb), points, (where.shape[1], where.shape[0]), request.batch)
 
-        labels = segment_from_proposals(request.frame, request.table, proposals, request.config)
+        labels = segment_from_proposals(request.frame, request.table, propose_stable_masks, request.config)
     return Result(measure_candidates(request.frame, request.table, labels))
 
 
-def _automatic(ask: AskAtPoints, points: Floats, size: tuple[int, int], batch: int) -> Iterator[Proposal]:
+def _generate_stable_masks(ask: AskAtPoints, points: Floats, size: tuple[int, int], batch: int) -> Iterator[Proposal]:
     """The good and stable masks of all points, of ``size`` (columns, rows)."""
     for start in range(0, len(points), batch):
         logits, scores = ask(points[start : start + batch])
@@ -97,7 +97,7 @@ def _automatic(ask: AskAtPoints, points: Floats, size: tuple[int, int], batch: i
                 yield Proposal(whole > 0, float(scores[at]))
 
 
-def _grid(where: Mask) -> Floats:
+def _make_grid_points(where: Mask) -> Floats:
     """(N, 2) points across and down, 0..1, of the grid's cells that hold any pixel of ``where``."""
     rows, columns = np.nonzero(where)
     down, across = rows * SIDE // where.shape[0], columns * SIDE // where.shape[1]

@@ -11,7 +11,7 @@ from typing import Any
 from evals.benchmark.perception_runs import unique_names
 from evals.synthesis import Recipe, synthesise
 from grs_agents.base import Frozen
-from grs_agents.batch import RunEnd, RunJob, make_row, run_jobs
+from grs_agents.batch import RunEnd, RunJob, make_batch_row, run_jobs
 from grs_agents.errors import GrsError
 from grs_agents.files import write_text
 from grs_agents.foreign import read_json
@@ -84,7 +84,7 @@ def make_runs(scenes: Sequence[str], graphs: Sequence[str], experiment: Experime
                 firsts.setdefault(short, folder)
                 work[name] = partial(_run, graph, job, options.timeout)
     choosing = ("scenes", "synthesised", "runs", "graphs", "timeout")
-    make = partial(experiment.make_rows, Measured, workers=options.workers, choosing=choosing, show=str)
+    make = partial(experiment.make_or_reuse_rows, Measured, workers=options.workers, choosing=choosing, show=str)
     make({folder.name: work[folder.name] for folder in firsts.values()})
     return make(work)
 
@@ -95,7 +95,7 @@ def _run(graph: str, job: RunJob, timeout: float) -> Measured:
 
 
 def _measure(graph: str, end: RunEnd) -> Measured:
-    row, folder = make_row(end), end.job.folder
+    row, folder = make_batch_row(end), end.job.folder
     rollouts = [rollout["episode"] for rollout in _read_rollouts(folder)]
     published, strict = ([float(episode[kind]) for episode in rollouts] for kind in ("reward", "strict"))
     return Measured(

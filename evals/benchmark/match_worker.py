@@ -18,7 +18,7 @@ from grs_agents.config import Config, Limits, load_config
 from grs_agents.errors import GrsError
 from grs_agents.files import write_json
 from grs_agents.library import Library
-from grs_agents.nodes import ask_describer, make_describer_question, make_model_matcher, make_undescribed_segment
+from grs_agents.nodes import ask_describer, make_describer_question, make_model_matcher, make_placeholder_description
 from grs_agents.perception import (
     Candidate,
     CandidateRecord,
@@ -26,9 +26,9 @@ from grs_agents.perception import (
     TableFrame,
     find_table,
     measure_candidates,
-    outline_segments,
     save_candidates,
     save_frame,
+    write_outlines,
 )
 from grs_agents.perception.matching import MatchResult, Segment
 from grs_agents.sandbox import Sandbox
@@ -99,11 +99,11 @@ def _matched(
 ) -> MatchResult:
     described: dict[int, Description] = {}
     if order.method.models:
-        outline_segments(scene.frame, records, records, agents.folder)
+        write_outlines(scene.frame, records, records, agents.folder)
         for record in records:
             said = ask_describer(agents, make_describer_question([record], records))
             silent = isinstance(said, NoReply)
-            described[record.id] = make_undescribed_segment(record.shape) if silent else said[record.id]
+            described[record.id] = make_placeholder_description(record.shape) if silent else said[record.id]
     config, tool = agents.config, load_tool(order.method.tool)
     asked = [one for one in candidates if one.id not in described or described[one.id].is_object]
     crops = {record.id: agents.folder / record.crop for record in records}

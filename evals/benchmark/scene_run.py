@@ -71,7 +71,7 @@ def comprehend_scene(source: str, folder: Path, settings: Sequence[str]) -> Scen
     refused = "" if ended.problem is None else ended.problem.message
     scene, library, own = read_scene_description(folder / "scene.json"), Library(), folder / "assets"
     if own.is_dir():  # there is none where an asset stands for each object
-        library = library.with_overlay(own)
+        library = library.copy_with_overlay_root(own)
     masks = {item.id: load_mask(folder / item.mask) for item in scene.objects}
     owners = np.zeros(next(iter(masks.values())).shape, np.int32)
     for number in sorted(masks, key=lambda number: -int(masks[number].sum())):

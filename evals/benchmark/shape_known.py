@@ -14,7 +14,7 @@ from evals.synthesis.sensors.common import noisy_rgb
 from grs_agents.base import Quat
 from grs_agents.library import Asset, Library, Triangles, build_posed_triangles
 from grs_agents.perception import Array, Camera, RGBDFrame, TableFrame, Tree, measure_candidates
-from grs_agents.perception.shapes import ObjectShape, ObjectView, view_object
+from grs_agents.perception.shapes import ObjectShape, ObjectView, make_object_view
 
 _PLACE = (0.5, 0.0)
 _TILTS = (25.0, 70.0)
@@ -64,7 +64,7 @@ def _photograph(asset: Asset, sensor: SensorKind, library: Library, rng: np.rand
     if (depth[mask] > 0).mean() < 0.3:
         return None
     candidate = measure_candidates(frame, table, mask.astype(np.int32))[0]
-    view = view_object(frame, table, mask, candidate.upright, _noise(seen, depth))
+    view = make_object_view(frame, table, mask, candidate.upright, _noise(seen, depth))
     surface, hidden = _true_surface(triangles, camera, seen)
     to_object = view.T_object_cam @ np.linalg.inv(np.asarray(camera.T_robot_cam))
     return KnownObject(asset.name, sensor, view, surface @ to_object[:3, :3].T + to_object[:3, 3], hidden)

@@ -18,7 +18,7 @@ from grs_agents.library import Library, encode_png
 from grs_agents.perception import Image, find_table, measure_candidates, segment_objects_on_table
 from grs_agents.perception.proxies import mesh_to_obj_text
 from grs_agents.perception.reading import read_scene, short_scene_name
-from grs_agents.perception.shapes import ObjectShape, ObjectView, reconstruct_shape, view_object
+from grs_agents.perception.shapes import ObjectShape, ObjectView, make_object_view, reconstruct_shape
 
 _ROWS = 60
 
@@ -96,7 +96,10 @@ def _views_of_scene(folder: Path) -> Iterable[tuple[str, ObjectView]]:
     labels = segment_objects_on_table(frame, table) if labelled is None else np.asarray(labelled, np.int32)
     for one in measure_candidates(frame, table, labels):
         distance = float(np.median(frame.depth[one.mask & (frame.depth > 0)]))
-        yield f"{short_scene_name(folder)} {one.id}", view_object(frame, table, one.mask, one.upright, _noise(distance))
+        yield (
+            f"{short_scene_name(folder)} {one.id}",
+            make_object_view(frame, table, one.mask, one.upright, _noise(distance)),
+        )
 
 
 def _noise(distance: float) -> float:

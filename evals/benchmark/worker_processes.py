@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from grs_agents.runs import do_jobs, show_progress
+from grs_agents.runs import run_jobs_in_threads, show_progress
 
 EVALS = Path(__file__).parent.parent
 _ONE_CORE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -56,7 +56,7 @@ def run_jobs(
             outcomes[number] = outcome
             advance(name(jobs[number]), "")
 
-        do_jobs(range(len(jobs)), lambda number: work(jobs[number]), keep, workers)
+        run_jobs_in_threads(range(len(jobs)), lambda number: work(jobs[number]), keep, workers)
     return [outcomes[number] for number in range(len(jobs))]
 
 

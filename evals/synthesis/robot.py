@@ -45,7 +45,7 @@ def free_postures(
         roll, pitch = (float(angle) for angle in rng.uniform(-_TILT, _TILT, 2))
         turn = matrix_from_quaternion(quaternion_from_rpy(roll, pitch, float(rng.uniform(-np.pi, np.pi))))
         joints = arm.solve_ik_for_poses(rng.uniform(*_TIPS)[None], turn[None])[0]
-        if not np.isfinite(joints).all() or arm.collision_at(joints) is not None:
+        if not np.isfinite(joints).all() or arm.find_collision_at_joints(joints) is not None:
             continue
         world.data.qpos[: arm.dof] = joints
         mujoco.mj_kinematics(world.model, world.data)

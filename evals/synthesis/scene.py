@@ -194,7 +194,7 @@ def _arranged(recipe: Recipe, library: Library, folder: Path, rng: np.random.Gen
     """Things at rest, walls around them, the arm above, and where the camera stands; ``folder`` takes their assets."""
     strange = build_distractors(recipe.distractors, rng) + build_products(recipe.absent, library, rng)
     names = write_assets(folder / "strange", strange)
-    both = library.with_overlay(folder / "strange")
+    both = library.copy_with_overlay_root(folder / "strange")
     known = recipe.objects - recipe.distractors - recipe.absent
     resting = settle_heap([*_chosen(known, library, rng), *names], both, rng)
     kinds = [both.asset(one.asset).category for one in resting]
@@ -204,7 +204,7 @@ def _arranged(recipe: Recipe, library: Library, folder: Path, rng: np.random.Gen
         flat = triangles.corners[:, :, :2]
         around = np.stack([flat.min(axis=(0, 1)), flat.max(axis=(0, 1))])
         posed.append((WALLS, write_bin_walls(folder / "bin", around, rng)))
-        both = both.with_overlay(folder / "bin")
+        both = both.copy_with_overlay_root(folder / "bin")
         triangles = build_posed_triangles(posed, both)
     size = (recipe.width, recipe.height)
     if not recipe.arm:

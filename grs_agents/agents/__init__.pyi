@@ -4,8 +4,8 @@ from .agent import IMAGE_SIDES as IMAGE_SIDES
 from .agent import Agents as Agents
 from .agent import image_block_from_file as image_block_from_file
 from .asset_describer import describe_assets as describe_assets
-from .asset_describer import plan_descriptions as plan_descriptions
 from .asset_describer import replace_asset_description as replace_asset_description
+from .asset_describer import select_assets_to_describe as select_assets_to_describe
 from .budget import BudgetReached as BudgetReached
 from .examples import Example as Example
 from .examples import read_examples as read_examples

@@ -28,7 +28,7 @@ from grs_agents.agents.reply import ReplyError
 from grs_agents.agents.types import NoReply
 from grs_agents.config import Config, ModelConfig
 from grs_agents.foreign import read_picture, resolve_member_file
-from grs_agents.models import Answer, ReplyProblem, invoke_with_retries, is_offline, make_chat_model, retries_for
+from grs_agents.models import Answer, ReplyProblem, invoke_with_retries, is_offline, make_chat_model, make_retries
 from grs_agents.trace import EventLog, Note, Prompt, Reply, read_events
 
 Parsed = TypeVar("Parsed")
@@ -50,7 +50,7 @@ class Agents:
     _lock: Lock = field(default_factory=Lock)
 
     @classmethod
-    def from_log(cls, config: Config, log: EventLog, folder: Path) -> "Agents":
+    def resume_from_log(cls, config: Config, log: EventLog, folder: Path) -> "Agents":
         """Agents that go on where the log ends: what its last node was told already is not asked again."""
         events = read_events(log.path)
         cassette = read_cassette(config.cassette).remaining_replies(events) if config.cassette else None
@@ -92,7 +92,7 @@ class Agents:
         problem = ""
         tries = self.config.reply_retries + 1
         for _ in range(tries):
-            reply, problem = self.request_or_reuse_reply(role, messages, tuple(images))
+            reply, problem = self.get_earlier_or_new_reply(role, messages, tuple(images))
             if reply is not None:
                 try:
                     return parse(reply)
@@ -105,7 +105,7 @@ class Agents:
             messages.append(HumanMessage(text))
         return NoReply(role=role, tries=tries, problem=problem)
 
-    def request_or_reuse_reply(
+    def get_earlier_or_new_reply(
         self,
         role: str,
         messages: Sequence[BaseMessage],
@@ -135,7 +135,7 @@ class Agents:
         return (None, reply.error) if reply.error else (reply.text, "")
 
     def _ask_model(self, role: str, spec: ModelConfig, messages: Sequence[BaseMessage]) -> Answer:
-        return invoke_with_retries(self.chat_model_for_role(role), messages, retries_for(spec))
+        return invoke_with_retries(self.chat_model_for_role(role), messages, make_retries(spec))
 
     def _request_reply(self, role: str, spec: ModelConfig, call: str, ask: Callable[[], Answer]) -> Reply:
         """What the model answers, usable or not; it is in the log, as is why there is none."""

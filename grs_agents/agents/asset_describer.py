@@ -29,7 +29,7 @@ from grs_agents.library import (
     random_view_directions,
     render_asset_views,
 )
-from grs_agents.models import ReplyProblem, invoke_with_retries, retries_for
+from grs_agents.models import ReplyProblem, invoke_with_retries, make_retries
 
 PROMPT = "describe_asset"
 VIEWS, SIDE = 3, 384
@@ -40,7 +40,7 @@ _TRIES = 3
 _SHARE = 0.08
 
 
-class AssetWords(Frozen):
+class AssetDescription(Frozen):
     """What a model says of an asset."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
@@ -54,7 +54,7 @@ class DescribedAsset(Frozen):
     """A description with where it comes from, as it is kept beside the asset."""
 
     asset: str
-    words: AssetWords  # what the model said
+    words: AssetDescription  # what the model said
     model: str  # who said it
     prompt: str  # SHA-256 of the prompt's template
     content: str  # SHA-256 of what was described; another makes the description out of date
@@ -73,7 +73,7 @@ class Plan:
     output_tokens: int
 
 
-def plan_descriptions(root: Path, assets: Sequence[Asset], model: str, again: bool = False) -> Plan:
+def select_assets_to_describe(root: Path, assets: Sequence[Asset], model: str, again: bool = False) -> Plan:
     """What there is to describe in the library ``root``, and about how many tokens that takes."""
     prompt = _prompt_hash()
     todo: list[Asset] = []
@@ -112,7 +112,7 @@ def describe_assets(
         yield replace_asset_description(asset, described.words), described
 
 
-def replace_asset_description(asset: Asset, words: AssetWords) -> Asset:
+def replace_asset_description(asset: Asset, words: AssetDescription) -> Asset:
     """The asset with a model's words instead of its own; its size is added, since it is not in the pictures."""
     x, y, z = (f"{100 * extent:.1f}" for extent in asset.size)
     text = f"{words.description.strip().rstrip('.')}, {x} x {y} x {z} cm"
@@ -153,8 +153,8 @@ def _describe_asset(
     message = HumanMessage(content=[*blocks, {"type": "text", "text": text}])
     for _ in range(_TRIES):
         try:
-            answer = invoke_with_retries(model, [message], retries_for(spec))
-            words = parse_json(answer.text, AssetWords)
+            answer = invoke_with_retries(model, [message], make_retries(spec))
+            words = parse_json(answer.text, AssetDescription)
         except (ReplyProblem, ReplyError) as error:
             warn(f"{asset.name}: {error}")
             continue

@@ -80,10 +80,10 @@ def select_nearest_examples(
 
 
 def _tfidf_cosine_similarity(first: Counter[str], second: Counter[str], rarity: dict[str, float]) -> float:
-    def weights(bag: Counter[str]) -> dict[str, float]:
+    def compute_tfidf_weights(bag: Counter[str]) -> dict[str, float]:
         return {word: (1 + math.log(number)) * rarity.get(word, 0.0) for word, number in bag.items()}
 
-    left, right = weights(first), weights(second)
+    left, right = compute_tfidf_weights(first), compute_tfidf_weights(second)
     length = math.hypot(*left.values()) * math.hypot(*right.values())
     return sum(left[word] * right[word] for word in left.keys() & right.keys()) / length if length else 0.0
 

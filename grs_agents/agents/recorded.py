@@ -32,23 +32,23 @@ def digest_prompt(role: str, messages: Sequence[BaseMessage], pictures: Sequence
     The first half is of the role, the words of all messages, and the pictures' names: it is the same on every machine.
     The second half is of the numbers and pixels too, which another processor measures and renders a little differently.
     """
-    words = [(message.type, _blank_numbers(str(message.text))) for message in messages]
+    words = [(message.type, _replace_numbers_with_hash_sign(str(message.text))) for message in messages]
     contents = [(message.type, message.content) for message in messages]
-    return "".join(_digest([role, *pictures, part])[:_HALF] for part in (words, contents))
+    return "".join(_sha256_of_json([role, *pictures, part])[:_HALF] for part in (words, contents))
 
 
 def digest_prompt_sections(text: str) -> dict[str, str]:
     """The sections of a prompt by heading, each with a short digest of its words, to tell where two prompts differ."""
     parts = (part.partition("\n") for part in re.split(r"^#+ ", text, flags=re.MULTILINE) if part.strip())
-    return {heading.strip(): _digest(_blank_numbers(body))[:8] for heading, _, body in parts}
+    return {heading.strip(): _sha256_of_json(_replace_numbers_with_hash_sign(body))[:8] for heading, _, body in parts}
 
 
-def _blank_numbers(text: str) -> str:
+def _replace_numbers_with_hash_sign(text: str) -> str:
     """``text`` with ``#`` in place of each number; digits that are part of a name stay."""
     return _NUMBER.sub("#", text)
 
 
-def _digest(value: object) -> str:
+def _sha256_of_json(value: object) -> str:
     return hashlib.sha256(json.dumps(value).encode()).hexdigest()
 
 

@@ -37,7 +37,7 @@ def describe_segments(
     """
     asked = [int(row["id"]) for row in rows]
 
-    def parse(text: str) -> dict[int, Description]:
+    def parse_descriptions(text: str) -> dict[int, Description]:
         replies = parse_json_rows(text, SegmentReply)
         if len(replies) == len(asked) == 1:
             replies = [replies[0].model_copy(update={"id": asked[0]})]
@@ -50,21 +50,23 @@ def describe_segments(
                 raise ReplyError(f"segment {number}: part_of is {whole}, which is no other segment; else give null")
         return {number: Description.model_validate(found[number].model_dump()) for number in asked}
 
-    return agents.ask_role("describe", {"segments": to_json_lines(rows), "pictures": pictures}, parse, images)
+    return agents.ask_role(
+        "describe", {"segments": to_json_lines(rows), "pictures": pictures}, parse_descriptions, images
+    )
 
 
 def match_asset(agents: Agents, candidate: Json, assets: Sequence[Json], images: Sequence[str]) -> Match | NoReply:
     """Match one candidate with an asset. ``assets`` hold name, description, color and size."""
     names = {str(asset["name"]) for asset in assets}
 
-    def parse(text: str) -> Match:
+    def parse_match(text: str) -> Match:
         answer = parse_json(text, Match)
         if answer.match == "asset" and answer.asset not in names:
             raise ReplyError(f"asset {answer.asset!r} is not in the list of assets")
         return answer
 
     return agents.ask_role(
-        "match", {"candidate": to_json_text(candidate), "assets": to_json_lines(assets)}, parse, images
+        "match", {"candidate": to_json_text(candidate), "assets": to_json_lines(assets)}, parse_match, images
     )
 
 
@@ -74,12 +76,14 @@ def author_task(
     """Define a task for the scene. ``fixtures``: library assets that may be added to what the photo shows."""
     known = {str(item["asset"]) for item in scene["objects"]} | {str(item["name"]) for item in fixtures}
 
-    def parse(text: str) -> TaskDefinition:
+    def parse_task_definition(text: str) -> TaskDefinition:
         task = parse_json(text, TaskDefinition)
         _refuse_unknown_assets(task, known)
         return task
 
-    return agents.ask_role("task", {"scene": to_json_text(scene), "fixtures": to_json_lines(fixtures)}, parse, images)
+    return agents.ask_role(
+        "task", {"scene": to_json_text(scene), "fixtures": to_json_lines(fixtures)}, parse_task_definition, images
+    )
 
 
 def author_simulation(
@@ -118,7 +122,7 @@ class JudgedPrograms:
     images: Sequence[str] = ()  # the photo (not for the router), and the end of the robot's episode if it was drawn
     explanation: str = ""  # the router's, for a fixer
 
-    def as_values(self, *names: str, **more: str) -> dict[str, str]:
+    def as_prompt_values(self, *names: str, **more: str) -> dict[str, str]:
         """The variables of a prompt: those of ``names`` that all have, and ``more``."""
         values = {
             "task": to_json_text(self.task.as_json()),
@@ -144,32 +148,34 @@ def decide_what_to_fix(agents: Agents, judged: JudgedPrograms, verdicts: Sequenc
     """Decide between fixing the program, the tests and the task, as far as ``verdicts`` has them."""
     lines = "\n".join(f"{verdict}: {_MEANINGS[verdict]}" for verdict in verdicts)
     names = ("task", "scene", "code", "tests", "test_results", "history")
-    values = judged.as_values(*names, verdicts=lines)
+    values = judged.as_prompt_values(*names, verdicts=lines)
     return agents.ask_role("route", values, parse_verdict, judged.images)
 
 
 def fix_code(agents: Agents, judged: JudgedPrograms, api: str) -> str | NoReply:
     """Write the next version of the simulation program."""
     names = ("task", "scene", "code", "tests", "test_results", "history", "explanation")
-    return agents.ask_role("fix_code", judged.as_values(*names, api=api), extract_python_program, judged.images)
+    return agents.ask_role("fix_code", judged.as_prompt_values(*names, api=api), extract_python_program, judged.images)
 
 
 def fix_tests(agents: Agents, judged: JudgedPrograms, api: str) -> str | NoReply:
     """Write the next version of the tests."""
     names = ("task", "scene", "code", "tests", "test_results", "history", "explanation")
-    return agents.ask_role("fix_tests", judged.as_values(*names, api=api), extract_python_program)
+    return agents.ask_role("fix_tests", judged.as_prompt_values(*names, api=api), extract_python_program)
 
 
 def fix_task(agents: Agents, judged: JudgedPrograms, known: Sequence[str], fixtures: str) -> TaskRevision | NoReply:
     """Revise a task that cannot be done as it is defined; ``known`` are the assets of scene and fixtures."""
 
-    def parse(text: str) -> TaskRevision:
+    def parse_task_revision(text: str) -> TaskRevision:
         revision = parse_json(text, TaskRevision)
         _refuse_unknown_assets(revision, known)
         return revision
 
     names = ("task", "scene", "code", "test_results", "history", "explanation")
-    return agents.ask_role("fix_task", judged.as_values(*names, fixtures=fixtures), parse, judged.images)
+    return agents.ask_role(
+        "fix_task", judged.as_prompt_values(*names, fixtures=fixtures), parse_task_revision, judged.images
+    )
 
 
 def judge_words(

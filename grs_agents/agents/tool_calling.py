@@ -27,7 +27,7 @@ from grs_agents.agents.reply import ReplyError
 from grs_agents.agents.types import NoReply
 from grs_agents.errors import ConfigError, GrsError
 from grs_agents.foreign import resolve_member_file
-from grs_agents.models import Answer, redact_keys, request_message, require_complete_answer, retries_for
+from grs_agents.models import Answer, make_retries, redact_keys, request_message, require_complete_answer
 from grs_agents.trace import ToolCall
 
 Parsed = TypeVar("Parsed")
@@ -72,12 +72,12 @@ def ask_with_tools(
         what = f"graph {calling.graph!r} needs the package langchain, which is not installed"
         raise ConfigError(what, 'run: pip install "grs-agents[agent]"') from error
     file = content.content_path("prompts", getattr(agents.config.prompts, role))
-    text = f"{render_prompt_template(file, role, values)}\n\n{_tell_tools(calling)}"
+    text = f"{render_prompt_template(file, role, values)}\n\n{_format_tools_section(calling)}"
     blocks: list[str | dict[Any, Any]] = [image_block_from_file(resolve_member_file(agents.folder, i)) for i in images]
     messages: list[BaseMessage] = [HumanMessage(content=[*blocks, {"type": "text", "text": text}])]
     model = LoggedToolModel(agents=agents, role=role, pictures=tuple(images), graph=calling.graph)
     limit = {"recursion_limit": 4 * (calling.steps + agents.config.reply_retries + 4)}
-    graph: Any = create_agent(model, _CountedTools(agents, role, calling).build())
+    graph: Any = create_agent(model, _CountedTools(agents, role, calling).build_langchain_tool_list())
     problem, tries = "", agents.config.reply_retries + 1
     for _ in range(tries):
         try:
@@ -95,7 +95,7 @@ def ask_with_tools(
     return NoReply(role=role, tries=tries, problem=problem)
 
 
-def _tell_tools(calling: ToolCalling) -> str:
+def _format_tools_section(calling: ToolCalling) -> str:
     return (
         f"## Tools\n\nYou may call tools ({', '.join(calling.tools)}), {calling.steps} times in all, before you hand "
         "in your reply in the form asked for. A program that you only checked is not handed in: reply with it."
@@ -136,25 +136,25 @@ class LoggedToolModel(BaseChatModel):
         **kwargs: Any,
     ) -> ChatResult:
         agents = cast(Agents, self.agents)
-        retries = retries_for(agents.config.model_for_role(self.role))
+        retries = make_retries(agents.config.model_for_role(self.role))
         live: list[AIMessage] = []
 
-        def ask() -> Answer:
+        def ask_bound_model() -> Answer:
             message, answer = request_message(self.bound or agents.chat_model_for_role(self.role), messages, retries)
             live.append(message)
             if not message.tool_calls:
                 return require_complete_answer(answer)
             reason = "stop" if answer.finish_reason.lower() in _CALLING else answer.finish_reason
-            text = redact_keys(_write_calls(message))
+            text = redact_keys(_format_tool_calls(message))
             return require_complete_answer(replace(answer, text=text, finish_reason=reason))
 
-        told = [AIMessage(_write_calls(one)) if isinstance(one, AIMessage) else one for one in messages]
-        text, _ = agents.request_or_reuse_reply(self.role, told, self.pictures, ask)
-        message = AIMessage(_UNUSABLE) if text is None else live[-1] if live else _read_calls(text, len(messages))
+        told = [AIMessage(_format_tool_calls(one)) if isinstance(one, AIMessage) else one for one in messages]
+        text, _ = agents.get_earlier_or_new_reply(self.role, told, self.pictures, ask_bound_model)
+        message = AIMessage(_UNUSABLE) if text is None else live[-1] if live else _parse_tool_calls(text, len(messages))
         return ChatResult(generations=[ChatGeneration(message=message)])
 
 
-def _write_calls(message: AIMessage) -> str:
+def _format_tool_calls(message: AIMessage) -> str:
     """The text of a message with the tools that it calls, if any."""
     if not message.tool_calls:
         return str(message.text)
@@ -162,8 +162,8 @@ def _write_calls(message: AIMessage) -> str:
     return f"{message.text}{_MARK}{json.dumps(calls)}"
 
 
-def _read_calls(text: str, number: int) -> AIMessage:
-    """The message that `_write_calls` wrote as ``text``; the ids of its calls are made of ``number``."""
+def _parse_tool_calls(text: str, number: int) -> AIMessage:
+    """The message that `_format_tool_calls` wrote as ``text``; the ids of its calls are made of ``number``."""
     words, mark, written = text.rpartition(_MARK)
     if not mark:
         return AIMessage(text)
@@ -188,16 +188,16 @@ class _CountedTools:
     call_count: int = 0
     lock: Lock = field(default_factory=Lock)  # a model may call several at once
 
-    def build(self) -> list[BaseTool]:
+    def build_langchain_tool_list(self) -> list[BaseTool]:
         return [self._build_tool(name, function) for name, function in self.calling.tools.items()]
 
     def _build_tool(self, name: str, function: ToolFunction) -> BaseTool:
         described = StructuredTool.from_function(function, name=name)
 
         def call(**arguments: Any) -> str | list[Any]:
-            return self._call(name, function, arguments)
+            return self._call_tool_and_log(name, function, arguments)
 
-        def refuse(error: ValidationError | FirstValidationError) -> str:
+        def report_invalid_arguments(error: ValidationError | FirstValidationError) -> str:
             wrong = "; ".join(f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in error.errors())
             told = f"The arguments do not fit: {wrong}"
             self._count_call()
@@ -209,7 +209,7 @@ class _CountedTools:
             name=name,
             description=described.description,
             args_schema=described.args_schema,
-            handle_validation_error=refuse,
+            handle_validation_error=report_invalid_arguments,
         )
 
     def _count_call(self) -> int:
@@ -222,7 +222,7 @@ class _CountedTools:
             raise StepsUsedUp(what, f"raise author.steps (now {self.calling.steps})")
         return beyond
 
-    def _call(self, name: str, function: ToolFunction, arguments: dict[str, Any]) -> str | list[Any]:
+    def _call_tool_and_log(self, name: str, function: ToolFunction, arguments: dict[str, Any]) -> str | list[Any]:
         begin = time.perf_counter()
         beyond = self._count_call()
         ok, result = beyond <= 0, cast("str | list[Any]", "All tool calls are used up. Hand in your reply now.")

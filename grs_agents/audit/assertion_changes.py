@@ -36,10 +36,10 @@ def _describe_assertion(statement: ast.Assert | ast.Expr) -> str:
         return ""
     if not call.func.attr.startswith("assert"):
         return ""
-    said = [*call.args[:1], *(part for part in call.args[1:] if not _is_text(part))]
+    said = [*call.args[:1], *(part for part in call.args[1:] if not _is_text_literal(part))]
     kept = [word for word in call.keywords if word.arg != "msg"]
     return ast.unparse(ast.Call(ast.Name(call.func.attr, ast.Load()), said, kept))
 
 
-def _is_text(node: ast.expr) -> bool:
+def _is_text_literal(node: ast.expr) -> bool:
     return isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Constant) and isinstance(node.value, str))

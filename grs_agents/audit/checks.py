@@ -5,9 +5,9 @@ from collections import Counter
 from collections.abc import Sequence
 
 from grs_agents.agents import TaskDefinition
-from grs_agents.audit.goal_checks import check_goals, is_loose
-from grs_agents.audit.pose_changes import find_pose_changes, is_covered
-from grs_agents.audit.scene_checks import check_scenes
+from grs_agents.audit.goal_checks import is_movable_object, list_goal_findings
+from grs_agents.audit.pose_changes import find_pose_changes, is_object_covered_in_photo
+from grs_agents.audit.scene_checks import list_scene_findings
 from grs_agents.audit.types import AuditReport, Finding
 from grs_agents.audit.visibility_checks import check_visibility
 from grs_agents.config import AuditConfig
@@ -51,21 +51,21 @@ def audit_task(
     """
     findings = [
         _check_all_seeds_instantiate(instances, failures, config),
-        _check_oracle_solves(rollouts, config),
+        _check_oracle_solves_instances(rollouts, config),
         _check_seeds_differ(instances, task),
         _check_objects_moved(instances, rollouts, scene),
         _check_nothing_fell_off(rollouts),
-        _check_library_and_timestep(instances, library),
-        *check_goals(instances, rollouts, library, scene, config.reward),
-        *check_scenes(instances, rollouts, library, scene),
+        _check_assets_known_and_timestep_kept(instances, library),
+        *list_goal_findings(instances, rollouts, library, scene, config.reward),
+        *list_scene_findings(instances, rollouts, library, scene),
         check_visibility(instances, rollouts, library, scene),
     ]
     if task is not None:
-        findings.append(_check_task_assets(instances, task))
+        findings.append(_check_assets_match_task(instances, task))
     if task is not None and original is not None:
-        findings.append(_check_revision(task, original, scene))
+        findings.append(_check_revision_keeps_objects(task, original, scene))
     if scene is not None:
-        findings.append(_check_scene_assets(instances, scene, library))
+        findings.append(_check_assets_are_in_photo(instances, scene, library))
     return AuditReport(
         accepted=all(finding.passed for finding in findings),
         findings=tuple(findings),
@@ -76,7 +76,7 @@ def audit_task(
     )
 
 
-def check_unforeseen(seed: int, report: AuditReport) -> Finding:
+def check_report_of_unforeseen_seed(seed: int, report: AuditReport) -> Finding:
     """The finding ``unforeseen``: ``report`` is about the instance of ``seed``, which no program could know."""
     failed = [one for one in report.findings if not one.passed and one.check not in _ABOUT_SEVERAL]
     return Finding(
@@ -107,7 +107,7 @@ def _check_all_seeds_instantiate(
     )
 
 
-def _check_oracle_solves(rollouts: Sequence[Rollout], config: AuditConfig) -> Finding:
+def _check_oracle_solves_instances(rollouts: Sequence[Rollout], config: AuditConfig) -> Finding:
     episodes = [rollout.episode for rollout in rollouts]
     scores = (
         ", ".join(f"{episode.strict:.2f} (published {episode.reward:.2f}, {episode.outcome})" for episode in episodes)
@@ -134,7 +134,7 @@ def _is_episode_solved(episode: Episode, least: float) -> bool:
 
 def _check_seeds_differ(instances: Sequence[TaskInstance], task: TaskDefinition | None) -> Finding:
     """Instances that are alike are one; that is a fault only where the task says that something varies."""
-    different = len({describe_apart_from_seed(instance) for instance in instances})
+    different = len({serialize_instance_without_seed(instance) for instance in instances})
     words = re.findall(r"[a-z]+", task.description.lower()) if task is not None else []
     varying = sorted(_VARYING & set(words))
     return Finding(
@@ -147,7 +147,7 @@ def _check_seeds_differ(instances: Sequence[TaskInstance], task: TaskDefinition 
     )
 
 
-def describe_apart_from_seed(instance: TaskInstance) -> str:
+def serialize_instance_without_seed(instance: TaskInstance) -> str:
     """All of an instance but its seed, as text: equal where two are the same task."""
     return instance.model_dump_json(exclude={"seed"})
 
@@ -175,7 +175,7 @@ def _check_objects_moved(
 
 
 def _can_be_moved(item: SceneObject, scene: SceneDescription) -> bool:
-    return item.reachable and not (item.held or item.pick_trouble or is_covered(item, scene))
+    return item.reachable and not (item.held or item.pick_trouble or is_object_covered_in_photo(item, scene))
 
 
 def _count_objects_to_move(goal: Goal) -> int:
@@ -191,10 +191,10 @@ def _check_nothing_fell_off(rollouts: Sequence[Rollout]) -> Finding:
         for number, ((x, y, z), _) in rollout.final.items()
         if z < TABLE_TOP
     ]
-    return Finding.of_faults("on_table", fallen, "everything ends on the table", "nothing may fall off the table")
+    return Finding.from_fault_list("on_table", fallen, "everything ends on the table", "nothing may fall off the table")
 
 
-def _check_library_and_timestep(instances: Sequence[TaskInstance], library: Library) -> Finding:
+def _check_assets_known_and_timestep_kept(instances: Sequence[TaskInstance], library: Library) -> Finding:
     """Values for what is no template would change nothing, a time step of its own would change any physics."""
     items = [item for instance in instances for item in instance.objects]
     unknown = {item.asset for item in items if item.asset not in library}
@@ -204,10 +204,10 @@ def _check_library_and_timestep(instances: Sequence[TaskInstance], library: Libr
     steps = {instance.timestep for instance in instances} - {TIMESTEP}
     faults += [f"a time step of {step} s instead of {TIMESTEP} s" for step in sorted(steps)]
     bound = "every object must be the library's, and the time step the runtime's"
-    return Finding.of_faults("as_in_library", faults, "all of them are", bound)
+    return Finding.from_fault_list("as_in_library", faults, "all of them are", bound)
 
 
-def _check_task_assets(instances: Sequence[TaskInstance], task: TaskDefinition) -> Finding:
+def _check_assets_match_task(instances: Sequence[TaskInstance], task: TaskDefinition) -> Finding:
     wanted = set(task.assets)
     faults: set[str] = set()
     for instance in instances:
@@ -216,17 +216,17 @@ def _check_task_assets(instances: Sequence[TaskInstance], task: TaskDefinition) 
         faults |= {f"{name} is in the task definition but not used" for name in wanted - used}
     otherwise = f"the {len(wanted)} assets of the task definition, no others"
     bound = "the instances must have the assets of the task definition"
-    return Finding.of_faults("assets_of_task", sorted(faults), otherwise, bound)
+    return Finding.from_fault_list("assets_of_task", sorted(faults), otherwise, bound)
 
 
-def _check_scene_assets(instances: Sequence[TaskInstance], scene: SceneDescription, library: Library) -> Finding:
+def _check_assets_are_in_photo(instances: Sequence[TaskInstance], scene: SceneDescription, library: Library) -> Finding:
     seen = Counter(item.asset for item in scene.objects)
     fixtures = {asset.name for asset in library.assets() if asset.fixture}
     absent = {
         f"{name} ({count} used, {seen[name]} in the photo)"
         for instance in instances
         for name, count in Counter(
-            item.asset for item in instance.objects if item.asset not in fixtures or is_loose(item, library)
+            item.asset for item in instance.objects if item.asset not in fixtures or is_movable_object(item, library)
         ).items()
         if count > seen[name]
     }
@@ -237,7 +237,9 @@ def _check_scene_assets(instances: Sequence[TaskInstance], scene: SceneDescripti
     return Finding(check="assets_of_scene", passed=not absent, measured=measured, bound=bound)
 
 
-def _check_revision(task: TaskDefinition, original: TaskDefinition, scene: SceneDescription | None) -> Finding:
+def _check_revision_keeps_objects(
+    task: TaskDefinition, original: TaskDefinition, scene: SceneDescription | None
+) -> Finding:
     """A revision keeps at least half of the objects that the photo shows, and two where there were two."""
     shown = {item.asset for item in scene.objects} if scene is not None else set(original.assets)
     before = set(original.assets) & shown

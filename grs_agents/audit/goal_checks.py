@@ -35,7 +35,7 @@ SURE_HAND: Final = 0.8
 """Share of the episodes with the least noise of the hand that must be solved."""
 
 
-def check_goals(
+def list_goal_findings(
     instances: Sequence[TaskInstance],
     rollouts: Sequence[Rollout],
     library: Library,
@@ -43,18 +43,18 @@ def check_goals(
     least: float,
 ) -> list[Finding]:
     """Findings about the goals of all instances; ``least`` is the score (0..1) that counts as solved."""
-    pairs = pair_with_rollouts(instances, rollouts)
+    pairs = pair_instances_with_rollouts(instances, rollouts)
     findings = [
         _check_goals_open_at_start(instances, rollouts),
-        _check_goals_narrow(instances, library),
-        _check_moves_far(pairs, library),
+        _check_goal_area_is_limited(instances, library),
+        _check_objects_move_far_enough(pairs, library),
         _check_fair_rewards(instances),
-        _check_hand_noise(rollouts, least),
+        _check_solved_despite_hand_noise(rollouts, least),
     ]
     return [_check_objects_have_goals(pairs, library, scene), *findings] if scene is not None else findings
 
 
-def pair_with_rollouts(
+def pair_instances_with_rollouts(
     instances: Sequence[TaskInstance], rollouts: Sequence[Rollout]
 ) -> list[tuple[TaskInstance, Rollout]]:
     """Each instance with its rollout, where it has one."""
@@ -62,7 +62,7 @@ def pair_with_rollouts(
     return [(instance, by_seed[instance.seed]) for instance in instances if instance.seed in by_seed]
 
 
-def label_object(instance: TaskInstance, number: int) -> str:
+def asset_with_id(instance: TaskInstance, number: int) -> str:
     """The asset name and the id of an object of an instance."""
     return f"{next(item.asset for item in instance.objects if item.id == number)} #{number}"
 
@@ -76,37 +76,39 @@ def _check_objects_have_goals(
     """
     shown = {item.asset for item in scene.objects}
     without = [
-        f"no goal speaks of {label_object(instance, number)}"
+        f"no goal speaks of {asset_with_id(instance, number)}"
         for instance, rollout in pairs
         for number in _find_objects_without_purpose(instance, rollout, library, shown)
     ]
     otherwise = "goals speak of every object that is movable or in the photo"
     bound = "each object that the task adds and that is movable or in the photo must have a goal, or be what a goal "
     bound += "refers to; what the task does not use stands there anyway"
-    return Finding.of_faults("objects_have_goals", without, otherwise, bound)
+    return Finding.from_fault_list("objects_have_goals", without, otherwise, bound)
 
 
 def _find_objects_without_purpose(
     instance: TaskInstance, rollout: Rollout, library: Library, shown: Set[str]
 ) -> set[int]:
-    added = {item.id for item in instance.task_objects if item.asset in shown or is_loose(item, library)}
+    added = {item.id for item in instance.task_objects if item.asset in shown or is_movable_object(item, library)}
     named = {number for goal in instance.goals for number in goal.mentioned_object_ids}
     purposeless = added - named - set(rollout.neighbours)
-    return purposeless | (_find_unused_things(instance, rollout, library, shown) - named - set(rollout.neighbours))
+    return purposeless | (
+        _find_unused_fixed_objects(instance, rollout, library, shown) - named - set(rollout.neighbours)
+    )
 
 
-def _find_unused_things(instance: TaskInstance, rollout: Rollout, library: Library, shown: Set[str]) -> set[int]:
+def _find_unused_fixed_objects(instance: TaskInstance, rollout: Rollout, library: Library, shown: Set[str]) -> set[int]:
     """Fixed things that the photo does not show, and over which nothing of the task starts, ends or is to end."""
-    points, here = _places_of_task(instance, rollout, shown), np.zeros((1, 2))
+    points, here = _collect_task_positions(instance, rollout, shown), np.zeros((1, 2))
     return {
         item.id
         for item in instance.task_objects
         if item.asset not in shown and item.asset in library
-        if not (margins_inside_outline(here, _outline_of(item, library), points) >= -MOVE).any()
+        if not (margins_inside_outline(here, _object_outline_from_above(item, library), points) >= -MOVE).any()
     }
 
 
-def _places_of_task(instance: TaskInstance, rollout: Rollout, shown: Set[str]) -> FloatArray:
+def _collect_task_positions(instance: TaskInstance, rollout: Rollout, shown: Set[str]) -> FloatArray:
     """(N, 2) where the task's objects of the photo start and end, and where goals want things, metres."""
     own = [item.id for item in instance.task_objects if item.asset in shown]
     places = [poses[number][0] for poses in (rollout.initial, rollout.final) for number in own if number in poses]
@@ -115,11 +117,11 @@ def _places_of_task(instance: TaskInstance, rollout: Rollout, shown: Set[str]) -
     return np.array([place[:2] for place in places]).reshape(-1, 2)
 
 
-def _outline_of(item: InstanceObject, library: Library) -> FloatArray:
+def _object_outline_from_above(item: InstanceObject, library: Library) -> FloatArray:
     return object_prism_at_pose(load_object_model(item, library), item.pose, item.id).outline
 
 
-def is_loose(item: InstanceObject, library: Library) -> bool:
+def is_movable_object(item: InstanceObject, library: Library) -> bool:
     """Whether an object can be moved: it is not fixed, and no mark."""
     known = item.asset in library
     return item.category != "fixed" and known and bool(library.load_object_model(item.asset).colliders)
@@ -146,9 +148,9 @@ def _check_goals_open_at_start(instances: Sequence[TaskInstance], rollouts: Sequ
     )
 
 
-def _check_goals_narrow(instances: Sequence[TaskInstance], library: Library) -> Finding:
+def _check_goal_area_is_limited(instances: Sequence[TaskInstance], library: Library) -> Finding:
     shares = [
-        (_share_of_table(goal, instance, library), index + 1)
+        (_table_share_satisfying_goal(goal, instance, library), index + 1)
         for instance in instances
         for index, goal in enumerate(instance.goals)
     ]
@@ -161,7 +163,7 @@ def _check_goals_narrow(instances: Sequence[TaskInstance], library: Library) -> 
     )
 
 
-def _share_of_table(goal: Goal, instance: TaskInstance, library: Library) -> float:
+def _table_share_satisfying_goal(goal: Goal, instance: TaskInstance, library: Library) -> float:
     """On how much of the table an object of a goal may lie, as the goal's targets, zones and distances say; 0..1."""
     if goal.metric == "pose":
         area = len({target[0][:2] for target in goal.targets}) * math.pi * instance.pos_eps**2
@@ -178,25 +180,25 @@ def _share_of_table(goal: Goal, instance: TaskInstance, library: Library) -> flo
     return min(1.0, area / WORKSPACE)
 
 
-def _check_moves_far(pairs: Sequence[tuple[TaskInstance, Rollout]], library: Library) -> Finding:
+def _check_objects_move_far_enough(pairs: Sequence[tuple[TaskInstance, Rollout]], library: Library) -> Finding:
     short = [
-        f"goal {index + 1} moves {label_object(instance, number)} by {away * 100:.1f} cm"
+        f"goal {index + 1} moves {asset_with_id(instance, number)} by {away * 100:.1f} cm"
         for instance, rollout in pairs
         if rollout.episode.outcome == "success"
         for index, goal in enumerate(instance.goals)
         for number, away in _find_short_moves(goal, rollout)
     ]
     short += [
-        f"goal {index + 1} would hold if {label_object(instance, number)} were moved by {max(0.0, least) * 100:.1f} cm"
+        f"goal {index + 1} would hold if {asset_with_id(instance, number)} were moved by {max(0.0, least) * 100:.1f} cm"
         for instance, rollout in pairs
         if rollout.episode.outcome == "success"
         for index in range(len(instance.goals))
-        for number, least in _find_nudges(index, instance, rollout, library)
+        for number, least in _find_short_required_moves(index, instance, rollout, library)
     ]
     bound = f"an object must be moved by {MOVE * 100:.0f} cm, its goal not hold {NUDGE * 100:.0f} cm from its start, "
     bound += f"or it be turned by {math.degrees(TURN):.0f} degrees where its goal asks for a yaw"
     faults = short if pairs else ["there is no episode"]
-    return Finding.of_faults("moves_far", faults, "the oracle moves the objects of every goal farther", bound)
+    return Finding.from_fault_list("moves_far", faults, "the oracle moves the objects of every goal farther", bound)
 
 
 def _find_short_moves(goal: Goal, rollout: Rollout) -> list[tuple[int, float]]:
@@ -211,25 +213,29 @@ def _find_short_moves(goal: Goal, rollout: Rollout) -> list[tuple[int, float]]:
             continue
         start, end = rollout.initial[number], rollout.final[number]
         away = math.dist(start[0], end[0])
-        if away < MOVE and not _is_turned(goal, row, rollout):
+        if away < MOVE and not _is_turned_as_asked(goal, row, rollout):
             short.append((number, away))
     return sorted(short, key=lambda one: one[1])[may_stay:]
 
 
-def _is_turned(goal: Goal, row: int, rollout: Rollout) -> bool:
+def _is_turned_as_asked(goal: Goal, row: int, rollout: Rollout) -> bool:
     """Whether the oracle turned an object far, as its goal asks."""
     asked = goal.relation_kind == "upright" or (goal.metric == "pose" and goal.rotations and goal.symmetries[row] > 0)
     number = goal.objects[row]
     return asked and transforms.angle_between(rollout.initial[number][1], rollout.final[number][1]) >= TURN
 
 
-def _find_nudges(index: int, instance: TaskInstance, rollout: Rollout, library: Library) -> list[tuple[int, float]]:
+def _find_short_required_moves(
+    index: int, instance: TaskInstance, rollout: Rollout, library: Library
+) -> list[tuple[int, float]]:
     """(id, metres) of the objects of a goal that a nudge would bring there; of one in several goals the last counts."""
     goal, later = instance.goals[index], instance.goals[index + 1 :]
     spoken_of = {number for other in later for number in other.objects}
     rows = [row for row, number in enumerate(goal.objects) if number not in spoken_of and number in rollout.final]
     needed = [(row, measure_least_move(goal, row, instance, rollout, library)) for row in rows]
-    return [(goal.objects[row], way) for row, way in needed if way < NUDGE and not _is_turned(goal, row, rollout)]
+    return [
+        (goal.objects[row], way) for row, way in needed if way < NUDGE and not _is_turned_as_asked(goal, row, rollout)
+    ]
 
 
 def _check_fair_rewards(instances: Sequence[TaskInstance]) -> Finding:
@@ -237,20 +243,22 @@ def _check_fair_rewards(instances: Sequence[TaskInstance]) -> Finding:
     short = [
         f"goal {index + 1} is worth {goal.max_reward:.3f}, an even part is {even:.3f}"
         for instance in instances
-        for index, (goal, even) in enumerate(zip(instance.goals, _even_rewards(instance.goals), strict=True))
+        for index, (goal, even) in enumerate(
+            zip(instance.goals, _compute_even_reward_shares(instance.goals), strict=True)
+        )
         if goal.max_reward < FAIR_SHARE * even
     ]
     bound = f"each goal must be worth {FAIR_SHARE:.0%} of its even part of the reward, by goals or by objects"
-    return Finding.of_faults("fair_rewards", short, "no goal is worth much less than the others", bound)
+    return Finding.from_fault_list("fair_rewards", short, "no goal is worth much less than the others", bound)
 
 
-def _even_rewards(goals: Sequence[Goal]) -> list[float]:
+def _compute_even_reward_shares(goals: Sequence[Goal]) -> list[float]:
     """The part of the reward that each goal has if goals count alike, or if objects do, whichever is less."""
     objects = sum(len(goal.objects) for goal in goals)
     return [min(1 / len(goals), len(goal.objects) / max(objects, 1)) for goal in goals]
 
 
-def _check_hand_noise(rollouts: Sequence[Rollout], least: float) -> Finding:
+def _check_solved_despite_hand_noise(rollouts: Sequence[Rollout], least: float) -> Finding:
     """Whether the task stands on a knife's edge: the oracle's hand misses each pose by up to some millimetres."""
     trials = [trial for rollout in rollouts for trial in rollout.trials]
     solved = {noise: [trial.score >= least for trial in trials if trial.noise == noise] for noise in HAND_NOISE}
@@ -259,12 +267,12 @@ def _check_hand_noise(rollouts: Sequence[Rollout], least: float) -> Finding:
     return Finding(
         check="sure_hand",
         passed=bool(first) and sum(first) >= SURE_HAND * len(first),
-        measured=_describe_trials(tried),
+        measured=_describe_noise_trials(tried),
         bound=f"{SURE_HAND:.0%} must be solved with {HAND_NOISE[0] * 1000:.0f} mm",
     )
 
 
-def _describe_trials(tried: Mapping[float, Sequence[bool]]) -> str:
+def _describe_noise_trials(tried: Mapping[float, Sequence[bool]]) -> str:
     """How many episodes were solved with each noise (m), and at which fewer than half are."""
     if not tried:
         return "the oracle solved no instance, so none was tried with noise of the hand"

@@ -43,7 +43,7 @@ _POINT: Final = np.zeros((1, 2))
 
 
 @dataclass(frozen=True)
-class ToldTask:
+class TaskInWords:
     """One instance in words."""
 
     objects: tuple[Json, ...]  # one row for each thing on the table; lengths in metres, robot frame
@@ -61,18 +61,24 @@ class ToldTask:
         )
 
 
-def tell_task(
+def describe_task_in_words(
     instance: TaskInstance, rollout: Rollout, library: Library, scene: SceneDescription | None = None
-) -> ToldTask:
+) -> TaskInWords:
     """An instance and the trusted oracle's film of it in words; ``scene`` tells what the photo calls its objects."""
     table = _Table(instance, rollout, library, scene)
-    goals = [f"{number}. {words}" for number, goal in enumerate(instance.goals, 1) for words in table.tell_goal(goal)]
+    goals = [
+        f"{number}. {words}"
+        for number, goal in enumerate(instance.goals, 1)
+        for words in table.list_goal_sentences(goal)
+    ]
     if instance.primitive == "push":
         goals.append("The robot pushes things with a spatula and picks nothing up.")
-    return ToldTask(tuple(table.tell_objects()), tuple(goals), tuple(_tell_sayings(instance)))
+    return TaskInWords(
+        tuple(table.describe_objects_as_rows()), tuple(goals), tuple(_list_program_goal_sentences(instance))
+    )
 
 
-def _tell_sayings(instance: TaskInstance) -> Iterator[str]:
+def _list_program_goal_sentences(instance: TaskInstance) -> Iterator[str]:
     """The sentences that the program gives its goals, each once, with the numbers of these."""
     numbers: dict[str, list[int]] = {}
     for number, goal in enumerate(instance.goals, 1):
@@ -95,17 +101,17 @@ class _Table:
     @cached_property
     def names(self) -> dict[int, str]:
         """What each object is called, with its number."""
-        return {item.id: f"the {self._call_object(item)} #{item.id}" for item in self.instance.objects}
+        return {item.id: f"the {self._everyday_object_name(item)} #{item.id}" for item in self.instance.objects}
 
     @cached_property
     def start(self) -> dict[int, Prism]:
         """The prism around each object at the start."""
-        return self._prisms(self.rollout.initial)
+        return self._compute_prism_per_object(self.rollout.initial)
 
     @cached_property
     def end(self) -> dict[int, Prism]:
         """And at the end."""
-        return self._prisms(self.rollout.final)
+        return self._compute_prism_per_object(self.rollout.final)
 
     @cached_property
     def hollow(self) -> set[int]:
@@ -128,42 +134,42 @@ class _Table:
         """What is drawn on the table and touches nothing."""
         return {item.id for item in self.instance.objects if not load_object_model(item, self.library).colliders}
 
-    def _prisms(self, poses: Mapping[int, Pose]) -> dict[int, Prism]:
+    def _compute_prism_per_object(self, poses: Mapping[int, Pose]) -> dict[int, Prism]:
         return {
             item.id: object_prism_at_pose(load_object_model(item, self.library), poses[item.id], item.id)
             for item in self.instance.objects
             if item.id in poses
         }
 
-    def _look_up(self, item: InstanceObject) -> tuple[str, str, str]:
+    def _find_category_color_and_description(self, item: InstanceObject) -> tuple[str, str, str]:
         """Category, colour and description of an object: of the photo's, where it shows one, else of the library's."""
-        asset, seen = self.library.asset(item.asset), self._find_in_photo(item)
+        asset, seen = self.library.asset(item.asset), self._find_matching_photo_object(item)
         color = _color_name_set_by_program(item) or (seen.color if seen else asset.color)
         if seen is None or item.asset.startswith("proxy/"):
             return (seen.category if seen else asset.category), color, seen.description if seen else asset.description
         return seen.category, color, f"{seen.description}; {asset.description}"
 
-    def _call_object(self, item: InstanceObject) -> str:
+    def _everyday_object_name(self, item: InstanceObject) -> str:
         """What people call an object, e.g. ``tomato sauce can``, ``green zone`` or ``red block``."""
-        category, color, _ = self._look_up(item)
+        category, color, _ = self._find_category_color_and_description(item)
         asset, (folder, _, file) = self.library.asset(item.asset), item.asset.rpartition("/")
         if folder in ("block", "proxy", "zone") or asset.template or not asset.everyday:
             return f"{color} {'block' if folder == 'block' else category}"
         stem = re.sub(r"(?<=[a-z])(?=[A-Z])|[_-]", " ", file.removesuffix(".urdf")).lower()
         return stem if category in stem.split() else f"{stem} {category}"
 
-    def _find_in_photo(self, item: InstanceObject) -> SceneObject | None:
+    def _find_matching_photo_object(self, item: InstanceObject) -> SceneObject | None:
         """The photo's object of that asset nearest to where it is put."""
         seen = [thing for thing in self.scene.objects if thing.asset == item.asset] if self.scene else []
         return min(seen, key=lambda thing: math.dist(thing.position, item.pose[0]), default=None)
 
-    def tell_objects(self) -> Iterator[Json]:
+    def describe_objects_as_rows(self) -> Iterator[Json]:
         """One row for each object."""
         for item in self.instance.objects:
-            category, color, description = self._look_up(item)
+            category, color, description = self._find_category_color_and_description(item)
             row: Json = {"id": item.id, "called": self.names[item.id][4:].rpartition(" #")[0]}
             row |= {"category": category, "color": color}
-            if self.scene is not None and self._find_in_photo(item) is None:
+            if self.scene is not None and self._find_matching_photo_object(item) is None:
                 row["added"] = True
             if item.role == "bystander":
                 row["bystander"] = True
@@ -173,46 +179,48 @@ class _Table:
                 row["fixed"] = True
             if item.id in self.hollow:
                 row["hollow"] = True
-            row["size"] = _round(load_object_model(item, self.library).size)
-            yield row | self._tell_motion(item.id)
+            row["size"] = _round_to_millimetres(load_object_model(item, self.library).size)
+            yield row | self._describe_motion_as_row(item.id)
 
-    def _tell_motion(self, number: int) -> Json:
+    def _describe_motion_as_row(self, number: int) -> Json:
         if number not in self.end:
             return {}
         begin, end = self.rollout.initial[number], self.rollout.final[number]
-        row: Json = {"start": _round(begin[0])}
-        if stood := self._describe_supports(self.start[number], self.start):
+        row: Json = {"start": _round_to_millimetres(begin[0])}
+        if stood := self._list_support_phrases(self.start[number], self.start):
             row["stood"] = stood
-        moved, turned = math.dist(begin[0], end[0]), self._turn_of(number)
+        moved, turned = math.dist(begin[0], end[0]), self._turn_angle_degrees(number)
         if moved > _SEEN or turned > _TURNED:
-            row |= {"end": _round(end[0]), "moved": round(moved, 3)}
+            row |= {"end": _round_to_millimetres(end[0]), "moved": round(moved, 3)}
         if turned > _TURNED:
             row["turned"] = round(turned)
-        if (tipped := _angle_of_tipping(begin[1], end[1])) > _TURNED:
+        if (tipped := _tilt_change_degrees(begin[1], end[1])) > _TURNED:
             row["tipped"] = round(tipped)
         if actions := [index for index, handled in enumerate(self.rollout.handled, 1) if number in handled]:
             row["actions"] = actions
-        if ends := self._describe_supports(self.end[number], self.end):
+        if ends := self._list_support_phrases(self.end[number], self.end):
             row["ends"] = ends
         return row
 
-    def _turn_of(self, number: int) -> float:
+    def _turn_angle_degrees(self, number: int) -> float:
         """Degrees by which an object turns."""
         return math.degrees(transforms.angle_between(self.rollout.initial[number][1], self.rollout.final[number][1]))
 
-    def _describe_supports(self, own: Prism, others: Mapping[int, Prism]) -> list[str]:
+    def _list_support_phrases(self, own: Prism, others: Mapping[int, Prism]) -> list[str]:
         return [f"{how} #{number}" for how, number in self._find_supports(own, others)]
 
     def _find_supports(self, own: Prism, others: Mapping[int, Prism]) -> list[tuple[str, int]]:
         """What a thing is in or on."""
         if own.owner in self.marks:
             return []
-        told = [(self._how_it_lies(own, other), number) for number, other in others.items() if number != own.owner]
+        told = [
+            (self._classify_in_or_on(own, other), number) for number, other in others.items() if number != own.owner
+        ]
         return [(how, number) for how, number in told if how]
 
-    def _how_it_lies(self, own: Prism, other: Prism) -> str:
+    def _classify_in_or_on(self, own: Prism, other: Prism) -> str:
         """``in`` or ``on``, empty where a thing is neither."""
-        over, number = _lies_over(own, other), other.owner
+        over, number = _is_center_over(own, other), other.owner
         if over and number in self.walled and other.low - _RESTING <= own.low < other.high - 0.002:
             return "in"
         if over and number in self.marks | self.hollow:
@@ -220,16 +228,16 @@ class _Table:
         higher = own.low > (other.low + other.high) / 2  # grains lie beside each other
         return "on" if higher and abs(own.low - other.high) < _RESTING and _overlap_from_above(own, other) else ""
 
-    def tell_goal(self, goal: Goal) -> Iterator[str]:
+    def list_goal_sentences(self, goal: Goal) -> Iterator[str]:
         """A sentence for all objects of a goal that may end at the same places."""
         if goal.relation is not None:
-            yield f"{self._list_names(goal.objects)} {_end(goal.objects)} {self._describe_relation(goal)}"
+            yield f"{self._list_names(goal.objects)} {_conjugate_end(goal.objects)} {self._describe_relation(goal)}"
             return
         places: dict[str, list[int]] = {}
         for row, number in enumerate(goal.objects):
-            places.setdefault(self._describe_places(goal, row, number), []).append(number)
+            places.setdefault(self._describe_allowed_places(goal, row, number), []).append(number)
         for words, numbers in places.items():
-            yield f"{self._list_names(numbers)} {_end(numbers)} {words}"
+            yield f"{self._list_names(numbers)} {_conjugate_end(numbers)} {words}"
 
     def _list_names(self, numbers: Iterable[int]) -> str:
         names = [self.names[number] for number in numbers]
@@ -249,14 +257,14 @@ class _Table:
             "aligned": f"on one line{apart}",
         }.get(str(kind), "standing upright")
 
-    def _describe_places(self, goal: Goal, row: int, number: int) -> str:
+    def _describe_allowed_places(self, goal: Goal, row: int, number: int) -> str:
         """All places that will do for one object."""
         if goal.metric == "zone":
             return "; or ".join(dict.fromkeys(self._describe_zone(zone, number) for zone in goal.zones))
         targets = [goal.targets[index] for index in goal.allowed_target_indices(row)]
         words = list(dict.fromkeys(self._describe_target(target, number) for target in targets))
         once = ", each place for one of them" if len(words) > 1 and not goal.replace else ""
-        turned = self._turn_of(number)
+        turned = self._turn_angle_degrees(number)
         turn = goal.rotations and goal.symmetries[row] > 0 and turned > _TURNED
         return "; or ".join(words) + once + (f", turned by {turned:.0f} degrees" if turn else "")
 
@@ -294,7 +302,7 @@ class _Table:
         return f"{' and '.join(words)}, at ({100 * x:.0f}, {100 * y:.0f})"
 
 
-def _angle_of_tipping(start: Quat, end: Quat) -> float:
+def _tilt_change_degrees(start: Quat, end: Quat) -> float:
     """By how many degrees a thing leans at the end against how it stood."""
     back = transforms.invert_pose(((0, 0, 0), start))[1]
     x, y, _, _ = transforms.multiply_quaternions(end, back)
@@ -312,7 +320,7 @@ def _color_name_set_by_program(item: InstanceObject) -> str:
     return named if exact else color_name_from_rgb((rgb[0], rgb[1], rgb[2]))
 
 
-def _lies_over(own: Prism, other: Prism) -> bool:
+def _is_center_over(own: Prism, other: Prism) -> bool:
     """Whether the middle of a thing is over another one."""
     x0, y0, x1, y1 = own.bounding_box_xy
     middle = np.array([[(x0 + x1) / 2, (y0 + y1) / 2]])
@@ -324,9 +332,9 @@ def _overlap_from_above(own: Prism, other: Prism) -> bool:
     return distance_between_outlines(own.outline, other.outline) <= 0
 
 
-def _end(numbers: Sequence[int]) -> str:
+def _conjugate_end(numbers: Sequence[int]) -> str:
     return "ends" if len(numbers) == 1 else "end"
 
 
-def _round(values: Vec3) -> list[float]:
+def _round_to_millimetres(values: Vec3) -> list[float]:
     return [round(value, 3) for value in values]

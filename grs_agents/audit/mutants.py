@@ -30,7 +30,7 @@ class Mutant:
     instance: TaskInstance
 
 
-def make_mutants(instance: TaskInstance, solved: Rollout, library: Library) -> tuple[Mutant, ...]:
+def make_instance_mutants(instance: TaskInstance, solved: Rollout, library: Library) -> tuple[Mutant, ...]:
     """Mutants of an instance that the oracle solved.
 
     The last two objects that it moved stand for all, so that the cost does not grow with their number: the episodes of
@@ -38,11 +38,16 @@ def make_mutants(instance: TaskInstance, solved: Rollout, library: Library) -> t
     """
     movers = _find_moved_objects(instance, solved)
     chosen = movers[-2:]
-    made = [_drop_goal(instance, item) for item in chosen]
-    made += [mutant for item in chosen if (mutant := _move_target(instance, item)) is not None]
-    made += [_freeze(instance, item) for item in chosen[:1]]
-    made += [_exchange_asset(instance, item, library) for item in chosen[-1:]]  # nothing of its episode is shared
-    made += [_start_at_end(instance, solved, movers[:count]) for count in sorted({len(chosen[:1]), len(movers)} - {0})]
+    made = [_make_goal_dropped_mutant(instance, item) for item in chosen]
+    made += [mutant for item in chosen if (mutant := _make_moved_target_mutant(instance, item)) is not None]
+    made += [_make_frozen_object_mutant(instance, item) for item in chosen[:1]]
+    made += [
+        _make_wrong_asset_mutant(instance, item, library) for item in chosen[-1:]
+    ]  # nothing of its episode is shared
+    made += [
+        _make_goal_met_mutant(instance, solved, movers[:count])
+        for count in sorted({len(chosen[:1]), len(movers)} - {0})
+    ]
     return (*made, Mutant("undone", "all stands where it stood before once the goals were met", instance))
 
 
@@ -57,17 +62,17 @@ def _has_moved(start: Pose, end: Pose) -> bool:
     return math.dist(start[0], end[0]) > _MOVED or transforms.angle_between(start[1], end[1]) > _TURNED
 
 
-def _name(item: InstanceObject) -> str:
+def _asset_with_id(item: InstanceObject) -> str:
     return f"{item.asset} #{item.id}"
 
 
-def _drop_goal(instance: TaskInstance, item: InstanceObject) -> Mutant:
-    goals = tuple(kept for goal in instance.goals for kept in _without(goal, item.id))
-    what = f"nothing asks for {_name(item)} any more"
+def _make_goal_dropped_mutant(instance: TaskInstance, item: InstanceObject) -> Mutant:
+    goals = tuple(kept for goal in instance.goals for kept in _remove_object_from_goal(goal, item.id))
+    what = f"nothing asks for {_asset_with_id(item)} any more"
     return Mutant("goal_dropped", what, instance.model_copy(update={"goals": goals}))
 
 
-def _without(goal: Goal, number: int) -> Iterator[Goal]:
+def _remove_object_from_goal(goal: Goal, number: int) -> Iterator[Goal]:
     """The goal without an object; nothing where it makes no sense without."""
     if number not in goal.objects:
         yield goal
@@ -77,7 +82,7 @@ def _without(goal: Goal, number: int) -> Iterator[Goal]:
         yield goal.model_copy(update={name: tuple(getattr(goal, name)[row] for row in rows) for name in fields})
 
 
-def _move_target(instance: TaskInstance, item: InstanceObject) -> Mutant | None:
+def _make_moved_target_mutant(instance: TaskInstance, item: InstanceObject) -> Mutant | None:
     """The targets and zones of the object's goals moved along y, towards the middle of the table; None without any."""
     mine = [goal for goal in instance.goals if item.id in goal.objects and (goal.targets or goal.zones)]
     if not mine:
@@ -85,25 +90,25 @@ def _move_target(instance: TaskInstance, item: InstanceObject) -> Mutant | None:
     places = [*mine[0].targets, *(zone.pose for zone in mine[0].zones)]
     step = -math.copysign(SHIFT, places[0][0][1])
 
-    def shift(pose: Pose) -> Pose:
+    def shift_pose_along_y(pose: Pose) -> Pose:
         (x, y, z), turn = pose
         return (x, y + step, z), turn
 
     def moved(goal: Goal) -> Goal:
-        zones = tuple(zone.model_copy(update={"pose": shift(zone.pose)}) for zone in goal.zones)
-        return goal.model_copy(update={"targets": tuple(map(shift, goal.targets)), "zones": zones})
+        zones = tuple(zone.model_copy(update={"pose": shift_pose_along_y(zone.pose)}) for zone in goal.zones)
+        return goal.model_copy(update={"targets": tuple(map(shift_pose_along_y, goal.targets)), "zones": zones})
 
     goals = tuple(moved(goal) if goal in mine else goal for goal in instance.goals)
-    what = f"the target of {_name(item)} is {SHIFT * 100:.0f} cm away from where it was"
+    what = f"the target of {_asset_with_id(item)} is {SHIFT * 100:.0f} cm away from where it was"
     return Mutant("target_moved", what, instance.model_copy(update={"goals": goals}))
 
 
-def _freeze(instance: TaskInstance, item: InstanceObject) -> Mutant:
+def _make_frozen_object_mutant(instance: TaskInstance, item: InstanceObject) -> Mutant:
     frozen = item.model_copy(update={"category": "fixed"})
-    return _replace(instance, "object_frozen", f"{_name(item)} cannot be moved", frozen)
+    return _make_mutant_with_objects(instance, "object_frozen", f"{_asset_with_id(item)} cannot be moved", frozen)
 
 
-def _exchange_asset(instance: TaskInstance, item: InstanceObject, library: Library) -> Mutant:
+def _make_wrong_asset_mutant(instance: TaskInstance, item: InstanceObject, library: Library) -> Mutant:
     """Another movable asset of the instance in the place of an object, else a block."""
     others = [other for other in instance.objects if other.role == "task" and other.category != "fixed"]
     usable = [other.asset for other in others if not other.fill]
@@ -112,17 +117,17 @@ def _exchange_asset(instance: TaskInstance, item: InstanceObject, library: Libra
     low = item.pose[0][2] - load_object_model(item, library).size[2] / 2
     height = max(0.0, low) + load_object_model(other, library).size[2] / 2
     pose = ((*item.pose[0][:2], height), (0.0, 0.0, 0.0, 1.0))
-    what = f"{asset} stands where {_name(item)} should"
-    return _replace(instance, "wrong_asset", what, other.model_copy(update={"pose": pose}))
+    what = f"{asset} stands where {_asset_with_id(item)} should"
+    return _make_mutant_with_objects(instance, "wrong_asset", what, other.model_copy(update={"pose": pose}))
 
 
-def _replace(instance: TaskInstance, kind: MutantKind, what: str, *items: InstanceObject) -> Mutant:
+def _make_mutant_with_objects(instance: TaskInstance, kind: MutantKind, what: str, *items: InstanceObject) -> Mutant:
     changed = {item.id: item for item in items}
     objects = tuple(changed.get(item.id, item) for item in instance.objects)
     return Mutant(kind, what, instance.model_copy(update={"objects": objects}))
 
 
-def _start_at_end(instance: TaskInstance, solved: Rollout, items: Sequence[InstanceObject]) -> Mutant:
+def _make_goal_met_mutant(instance: TaskInstance, solved: Rollout, items: Sequence[InstanceObject]) -> Mutant:
     at_end = [item.model_copy(update={"pose": solved.final[item.id]}) for item in items]
-    what = f"{', '.join(map(_name, items))} {'start' if len(items) > 1 else 'starts'} where the task wants it"
-    return _replace(instance, "goal_already_met", what, *at_end)
+    what = f"{', '.join(map(_asset_with_id, items))} {'start' if len(items) > 1 else 'starts'} where the task wants it"
+    return _make_mutant_with_objects(instance, "goal_already_met", what, *at_end)

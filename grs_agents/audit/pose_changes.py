@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from grs_agents.audit.types import Change
 from grs_agents.base import Pose, Quat
 from grs_agents.geometry import transforms
-from grs_agents.library import Library, looks_same_turned
+from grs_agents.library import Library, looks_unchanged_by_rotation
 from grs_agents.perception import SceneDescription, SceneObject
 from grs_agents.sim import InstanceObject, TaskInstance
 from grs_agents.sim.world import load_object_model
@@ -23,10 +23,10 @@ _TURNS: tuple[Quat, ...] = ((0.0, 0.0, 1.0, 0.0), (0.0, 0.0, _HALF, _HALF), (0.0
 
 def find_pose_changes(instances: Sequence[TaskInstance], scene: SceneDescription, library: Library) -> list[Change]:
     """Every object position that was not taken from the photo; each place in the photo is taken once."""
-    return [change for instance in instances for change in _find_instance_changes(instance, scene, library)]
+    return [change for instance in instances for change in _find_pose_changes_of_instance(instance, scene, library)]
 
 
-def _find_instance_changes(instance: TaskInstance, scene: SceneDescription, library: Library) -> list[Change]:
+def _find_pose_changes_of_instance(instance: TaskInstance, scene: SceneDescription, library: Library) -> list[Change]:
     free = list(scene.objects)
     changes: list[Change] = []
     for item in instance.task_objects:
@@ -55,10 +55,10 @@ def _explain_why_not_at_photo_pose(place: SceneObject, scene: SceneDescription) 
         return "is out of reach"
     if place.held or (place.drift or 0.0) > SAME_PLACE:
         return "would not stay as it stands"
-    return "is covered" if is_covered(place, scene) else ""
+    return "is covered" if is_object_covered_in_photo(place, scene) else ""
 
 
-def is_covered(place: SceneObject, scene: SceneDescription) -> bool:
+def is_object_covered_in_photo(place: SceneObject, scene: SceneDescription) -> bool:
     """Whether something lies on an object of the photo, or in it."""
     return any(relation.reference == place.name and relation.kind != "touching" for relation in scene.relations)
 
@@ -82,7 +82,11 @@ def _list_turns_that_look_alike(item: InstanceObject, library: Library) -> list[
     if item.asset not in library:
         return []
     model = load_object_model(item, library)
-    return [transforms.multiply_quaternions(item.pose[1], turn) for turn in _TURNS if looks_same_turned(model, turn)]
+    return [
+        transforms.multiply_quaternions(item.pose[1], turn)
+        for turn in _TURNS
+        if looks_unchanged_by_rotation(model, turn)
+    ]
 
 
 def _angle_between(one: Quat, other: Quat) -> float:

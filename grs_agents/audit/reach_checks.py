@@ -28,7 +28,7 @@ _NAMES: Final = {
 _CALLED: Final = frozenset({"exec", "eval", "compile", "__import__", "globals", "vars", "open"})
 
 
-def find_reaches(source: ProgramSource) -> Iterator[tuple[int, str]]:
+def find_runtime_accesses(source: ProgramSource) -> Iterator[tuple[int, str]]:
     """What reaches out of a program, with the line."""
     imported = {
         alias.asname or alias.name.split(".")[0]
@@ -37,38 +37,38 @@ def find_reaches(source: ProgramSource) -> Iterator[tuple[int, str]]:
         for alias in node.names
     }
     for node in source.nodes:
-        if reach := _describe_reach(node, imported):
+        if reach := _describe_runtime_access(node, imported):
             yield getattr(node, "lineno", 1), reach
 
 
-def _describe_reach(node: ast.AST, imported: set[str]) -> str:
+def _describe_runtime_access(node: ast.AST, imported: set[str]) -> str:
     if isinstance(node, ast.Import | ast.ImportFrom):
-        return _describe_import(node)
-    name = _name_or_text(node)
+        return _describe_forbidden_import(node)
+    name = _attribute_name_or_text(node)
     if name in _NAMES:
         return f"{name} leads to what runs and measures it"
-    if isinstance(node, ast.Call) and (called := _describe_call(node)):
+    if isinstance(node, ast.Call) and (called := _describe_forbidden_call(node)):
         return called
     stored = isinstance(node, ast.Attribute | ast.Subscript) and not isinstance(node.ctx, ast.Load)
-    root = _root_name(node) if stored else ""
+    root = _root_variable_name(node) if stored else ""
     return f"it changes {root}, which is not its own" if root in imported else ""
 
 
-def _name_or_text(node: ast.AST) -> str:
+def _attribute_name_or_text(node: ast.AST) -> str:
     """The name of an attribute, or a constant text; "" for anything else."""
     if isinstance(node, ast.Attribute):
         return node.attr
     return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
 
 
-def _describe_call(call: ast.Call) -> str:
+def _describe_forbidden_call(call: ast.Call) -> str:
     name = call.func.id if isinstance(call.func, ast.Name) else ""
     if name == "getattr" and len(call.args) > 1 and not isinstance(call.args[1], ast.Constant):
         return "it calls getattr with a name that it computes"
     return f"it calls {name}" if name in _CALLED else ""
 
 
-def _describe_import(node: ast.Import | ast.ImportFrom) -> str:
+def _describe_forbidden_import(node: ast.Import | ast.ImportFrom) -> str:
     modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module or ""]
     for name in modules:
         inner = name.startswith("grs_agents") and name not in ("grs_agents", sim.__name__)
@@ -80,7 +80,7 @@ def _describe_import(node: ast.Import | ast.ImportFrom) -> str:
     return f"it imports {hidden[0]}" if hidden else ""
 
 
-def _root_name(node: ast.AST) -> str:
+def _root_variable_name(node: ast.AST) -> str:
     """The name at the beginning of ``a.b[c].d``."""
     while isinstance(node, ast.Attribute | ast.Subscript):
         node = node.value

@@ -4,9 +4,9 @@ import math
 from collections.abc import Iterator, Sequence, Set
 from typing import Final
 
-from grs_agents.audit.goal_checks import label_object, pair_with_rollouts
+from grs_agents.audit.goal_checks import asset_with_id, pair_instances_with_rollouts
 from grs_agents.audit.pose_changes import find_pose_changes, is_tilted
-from grs_agents.audit.types import Finding, list_first
+from grs_agents.audit.types import Finding, join_first_distinct
 from grs_agents.library import Library
 from grs_agents.perception import SceneDescription
 from grs_agents.sim import InstanceObject, Rollout, TaskInstance
@@ -26,12 +26,16 @@ DISTURBED: Final = 0.01
 """Metres that a bystander may move."""
 
 
-def check_scenes(
+def list_scene_findings(
     instances: Sequence[TaskInstance], rollouts: Sequence[Rollout], library: Library, scene: SceneDescription | None
 ) -> list[Finding]:
     """Findings about where things stand, in all instances."""
-    pairs = pair_with_rollouts(instances, rollouts)
-    findings = [_check_start(pairs), _check_end(pairs), _check_bystanders(pairs)]
+    pairs = pair_instances_with_rollouts(instances, rollouts)
+    findings = [
+        _check_objects_start_apart_and_stable(pairs),
+        _check_objects_rest_at_end(pairs),
+        _check_bystanders_undisturbed(pairs),
+    ]
     return [_check_photo_poses(instances, scene, library), *findings] if scene is not None else findings
 
 
@@ -43,11 +47,11 @@ def _check_photo_poses(instances: Sequence[TaskInstance], scene: SceneDescriptio
         f"in seed {one.seed}"
         for one in moved
     ]
-    wrong += _find_altered_objects(instances, {item.asset for item in scene.objects})
+    wrong += _describe_painted_or_tied_objects(instances, {item.asset for item in scene.objects})
     excused = [f"{change.asset} for it {change.reason}" for change in changes if change.reason]
-    measured = list_first(wrong) or "everything that the photo shows stands as it shows it"
+    measured = join_first_distinct(wrong) or "everything that the photo shows stands as it shows it"
     if excused:
-        measured += f"; moved with a reason: {list_first(excused)}"
+        measured += f"; moved with a reason: {join_first_distinct(excused)}"
     return Finding(
         check="photo_poses",
         passed=not wrong,
@@ -56,41 +60,45 @@ def _check_photo_poses(instances: Sequence[TaskInstance], scene: SceneDescriptio
     )
 
 
-def _find_altered_objects(instances: Sequence[TaskInstance], shown: Set[str]) -> list[str]:
+def _describe_painted_or_tied_objects(instances: Sequence[TaskInstance], shown: Set[str]) -> list[str]:
     """Words on what a program painted or tied together."""
     tied = [f"objects are tied in seed {instance.seed}" for instance in instances if instance.ties]
     painted = [item.asset for instance in instances for item in instance.task_objects if item.color is not None]
     return [*tied, *(f"{asset} is painted" for asset in painted if asset in shown)]
 
 
-def _check_start(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> Finding:
-    faults = [fault for instance, rollout in pairs for fault in _find_start_faults(instance, rollout)]
+def _check_objects_start_apart_and_stable(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> Finding:
+    faults = [fault for instance, rollout in pairs for fault in _describe_unstable_start(instance, rollout)]
     bound = f"nothing may reach {DEPTH * 1000:.0f} mm into another thing, a bystander stand on a mark, or settling "
     bound += f"move anything {SHIFT * 100:.0f} cm sideways, {SINK * 100:.0f} cm up or down, or tip it"
-    return Finding.of_faults("clear_start", faults, "objects are apart, and stay where they are put", bound)
+    return Finding.from_fault_list("clear_start", faults, "objects are apart, and stay where they are put", bound)
 
 
-def _find_start_faults(instance: TaskInstance, rollout: Rollout) -> Iterator[str]:
+def _describe_unstable_start(instance: TaskInstance, rollout: Rollout) -> Iterator[str]:
     bystanders = {item.id for item in instance.objects if item.role == "bystander"}
     excused = [{tie.parent, tie.child} for tie in instance.ties]
     for one in rollout.overlaps:
         pair = {one.first, one.second}
         # How two bystanders stand is the photo's doing, not the program's; if it moves them, that is a fault.
         if one.depth > DEPTH and not pair <= bystanders and pair not in excused:
-            names = f"{label_object(instance, one.first)} and {label_object(instance, one.second)}"
+            names = f"{asset_with_id(instance, one.first)} and {asset_with_id(instance, one.second)}"
             yield f"{names} reach {one.depth * 1000:.0f} mm into each other"
-    yield from _find_unseen(instance)
+    yield from _describe_invisible_objects(instance)
     for item in instance.objects:
         if item.id in rollout.initial and _has_settled_elsewhere(item, rollout):
             away = math.dist(item.pose[0], rollout.initial[item.id][0])
-            yield f"settling moves {label_object(instance, item.id)} by {away * 100:.1f} cm or tips it"
+            yield f"settling moves {asset_with_id(instance, item.id)} by {away * 100:.1f} cm or tips it"
 
 
-def _find_unseen(instance: TaskInstance) -> Iterator[str]:
-    return (f"{label_object(instance, item.id)} cannot be seen" for item in instance.task_objects if _is_unseen(item))
+def _describe_invisible_objects(instance: TaskInstance) -> Iterator[str]:
+    return (
+        f"{asset_with_id(instance, item.id)} cannot be seen"
+        for item in instance.task_objects
+        if _is_transparent_or_buried(item)
+    )
 
 
-def _is_unseen(item: InstanceObject) -> bool:
+def _is_transparent_or_buried(item: InstanceObject) -> bool:
     """Whether an object is transparent, or a mark that lies under the table top."""
     colors = (item.color or (), item.fill.get("COLOR", ()))
     transparent = any(len(color) > 3 and float(color[3]) < OPAQUE for color in colors)
@@ -103,10 +111,10 @@ def _has_settled_elsewhere(item: InstanceObject, rollout: Rollout) -> bool:
     return moved or is_tilted(start, rest)
 
 
-def _check_end(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> Finding:
+def _check_objects_rest_at_end(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> Finding:
     """Contacts and forces tell what stands from what hangs or is wedged, whatever its height."""
     faults = [
-        f"{label_object(instance, one.object)} rests on level ground with {one.carried:.0%} of its weight, "
+        f"{asset_with_id(instance, one.object)} rests on level ground with {one.carried:.0%} of its weight, "
         f"sideways forces are {one.squeeze:.1f} times it"
         for instance, rollout in pairs
         for one in rollout.supports
@@ -114,10 +122,10 @@ def _check_end(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> Finding:
     ]
     bound = f"level contacts must carry {LEVEL:.0%} of the weight of each object of a goal, and sideways forces be "
     bound += f"at most {SQUEEZE} times it"
-    return Finding.of_faults("rests_at_end", faults, "what was moved stands, and is not wedged", bound)
+    return Finding.from_fault_list("rests_at_end", faults, "what was moved stands, and is not wedged", bound)
 
 
-def _check_bystanders(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> Finding:
+def _check_bystanders_undisturbed(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> Finding:
     ends = [
         (f"{item.asset} #{item.id}", rollout.initial[item.id], rollout.final[item.id])
         for instance, rollout in pairs
@@ -131,6 +139,6 @@ def _check_bystanders(pairs: Sequence[tuple[TaskInstance, Rollout]]) -> Finding:
     return Finding(
         check="undisturbed",
         passed=farthest <= DISTURBED and not tipped,
-        measured=list_first([measured, *tipped]),
+        measured=join_first_distinct([measured, *tipped]),
         bound=f"no bystander may move by more than {DISTURBED * 1000:.0f} mm or tilt by more than 15 degrees",
     )

@@ -53,19 +53,19 @@ class ProgramSource:
         """Every node of the tree."""
         return list(ast.walk(self.tree))
 
-    def nodes_of(self, kind: type[Node]) -> list[Node]:
+    def nodes_of_type(self, kind: type[Node]) -> list[Node]:
         """The nodes of one kind."""
         return [node for node in self.nodes if isinstance(node, kind)]
 
     @cached_property
     def imported_names(self) -> frozenset[str]:
         """The names that come from the runtime as they are called there, and that nothing else is given."""
-        froms = [node for node in self.nodes_of(ast.ImportFrom) if node.module == sim.__name__]
-        stored = {node.id for node in self.nodes_of(ast.Name) if not isinstance(node.ctx, ast.Load)}
+        froms = [node for node in self.nodes_of_type(ast.ImportFrom) if node.module == sim.__name__]
+        stored = {node.id for node in self.nodes_of_type(ast.Name) if not isinstance(node.ctx, ast.Load)}
         return frozenset(alias.name for node in froms for alias in node.names if not alias.asname) - stored
 
     @cached_property
-    def given_names(self) -> frozenset[str]:
+    def bound_names(self) -> frozenset[str]:
         """Every name that is defined, imported or assigned anywhere, those of attributes and arguments included."""
         names: set[str] = set()
         for node in self.nodes:
@@ -95,12 +95,12 @@ def check_source(source: ProgramSource) -> Iterator[StaticFinding]:
     """What is wrong with a program whatever its task is."""
     yield from _find_unresolved_imports(source)
     yield from _find_undefined_names(source)
-    for call in source.nodes_of(ast.Call):
+    for call in source.nodes_of_type(ast.Call):
         yield from _check_environment_method(source, call)
         yield from _check_arguments(source, call)
-    for attribute in source.nodes_of(ast.Attribute):
-        yield from _check_module_member(source, attribute)
-    for loop in source.nodes_of(ast.While):
+    for attribute in source.nodes_of_type(ast.Attribute):
+        yield from _check_module_attribute_exists(source, attribute)
+    for loop in source.nodes_of_type(ast.While):
         leaving = ast.Break | ast.Return | ast.Raise | ast.Yield | ast.Assert
         left = any(isinstance(inner, leaving) or _get_called_name(inner) == "exit" for inner in ast.walk(loop))
         if isinstance(loop.test, ast.Constant) and loop.test.value and not left:
@@ -114,10 +114,10 @@ def suggest_nearest_name(name: str, known: Iterable[str]) -> str:
 
 
 def _find_unresolved_imports(source: ProgramSource) -> Iterator[StaticFinding]:
-    guarded = {node for part in source.nodes_of(ast.Try) for node in ast.walk(part)}
-    imported = [(node, alias.name, alias.name) for node in source.nodes_of(ast.Import) for alias in node.names]
+    guarded = {node for part in source.nodes_of_type(ast.Try) for node in ast.walk(part)}
+    imported = [(node, alias.name, alias.name) for node in source.nodes_of_type(ast.Import) for alias in node.names]
     imported += [
-        (node, node.module or "", alias.name) for node in source.nodes_of(ast.ImportFrom) for alias in node.names
+        (node, node.module or "", alias.name) for node in source.nodes_of_type(ast.ImportFrom) for alias in node.names
     ]
     for node, module, name in imported:
         if node not in guarded and (problem := _describe_import_problem(module, name)):
@@ -138,15 +138,15 @@ def _describe_import_problem(module: str, name: str) -> str:
 
 def _find_undefined_names(source: ProgramSource) -> Iterator[StaticFinding]:
     """Names that nothing in the program gives; nothing is said where names may come in ways the source hides."""
-    read = {node.id: node.lineno for node in reversed(source.nodes_of(ast.Name))}
-    if {"*", "annotations"} & source.given_names or {"globals", "locals", "exec", "eval", "NameError"} & read.keys():
+    read = {node.id: node.lineno for node in reversed(source.nodes_of_type(ast.Name))}
+    if {"*", "annotations"} & source.bound_names or {"globals", "locals", "exec", "eval", "NameError"} & read.keys():
         return
-    known = {*source.given_names, *dir(builtins), "__file__"}
+    known = {*source.bound_names, *dir(builtins), "__file__"}
     for name in sorted(read.keys() - known):
         yield source.finding(read[name], "unknown_name", f"{name} is not defined{suggest_nearest_name(name, known)}")
 
 
-def _check_module_member(source: ProgramSource, node: ast.Attribute) -> Iterator[StaticFinding]:
+def _check_module_attribute_exists(source: ProgramSource, node: ast.Attribute) -> Iterator[StaticFinding]:
     """Whether ``np`` or ``utils`` has what is read from it."""
     owner = node.value.id if isinstance(node.value, ast.Name) else ""
     module = sim.utils if owner == "utils" and owner in source.imported_names else np if owner == "np" else None
@@ -159,7 +159,7 @@ def _check_module_member(source: ProgramSource, node: ast.Attribute) -> Iterator
 
 def _check_environment_method(source: ProgramSource, call: ast.Call) -> Iterator[StaticFinding]:
     name = _get_called_name(call)
-    known = name in source.given_names or hasattr(sim.Environment, name)
+    known = name in source.bound_names or hasattr(sim.Environment, name)
     if _get_receiver_name(call) == "env" and not known:
         text = f"env has no method {name}{suggest_nearest_name(name, dir(sim.Environment))}"
         yield source.finding(call.lineno, "unknown_name", text)
@@ -188,15 +188,15 @@ def _find_documented_function(source: ProgramSource, call: ast.Call) -> Callable
     name, receiver = _get_called_name(call), _get_receiver_name(call)
     function = _API.get(name)
     if isinstance(call.func, ast.Name):
-        return function if name in source.imported_names and not _is_method(function) else None
+        return function if name in source.imported_names and not _takes_self_argument(function) else None
     if receiver == "utils" and inspect.isfunction(getattr(sim.utils, name, None)):
         return getattr(sim.utils, name)
-    if name in source.given_names or receiver[:1].isupper() or (name in _ONLY_OF_ENVIRONMENT and receiver != "env"):
+    if name in source.bound_names or receiver[:1].isupper() or (name in _ONLY_OF_ENVIRONMENT and receiver != "env"):
         return None
-    return function if _is_method(function) else None
+    return function if _takes_self_argument(function) else None
 
 
-def _is_method(function: Callable[..., Any] | None) -> bool:
+def _takes_self_argument(function: Callable[..., Any] | None) -> bool:
     return function is not None and "self" in inspect.signature(function).parameters
 
 

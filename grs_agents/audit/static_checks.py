@@ -29,29 +29,35 @@ def check_programs(simulation: str, tests: str, task: TaskDefinition, library: L
     suite = read_source("tests", tests) if tests.strip() else None
     findings = [source for source in (program, suite) if isinstance(source, StaticFinding)]
     if isinstance(program, ProgramSource):
-        findings += [*check_source(program), *_check_task_class(program), *_check_assets(program, task, library)]
-        findings += [*_find_objects_without_goal(program), *_check_reward_sum(program)]
+        findings += [
+            *check_source(program),
+            *_check_task_class_and_base_calls(program),
+            *_check_asset_literals_match_task(program, task, library),
+        ]
+        findings += [*_find_objects_without_goal(program), *_check_rewards_sum_to_one(program)]
     if isinstance(suite, ProgramSource):
-        findings += [*check_source(suite), *_check_tests(suite)]
+        findings += [*check_source(suite), *_check_tests_exist_and_assert(suite)]
         if isinstance(program, ProgramSource):
             findings += _find_names_missing_in_program(program, suite, task)
     return tuple(sorted(dict.fromkeys(findings), key=lambda finding: (finding.program, finding.line)))
 
 
-def _check_task_class(source: ProgramSource) -> Iterator[StaticFinding]:
+def _check_task_class_and_base_calls(source: ProgramSource) -> Iterator[StaticFinding]:
     if not defines_task_class(source.tree):
         yield source.finding(1, "class_missing", "no class derives from Task")
-    tasks = [node for node in source.nodes_of(ast.ClassDef) if "Task" in map(ast.unparse, node.bases)]
+    tasks = [node for node in source.nodes_of_type(ast.ClassDef) if "Task" in map(ast.unparse, node.bases)]
     for node in (statement for task in tasks for statement in task.body):
         name = node.name if isinstance(node, ast.FunctionDef) else ""
         if name in ("__init__", "reset") and f".{name}(" not in ast.unparse(node):
             yield source.finding(node.lineno, "base_call_missing", f"{name} has to call super().{name}")
 
 
-def _check_assets(source: ProgramSource, task: TaskDefinition, library: Library) -> Iterator[StaticFinding]:
+def _check_asset_literals_match_task(
+    source: ProgramSource, task: TaskDefinition, library: Library
+) -> Iterator[StaticFinding]:
     """Literals that look like assets: each is in the library and in the task, and the task's are all there."""
     literals, complete = _find_asset_literals(source)
-    used = {literal: _find_in_library(literal, library) for literal in literals}
+    used = {literal: _resolve_library_asset_name(literal, library) for literal in literals}
     for literal, name in used.items():
         if name is None:
             near = get_close_matches(literal, library.asset_names(), n=3, cutoff=0.4)
@@ -66,13 +72,13 @@ def _check_assets(source: ProgramSource, task: TaskDefinition, library: Library)
 
 def _find_asset_literals(source: ProgramSource) -> tuple[dict[str, int], bool]:
     """Assets by name with their lines; and whether these are all, i.e. no name is put together from parts."""
-    parts = {part for node in source.nodes_of(ast.JoinedStr) for part in node.values}
-    texts = [node for node in source.nodes_of(ast.Constant) if re.search(r"\.(urdf|xml)", str(node.value))]
+    parts = {part for node in source.nodes_of_type(ast.JoinedStr) for part in node.values}
+    texts = [node for node in source.nodes_of_type(ast.Constant) if re.search(r"\.(urdf|xml)", str(node.value))]
     whole = [node for node in texts if node not in parts and _ASSET_NAME.fullmatch(str(node.value))]
     return {str(node.value): node.lineno for node in whole}, len(whole) == len(texts)
 
 
-def _find_in_library(name: str, library: Library) -> str | None:
+def _resolve_library_asset_name(name: str, library: Library) -> str | None:
     """The library's name of an asset that may be written with folders in front; None where it has none."""
     parts = PurePosixPath(name).parts
     return next((tail for start in range(len(parts)) if (tail := "/".join(parts[start:])) in library), None)
@@ -89,11 +95,11 @@ def _find_objects_without_goal(source: ProgramSource) -> Iterator[StaticFinding]
                 yield source.finding(node.lineno, "object_without_goal", text)
 
 
-def _check_reward_sum(source: ProgramSource) -> Iterator[StaticFinding]:
+def _check_rewards_sum_to_one(source: ProgramSource) -> Iterator[StaticFinding]:
     """Goals that ``reset`` states one after the other, with rewards in plain numbers: they add up to 1."""
-    goals = [call for call in source.nodes_of(ast.Call) if getattr(call.func, "attr", "") == "add_goal"]
+    goals = [call for call in source.nodes_of_type(ast.Call) if getattr(call.func, "attr", "") == "add_goal"]
     rewards = [_read_stated_reward(goal) for goal in goals]
-    resets = [node for node in source.nodes_of(ast.FunctionDef) if node.name == "reset"]
+    resets = [node for node in source.nodes_of_type(ast.FunctionDef) if node.name == "reset"]
     plain = {getattr(statement, "value", None) for reset in resets for statement in reset.body}
     if not goals or None in rewards or not plain.issuperset(goals):
         return
@@ -110,7 +116,7 @@ def _read_stated_reward(goal: ast.Call) -> float | None:
     return float(number[1]) / float(number[2] or 1) if number and len(goal.args) < 8 else None
 
 
-def _check_tests(source: ProgramSource) -> Iterator[StaticFinding]:
+def _check_tests_exist_and_assert(source: ProgramSource) -> Iterator[StaticFinding]:
     suite = discover_tests(source.tree)
     if not suite.ids:
         yield source.finding(1, "no_tests", "there is no method test... of a class that derives from TestCase")
@@ -125,8 +131,8 @@ def _find_names_missing_in_program(
     proper = task.name.replace("-", "")
     classes = {node.name: node.lineno for node in program.tree.body if isinstance(node, ast.ClassDef)}
     for node in suite.nodes:
-        if isinstance(node, ast.ImportFrom) and node.module == "task_code" and "*" not in program.given_names:
-            for name in sorted({alias.name for alias in node.names} - program.given_names - {"*"}):
+        if isinstance(node, ast.ImportFrom) and node.module == "task_code" and "*" not in program.bound_names:
+            for name in sorted({alias.name for alias in node.names} - program.bound_names - {"*"}):
                 text = f"the tests import {name} from the program, which defines {', '.join(classes) or 'no class'}"
                 at_fault, line = (
                     (program, min(classes.values(), default=1)) if name.lower() == proper else (suite, node.lineno)

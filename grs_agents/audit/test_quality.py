@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final, Protocol
 
 from grs_agents.audit.mutants import Mutant
-from grs_agents.audit.reach_checks import find_reaches
+from grs_agents.audit.reach_checks import find_runtime_accesses
 from grs_agents.audit.source_checks import ProgramSource, read_source
 from grs_agents.audit.types import Finding
 
@@ -33,7 +33,7 @@ class SuiteRun(Protocol):
     held: bool  # whether the audited instance's goals hold at the end of each episode
 
 
-def find_faults_of_tests(tests: str, names: Sequence[str] = ("task_code",)) -> Iterator[tuple[int, str]]:
+def find_test_integrity_faults(tests: str, names: Sequence[str] = ("task_code",)) -> Iterator[tuple[int, str]]:
     """What makes tests test something else than the program, with the line: mocks, tasks of their own, no import.
 
     Args:
@@ -44,24 +44,24 @@ def find_faults_of_tests(tests: str, names: Sequence[str] = ("task_code",)) -> I
     if not isinstance(source, ProgramSource):
         yield source.line, source.message
         return
-    imports = {alias.name for node in source.nodes_of(ast.Import) for alias in node.names}
-    imports |= {node.module or "" for node in source.nodes_of(ast.ImportFrom)}
+    imports = {alias.name for node in source.nodes_of_type(ast.Import) for alias in node.names}
+    imports |= {node.module or "" for node in source.nodes_of_type(ast.ImportFrom)}
     if not imports & set(names):
         yield 1, f"they never import {names[0]}"
     for node in source.nodes:
-        if fault := _describe_fault(node):
+        if fault := _describe_mock_or_own_task(node):
             yield getattr(node, "lineno", 1), fault
-    yield from find_reaches(source)
+    yield from find_runtime_accesses(source)
 
 
-def find_faults_of_program(simulation: str) -> Iterator[tuple[int, str]]:
+def find_runtime_accesses_of_program(simulation: str) -> Iterator[tuple[int, str]]:
     """Where the simulation program reaches into what tests and measures it, with the line."""
     source = read_source("simulation", simulation)
     if isinstance(source, ProgramSource):
-        yield from ((line, f"in the simulation program {reach}") for line, reach in find_reaches(source))
+        yield from ((line, f"in the simulation program {reach}") for line, reach in find_runtime_accesses(source))
 
 
-def _describe_fault(node: ast.AST) -> str:
+def _describe_mock_or_own_task(node: ast.AST) -> str:
     if isinstance(node, ast.alias) and set(node.name.split(".")) & _MOCKING:
         return f"they import {node.name}, which puts something else in place of what is tested"
     if isinstance(node, ast.ImportFrom) and set((node.module or "").split(".")) & _MOCKING:
@@ -75,7 +75,7 @@ def _describe_fault(node: ast.AST) -> str:
     return ""
 
 
-def check_tests_of_program(faults: Sequence[tuple[int, str]], runs: Sequence[SuiteRun]) -> Finding:
+def check_tests_exercise_program(faults: Sequence[tuple[int, str]], runs: Sequence[SuiteRun]) -> Finding:
     """They test the program: nothing is mocked, and an episode at full reward ran the instance that was audited."""
     told = [f"line {line}: {fault}" for line, fault in faults]
     told += [f"{run.replaced} was replaced while they ran" for run in runs[:1] if run.replaced]
@@ -86,10 +86,10 @@ def check_tests_of_program(faults: Sequence[tuple[int, str]], runs: Sequence[Sui
         told += [f"the last scene they set up differs from it in: {difference}" for difference in seen]
     otherwise = f"{solved} episodes at full reward ran the audited task instance"
     bound = "tests must import task_code, replace nothing, and let the oracle solve what the program sets up"
-    return Finding.of_faults("tests_of_program", told, otherwise, bound)
+    return Finding.from_fault_list("tests_of_program", told, otherwise, bound)
 
 
-def check_tests_repeat(runs: Sequence[SuiteRun]) -> Finding:
+def check_tests_pass_repeatedly(runs: Sequence[SuiteRun]) -> Finding:
     """They pass every time, whatever the generators draw."""
     failed = [run for run in runs if run.ended != "passed"]
     measured = f"the tests passed {1 + len(runs) - len(failed)} of {1 + len(runs)} times"
@@ -98,7 +98,7 @@ def check_tests_repeat(runs: Sequence[SuiteRun]) -> Finding:
     return Finding(check="tests_repeat", passed=not failed, measured=measured, bound="each time they must")
 
 
-def check_tests_have_teeth(mutants: Sequence[Mutant], runs: Sequence[SuiteRun]) -> Finding:
+def check_tests_fail_on_mutants(mutants: Sequence[Mutant], runs: Sequence[SuiteRun]) -> Finding:
     """They fail for most mutants, and where all is undone before they can look.
 
     One whose target was moved and that still ends as it should is none.
@@ -108,11 +108,11 @@ def check_tests_have_teeth(mutants: Sequence[Mutant], runs: Sequence[SuiteRun]) 
         runs: of the suite, one for each.
     """
     whole = list(zip(mutants, runs, strict=True))
-    blind = _list_alive([pair for pair in whole if pair[0].kind == "undone"])
+    blind = _list_surviving_mutants([pair for pair in whole if pair[0].kind == "undone"])
     pairs = [pair for pair in whole if pair[0].kind != "undone"]
     counted = [(one, run) for one, run in pairs if not (one.kind == "target_moved" and run.held)]
-    alive = _list_alive(counted)
-    score = _score_mutants(counted)
+    alive = _list_surviving_mutants(counted)
+    score = _mean_killed_share_by_kind(counted)
     measured = (
         f"{len(counted) - len(alive)} of {len(counted)} mutants of the task make the tests fail, score {score:.2f}"
     )
@@ -125,11 +125,11 @@ def check_tests_have_teeth(mutants: Sequence[Mutant], runs: Sequence[SuiteRun]) 
     return Finding(check="tests_have_teeth", passed=score >= SCORE and not blind, measured=measured, bound=bound)
 
 
-def _list_alive(pairs: Sequence[tuple[Mutant, SuiteRun]]) -> list[str]:
+def _list_surviving_mutants(pairs: Sequence[tuple[Mutant, SuiteRun]]) -> list[str]:
     return [one.what for one, run in pairs if run.ended in _ALIVE]
 
 
-def _score_mutants(counted: Sequence[tuple[Mutant, SuiteRun]]) -> float:
+def _mean_killed_share_by_kind(counted: Sequence[tuple[Mutant, SuiteRun]]) -> float:
     """Share of the mutants of a kind that make the suite fail, mean over the kinds, 0..1."""
     killed: dict[str, list[bool]] = {}
     for one, run in counted:

@@ -21,13 +21,13 @@ class Finding(Frozen):
         return f"{self.measured}; {self.bound}" if self.bound else self.measured
 
     @classmethod
-    def of_faults(cls, check: str, faults: Iterable[str], otherwise: str, bound: str) -> "Finding":
+    def from_fault_list(cls, check: str, faults: Iterable[str], otherwise: str, bound: str) -> "Finding":
         """A finding that passes where there is no fault, which ``otherwise`` says in words."""
-        told = list_first(faults)
+        told = join_first_distinct(faults)
         return cls(check=check, passed=not told, measured=told or otherwise, bound=bound)
 
 
-def list_first(texts: Iterable[str]) -> str:
+def join_first_distinct(texts: Iterable[str]) -> str:
     """Different texts, the first four of them."""
     different = list(dict.fromkeys(texts))
     more = f" and {len(different) - 4} more" if len(different) > 4 else ""

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from grs_agents.audit.goal_checks import is_loose, label_object, pair_with_rollouts
+from grs_agents.audit.goal_checks import asset_with_id, is_movable_object, pair_instances_with_rollouts
 from grs_agents.audit.types import Finding
 from grs_agents.base import Pose
 from grs_agents.geometry import FloatArray
@@ -38,37 +38,39 @@ def check_visibility(
     shown = {item.asset for item in scene.objects} if scene is not None else set[str]()
     faults = [
         fault
-        for instance, rollout in pair_with_rollouts(instances, rollouts)
-        for fault in _find_hidden(instance, rollout, library, shown)
+        for instance, rollout in pair_instances_with_rollouts(instances, rollouts)
+        for fault in _describe_hidden_marks(instance, rollout, library, shown)
     ]
     bound = f"of what the task adds, {SEEN:.0%} must be seen from above at the start or at the end, and marks must be "
     bound += "of another colour than what they lie on"
-    return Finding.of_faults("seen", faults, "what the task adds can be seen", bound)
+    return Finding.from_fault_list("seen", faults, "what the task adds can be seen", bound)
 
 
-def _find_hidden(instance: TaskInstance, rollout: Rollout, library: Library, shown: Set[str]) -> Iterator[str]:
+def _describe_hidden_marks(
+    instance: TaskInstance, rollout: Rollout, library: Library, shown: Set[str]
+) -> Iterator[str]:
     known = [item for item in instance.objects if item.asset in library]
-    moments = [_surfaces_from_above(known, poses, library) for poses in (rollout.initial, rollout.final) if poses]
-    for item in _list_marks(known, library) if moments else ():
-        others = _list_others(item, known, shown)
-        share = max(_share_seen(item.id, others, surfaces) for surfaces in moments)
+    moments = [_prisms_by_object_id(known, poses, library) for poses in (rollout.initial, rollout.final) if poses]
+    for item in _list_added_fixed_objects(known, library) if moments else ():
+        others = _list_ids_that_may_not_cover(item, known, shown)
+        share = max(_visible_area_share(item.id, others, surfaces) for surfaces in moments)
         if share < SEEN:
-            yield f"{label_object(instance, item.id)} is covered: {share:.0%} of it can be seen"
-        elif _has_color_below(item, known, instance, moments[0], library):
-            yield f"{label_object(instance, item.id)} has the colour of what it lies on"
+            yield f"{asset_with_id(instance, item.id)} is covered: {share:.0%} of it can be seen"
+        elif _has_color_of_ground_below(item, known, instance, moments[0], library):
+            yield f"{asset_with_id(instance, item.id)} has the colour of what it lies on"
 
 
-def _list_others(item: InstanceObject, known: Sequence[InstanceObject], shown: Set[str]) -> list[int]:
+def _list_ids_that_may_not_cover(item: InstanceObject, known: Sequence[InstanceObject], shown: Set[str]) -> list[int]:
     """Ids of what may not cover an object: what the photo shows may be covered by what it shows, too."""
     return [one.id for one in known if one.id != item.id and not {one.asset, item.asset} <= shown]
 
 
-def _list_marks(known: Sequence[InstanceObject], library: Library) -> list[InstanceObject]:
+def _list_added_fixed_objects(known: Sequence[InstanceObject], library: Library) -> list[InstanceObject]:
     """What a task adds and nothing moves."""
-    return [item for item in known if item.role == "task" and not is_loose(item, library)]
+    return [item for item in known if item.role == "task" and not is_movable_object(item, library)]
 
 
-def _surfaces_from_above(
+def _prisms_by_object_id(
     items: Sequence[InstanceObject], poses: Mapping[int, Pose], library: Library
 ) -> dict[int, list[Prism]]:
     """The parts of each object, by its id; a mark is one flat part."""
@@ -81,9 +83,9 @@ def _surfaces_from_above(
     return surfaces
 
 
-def _share_seen(number: int, others: Sequence[int], surfaces: Mapping[int, Sequence[Prism]]) -> float:
+def _visible_area_share(number: int, others: Sequence[int], surfaces: Mapping[int, Sequence[Prism]]) -> float:
     """The share (0..1) of an object's area that no other one lies over."""
-    points, heights = _points_of(surfaces[number])
+    points, heights = _sample_top_points_and_heights(surfaces[number])
     if not len(points):
         return 1.0
     free = np.ones(len(points), dtype=bool)
@@ -93,7 +95,7 @@ def _share_seen(number: int, others: Sequence[int], surfaces: Mapping[int, Seque
     return float(free.mean())
 
 
-def _points_of(prisms: Sequence[Prism]) -> tuple[FloatArray, FloatArray]:
+def _sample_top_points_and_heights(prisms: Sequence[Prism]) -> tuple[FloatArray, FloatArray]:
     """Points (N, 2) spread over an object as seen from above, and how high (N,) it is there, metres."""
     solid = [prism for prism in prisms if len(prism.outline) >= 3]
     if not solid:
@@ -109,7 +111,7 @@ def _points_of(prisms: Sequence[Prism]) -> tuple[FloatArray, FloatArray]:
     return grid[np.isfinite(heights)], heights[np.isfinite(heights)]
 
 
-def _has_color_below(
+def _has_color_of_ground_below(
     item: InstanceObject,
     known: Sequence[InstanceObject],
     instance: TaskInstance,
@@ -117,13 +119,13 @@ def _has_color_below(
     library: Library,
 ) -> bool:
     """Whether a mark cannot be told from the table, or from the highest mark that all of it lies on."""
-    own = _color_of(item, library)
+    own = _single_color_of_mark(item, library)
     if own is None:
         return False
     [prism] = surfaces[item.id]
     below, height = instance.table.color, -math.inf
     for other in known:
-        color = _color_of(other, library)
+        color = _single_color_of_mark(other, library)
         if other.id == item.id or color is None:
             continue
         [ground] = surfaces[other.id]
@@ -133,7 +135,7 @@ def _has_color_below(
     return math.dist(own[:3], below[:3]) < CONTRAST
 
 
-def _color_of(item: InstanceObject, library: Library) -> tuple[float, ...] | None:
+def _single_color_of_mark(item: InstanceObject, library: Library) -> tuple[float, ...] | None:
     """The one colour of a mark; None for what touches things, or is of several colours."""
     model = load_object_model(item, library)
     colors = {shape.color for shape in model.visuals}

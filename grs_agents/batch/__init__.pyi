@@ -1,14 +1,14 @@
 from .batch import BatchOrder as BatchOrder
 from .batch import run_batch as run_batch
 from .diversity import describe_diversity as describe_diversity
-from .diversity import mark_repeats as mark_repeats
+from .diversity import mark_repeated_tasks as mark_repeated_tasks
 from .jobs import ENGINES as ENGINES
 from .jobs import Engine as Engine
 from .jobs import run_jobs as run_jobs
 from .results import BatchResults as BatchResults
 from .results import read_results as read_results
 from .row import BatchRow as BatchRow
-from .row import make_row as make_row
+from .row import make_batch_row as make_batch_row
 from .run_process import RunEnd as RunEnd
 from .run_process import RunJob as RunJob
 from .scene_list import list_scenes as list_scenes

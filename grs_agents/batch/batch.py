@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from grs_agents import content
-from grs_agents.batch.diversity import describe_diversity, mark_repeats
+from grs_agents.batch.diversity import describe_diversity, mark_repeated_tasks
 from grs_agents.batch.jobs import Engine, run_jobs
 from grs_agents.batch.page import render_page
 from grs_agents.batch.results import BatchResults, write_results
-from grs_agents.batch.row import BatchRow, make_row
+from grs_agents.batch.row import BatchRow, make_batch_row
 from grs_agents.batch.run_process import RunEnd, RunJob
 from grs_agents.config import load_config
 from grs_agents.errors import InputError
@@ -55,40 +55,40 @@ def run_batch(order: BatchOrder, watch: Watcher = lambda _: None) -> BatchResult
     Raises:
         InputError: the folder holds a batch with another configuration, or no cluster answers.
     """
-    _claim_folder(order)
-    names = _name_scenes(order.scenes)
+    _write_or_compare_batch_file(order)
+    names = _assign_unique_scene_names(order.scenes)
     rows: dict[str, BatchRow] = {}
     for _ in range(1 + _SEEDS_PER_TASK if order.tasks else 1):
-        jobs = [job for scene in order.scenes for job in _jobs_of_scene(order, scene, names[scene], rows)]
+        jobs = [job for scene in order.scenes for job in _list_remaining_scene_jobs(order, scene, names[scene], rows)]
         if jobs:
-            _run_round(order, jobs, rows, watch)
+            _run_jobs_into_rows(order, jobs, rows, watch)
     results = summarize_rows(list(rows.values()))
     _write_results_and_page(order.out, results)
     return results
 
 
-def _run_round(order: BatchOrder, jobs: Sequence[RunJob], rows: dict[str, BatchRow], watch: Watcher) -> None:
+def _run_jobs_into_rows(order: BatchOrder, jobs: Sequence[RunJob], rows: dict[str, BatchRow], watch: Watcher) -> None:
     ended: dict[str, BatchRow] = {}
     written = 0.0
 
-    def keep(end: RunEnd) -> None:
+    def store_row(end: RunEnd) -> None:
         nonlocal written
-        row = make_row(end)
+        row = make_batch_row(end)
         ended[row.run] = row
         if time.monotonic() > written + _WRITTEN_EVERY:
             _write_results_and_page(order.out, summarize_rows([*rows.values(), *ended.values()]))
             written = time.monotonic()
         watch(row)
 
-    run_jobs(jobs, keep, workers=order.workers, timeout=order.timeout, engine=order.engine, address=order.address)
+    run_jobs(jobs, store_row, workers=order.workers, timeout=order.timeout, engine=order.engine, address=order.address)
     rows.update((job.name, ended[job.name]) for job in jobs)
 
 
-def _jobs_of_scene(order: BatchOrder, scene: str, name: str, rows: dict[str, BatchRow]) -> Iterator[RunJob]:
+def _list_remaining_scene_jobs(order: BatchOrder, scene: str, name: str, rows: dict[str, BatchRow]) -> Iterator[RunJob]:
     """The runs of one scene in one round: the first alone, since the others take its scene over; then as many as tasks
     are still wanting."""
     made = [row for row in rows.values() if row.scene == scene]
-    found = sum(row.status == "accepted" and not row.repeats for row in mark_repeats(made))
+    found = sum(row.status == "accepted" and not row.repeats for row in mark_repeated_tasks(made))
     options = [part for setting in order.settings for part in ("--set", setting)]
     if order.config is not None:
         options += ["--config", str(order.config.resolve())]
@@ -101,7 +101,7 @@ def _jobs_of_scene(order: BatchOrder, scene: str, name: str, rows: dict[str, Bat
 
 def summarize_rows(rows: Sequence[BatchRow]) -> BatchResults:
     """The rows, repeats marked, with what they come to."""
-    marked = mark_repeats(rows)
+    marked = mark_repeated_tasks(rows)
     summary: dict[str, Any] = {
         "runs": len(marked),
         "status": dict(Counter(row.status for row in marked)),
@@ -118,7 +118,7 @@ def _write_results_and_page(out: Path, results: BatchResults) -> None:
     write_text(out / "index.html", render_page(out, results))
 
 
-def _name_scenes(scenes: Sequence[str]) -> dict[str, str]:
+def _assign_unique_scene_names(scenes: Sequence[str]) -> dict[str, str]:
     """A short name for each scene, numbered where two share one."""
     seen: Counter[str] = Counter()
     names: dict[str, str] = {}
@@ -129,7 +129,7 @@ def _name_scenes(scenes: Sequence[str]) -> dict[str, str]:
     return names
 
 
-def _claim_folder(order: BatchOrder) -> None:
+def _write_or_compare_batch_file(order: BatchOrder) -> None:
     """Write into ``batch.json`` what runs depend on, so that runs of two configurations are never mixed."""
     file = order.out / _ORDER
     ours: dict[str, Any] = {

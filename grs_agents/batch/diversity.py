@@ -8,7 +8,7 @@ from typing import Any
 from grs_agents.batch.row import BatchRow
 
 
-def mark_repeats(rows: Sequence[BatchRow]) -> list[BatchRow]:
+def mark_repeated_tasks(rows: Sequence[BatchRow]) -> list[BatchRow]:
     """The rows with ``repeats`` set where an earlier accepted run of the same scene has the same goals or name."""
     first: dict[tuple[str, object], str] = {}
     marked: list[BatchRow] = []

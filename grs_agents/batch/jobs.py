@@ -32,20 +32,20 @@ def run_jobs(
     """
     ends: dict[str, RunEnd] = {}
 
-    def keep(end: RunEnd) -> None:
+    def store_ended_job(end: RunEnd) -> None:
         ends[end.job.name] = end
         watch(end)
 
     if engine == "ray":
         from grs_agents.batch.ray_engine import run_on_cluster
 
-        run_on_cluster(jobs, keep, timeout, address)
+        run_on_cluster(jobs, store_ended_job, timeout, address)
     else:
         with ThreadPoolExecutor(max_workers=workers) as pool:
             futures = [pool.submit(run_job, job, timeout) for job in jobs]
             try:
                 for future in as_completed(futures):
-                    keep(future.result())
+                    store_ended_job(future.result())
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise

@@ -29,18 +29,18 @@ def render_page(out: Path, results: BatchResults) -> str:
     families = ", ".join(f"{name or 'none'} {count}" for name, count in total["families"].items())
     head = (
         f"<p>{total['accepted']} of {total['runs']} accepted, {total['different_tasks']} different tasks "
-        f"({_escape(families)}), {total['seconds']:.0f} s, ${total['cost']:.2f}</p>"
+        f"({_to_html(families)}), {total['seconds']:.0f} s, ${total['cost']:.2f}</p>"
     )
-    runs = "".join(_render_run(out, row) for row in results.rows)
+    runs = "".join(_render_run_as_html(out, row) for row in results.rows)
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Batch</title>'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}"><style>{_STYLE}</style></head>'
-        f'<body><h1>{_escape(out.resolve().name)}</h1>{head}<div class="runs">{runs}</div></body></html>\n'
+        f'<body><h1>{_to_html(out.resolve().name)}</h1>{head}<div class="runs">{runs}</div></body></html>\n'
     )
 
 
-def _render_run(out: Path, row: BatchRow) -> str:
+def _render_run_as_html(out: Path, row: BatchRow) -> str:
     photo = (
         f'<img loading="lazy" alt="" src="{_link_to_run_file(row, _PHOTO)}">'
         if (out / row.run / _PHOTO).is_file()
@@ -48,21 +48,21 @@ def _render_run(out: Path, row: BatchRow) -> str:
     )
     report = f'<a href="{_link_to_run_file(row, _REPORT)}">report</a>' if (out / row.run / _REPORT).is_file() else ""
     folder = f'<a href="{_link_to_run_file(row, "")}">files</a>'
-    repeats = f"<p>the same task as {_escape(row.repeats)}</p>" if row.repeats else ""
+    repeats = f"<p>the same task as {_to_html(row.repeats)}</p>" if row.repeats else ""
     reward = "" if row.reward is None else f"reward {row.reward:.2f}, "
     fixes = row.code_fixes + row.test_fixes + row.task_fixes
     return (
-        f'<article id="{_escape(row.run)}">{photo}<div><h2>{_escape(row.run)} '
-        f'<span class="{_escape(row.status)}">{_escape(row.status)}</span></h2><p>{_escape(row.description)}</p>'
-        f'{repeats}<p class="quiet">{_escape(row.reason)}</p><p class="quiet">{reward}{fixes} fixes, '
+        f'<article id="{_to_html(row.run)}">{photo}<div><h2>{_to_html(row.run)} '
+        f'<span class="{_to_html(row.status)}">{_to_html(row.status)}</span></h2><p>{_to_html(row.description)}</p>'
+        f'{repeats}<p class="quiet">{_to_html(row.reason)}</p><p class="quiet">{reward}{fixes} fixes, '
         f"{row.model_calls} model calls, {row.input_tokens + row.output_tokens} tokens, ${row.cost:.2f}, "
         f"{row.seconds:.1f} s</p><p>{report} {folder}</p></div></article>"
     )
 
 
 def _link_to_run_file(row: BatchRow, file: str) -> str:
-    return _escape(quote(f"{row.run}/{file}"))
+    return _to_html(quote(f"{row.run}/{file}"))
 
 
-def _escape(text: str) -> str:
+def _to_html(text: str) -> str:
     return html.escape(escape_control_chars(text))

@@ -25,7 +25,7 @@ def run_on_cluster(jobs: Sequence[RunJob], watch: Watcher, timeout: float, addre
         raise InputError("engine ray needs the package ray", "pip install 'grs-agents[ray]'") from error
     ours = not ray.is_initialized()
     if ours:
-        _connect(ray, address)
+        _connect_to_ray_cluster(ray, address)
     try:
         _run_tasks(ray, jobs, watch, timeout)
     finally:
@@ -33,7 +33,7 @@ def run_on_cluster(jobs: Sequence[RunJob], watch: Watcher, timeout: float, addre
             ray.shutdown()
 
 
-def _connect(ray: Any, address: str | None) -> None:
+def _connect_to_ray_cluster(ray: Any, address: str | None) -> None:
     try:
         ray.init(address=address, log_to_driver=False, include_dashboard=False, configure_logging=False)
     except (ConnectionError, ValueError) as error:
@@ -41,7 +41,7 @@ def _connect(ray: Any, address: str | None) -> None:
 
 
 def _run_tasks(ray: Any, jobs: Sequence[RunJob], watch: Watcher, timeout: float) -> None:
-    task: Any = ray.remote(num_cpus=_CPUS_OF_RUN, max_retries=_RETRIES)(_with_environment(dict(os.environ)))
+    task: Any = ray.remote(num_cpus=_CPUS_OF_RUN, max_retries=_RETRIES)(_make_runner_with_variables(dict(os.environ)))
     under_way = {task.remote(job, timeout): job for job in jobs}
     while under_way:
         (ended,), _ = ray.wait(list(under_way), num_returns=1)
@@ -53,12 +53,12 @@ def _run_tasks(ray: Any, jobs: Sequence[RunJob], watch: Watcher, timeout: float)
         watch(end)
 
 
-def _with_environment(environment: dict[str, str]) -> Callable[[RunJob, float], RunEnd]:
+def _make_runner_with_variables(environment: dict[str, str]) -> Callable[[RunJob, float], RunEnd]:
     """`run_job` with the variables of the one who ordered it: a model may need its key."""
 
-    def work(job: RunJob, timeout: float) -> RunEnd:
+    def run_job_with_environment(job: RunJob, timeout: float) -> RunEnd:
         for name, value in environment.items():
             os.environ.setdefault(name, value)
         return run_job(job, timeout)
 
-    return work
+    return run_job_with_environment

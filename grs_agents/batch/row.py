@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from grs_agents.base import Frozen
-from grs_agents.batch.run_process import RunEnd, read_record_if_any
+from grs_agents.batch.run_process import RunEnd, read_run_record_or_none
 from grs_agents.errors import GrsError
 from grs_agents.foreign import read_bytes, read_json
 from grs_agents.sim.instance import TaskInstance, parse_instance_json
@@ -38,14 +38,14 @@ class BatchRow(Frozen):
     seconds: float = 0.0
 
 
-def make_row(end: RunEnd) -> BatchRow:
+def make_batch_row(end: RunEnd) -> BatchRow:
     """What the folder of an ended run tells of it."""
-    job, record = end.job, read_record_if_any(end.job.folder)
+    job, record = end.job, read_run_record_or_none(end.job.folder)
     if record is None:
         status = "killed" if end.exit_status is None else "failed"
         return BatchRow(run=job.name, scene=job.scene, seed=job.seed, status=status, reason=end.error)
     counts = record.counts
-    task = _read_task(job.folder)
+    task = _read_task_json_if_any(job.folder)
     name = str(task.get("task-name", ""))
     return BatchRow(
         run=job.name,
@@ -67,12 +67,12 @@ def make_row(end: RunEnd) -> BatchRow:
         model_calls=counts.get("model_calls", 0),
         input_tokens=counts.get("input_tokens", 0),
         output_tokens=counts.get("output_tokens", 0),
-        cost=_sum_cost(job.folder),
+        cost=_sum_model_cost(job.folder),
         seconds=record.seconds.get("total", 0.0),
     )
 
 
-def _read_task(folder: Path) -> dict[str, Any]:
+def _read_task_json_if_any(folder: Path) -> dict[str, Any]:
     file = folder / "task.json"
     return read_json(file, "run again") if file.is_file() else {}
 
@@ -99,7 +99,7 @@ def describe_goals(instance: TaskInstance) -> tuple[str, ...]:
     return tuple(sorted(told))
 
 
-def _sum_cost(folder: Path) -> float:
+def _sum_model_cost(folder: Path) -> float:
     try:
         events = read_events(folder / "events.jsonl")
     except GrsError:  # a run that was stopped before its first event

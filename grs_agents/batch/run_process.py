@@ -48,7 +48,7 @@ Watcher = Callable[[RunEnd], None]
 
 def run_job(job: RunJob, timeout: float) -> RunEnd:
     """Make or resume one run in a process of its own, and wait for its end."""
-    earlier = read_record_if_any(job.folder)
+    earlier = read_run_record_or_none(job.folder)
     if earlier is not None and earlier.status in ENDED:
         return RunEnd(job, earlier.exit_status)
     overlays = [part for root in reversed(content.content_search_roots()[:-1]) for part in ("--content", str(root))]
@@ -74,7 +74,7 @@ def _read_last_line(log: Path) -> str:
     return lines[-1] if lines else ""
 
 
-def read_record_if_any(folder: Path) -> RunRecord | None:
+def read_run_record_or_none(folder: Path) -> RunRecord | None:
     """The record of the run in ``folder``, if there is a sound one."""
     try:
         return read_record(folder)

@@ -25,7 +25,7 @@ def list_scenes(names: Sequence[str]) -> tuple[str, ...]:
     """
     found: dict[str, None] = {}
     for name in names:
-        scenes = [scene for part in _expand_glob(name) for scene in _list_scenes_of_argument(part)]
+        scenes = [scene for part in _expand_glob(name) for scene in _list_scenes_at_path(part)]
         if not scenes:
             raise InputError(f"{name} names no scene", _REMEDY)
         found.update(dict.fromkeys(scenes))
@@ -40,13 +40,13 @@ def _expand_glob(name: str) -> list[str]:
     return [prefix + str(found) for found in sorted(Path(path.anchor).glob(str(path.relative_to(path.anchor))))]
 
 
-def _list_scenes_of_argument(name: str) -> Iterator[str]:
+def _list_scenes_at_path(name: str) -> Iterator[str]:
     path = resolve_scene_path(Path(name))
     if is_bop_source(path):
         yield from _list_scenes_of_bop_data_set(Path(name[len(_PREFIX) :]))
     elif is_folder(path) and not _holds_photo(path):
         inside = sorted(path.iterdir())
-        yield from (str(item.resolve()) for item in inside if _is_scene_in_folder(item))
+        yield from (str(item.resolve()) for item in inside if _is_scene_file_or_folder(item))
     else:
         check_scene_source(path)
         yield str(path.resolve())
@@ -56,7 +56,7 @@ def _holds_photo(folder: Path) -> bool:
     return (folder / "camera.json").exists() or any(file.stem in ("rgb", "color") for file in folder.iterdir())
 
 
-def _is_scene_in_folder(item: Path) -> bool:
+def _is_scene_file_or_folder(item: Path) -> bool:
     return item.suffix.lower() == ".npz" if item.is_file() else is_folder(item) and _holds_photo(item)
 
 

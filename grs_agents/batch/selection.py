@@ -29,24 +29,24 @@ def select_rows(rows: Sequence[BatchRow], expression: str) -> list[BatchRow]:
     """
     try:
         tree = ast.parse(expression, mode="eval").body
-        return [row for row in rows if _evaluate(tree, row.model_dump())]
+        return [row for row in rows if _evaluate_node(tree, row.model_dump())]
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise InputError(f"cannot read the condition {expression[:80]!r}: {error}", _REMEDY) from error
 
 
-def _evaluate(node: ast.expr, row: Mapping[str, Any]) -> Any:
+def _evaluate_node(node: ast.expr, row: Mapping[str, Any]) -> Any:
     value: Any
     match node:
         case ast.BoolOp():
-            value = (all if isinstance(node.op, ast.And) else any)(_evaluate(part, row) for part in node.values)
+            value = (all if isinstance(node.op, ast.And) else any)(_evaluate_node(part, row) for part in node.values)
         case ast.UnaryOp(op=ast.Not()):
-            value = not _evaluate(node.operand, row)
+            value = not _evaluate_node(node.operand, row)
         case ast.Compare():
             value = _evaluate_comparison(node, row)
         case ast.Constant():
             value = node.value
         case ast.Tuple() | ast.List():
-            value = [_evaluate(item, row) for item in node.elts]
+            value = [_evaluate_node(item, row) for item in node.elts]
         case ast.Name() if node.id in row:
             value = row[node.id]
         case ast.Name():
@@ -57,7 +57,7 @@ def _evaluate(node: ast.expr, row: Mapping[str, Any]) -> Any:
 
 
 def _evaluate_comparison(node: ast.Compare, row: Mapping[str, Any]) -> bool:
-    values = [_evaluate(value, row) for value in (node.left, *node.comparators)]
+    values = [_evaluate_node(value, row) for value in (node.left, *node.comparators)]
     for test, left, right in zip(node.ops, values, values[1:], strict=False):
         known = _COMPARE.get(type(test))
         if known is None:

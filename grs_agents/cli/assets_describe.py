@@ -10,7 +10,7 @@ import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from grs_agents import terminal
-from grs_agents.agents import describe_assets, plan_descriptions, replace_asset_description
+from grs_agents.agents import describe_assets, replace_asset_description, select_assets_to_describe
 from grs_agents.cli.assets_import import select_assets, user_library_root
 from grs_agents.config import Config
 from grs_agents.errors import ConfigError, GrsError, InputError
@@ -34,7 +34,7 @@ def describe_library(
     assets = _select_user_assets(chosen, root)
     spec = config.model_for_role(ROLE)
     model = make_chat_model(spec, config.seed)
-    todo = plan_descriptions(root, assets, spec.model, again)
+    todo = select_assets_to_describe(root, assets, spec.model, again)
     print_escaped(
         f"{len(todo.todo)} of {len(assets)} assets to describe with {spec.model}: about {todo.input_tokens} tokens in "
         f"(3 pictures each) and {todo.output_tokens} out",
@@ -96,7 +96,7 @@ def update_asset_index(folder: Path, again: bool, as_json: bool) -> int:
     known = set(index.names())
     wanted = [name for name in assets if again or name not in known]
     gone = sorted(known - set(assets))
-    broken = _add_to_index(index, [assets[name] for name in wanted], library)
+    broken = _embed_assets_into_index(index, [assets[name] for name in wanted], library)
     added = len(wanted) - len(broken)
     index.remove(gone)
     if index.needs_compaction:
@@ -111,7 +111,7 @@ def update_asset_index(folder: Path, again: bool, as_json: bool) -> int:
     return 1 if broken else 0
 
 
-def _add_to_index(index: "AssetIndex", assets: Sequence[Asset], library: Library) -> dict[str, str]:
+def _embed_assets_into_index(index: "AssetIndex", assets: Sequence[Asset], library: Library) -> dict[str, str]:
     """Add the vectors of each asset, and return why an asset has none, by its name."""
     from grs_agents.perception.matching import Vectors, embed_object, load_appearance
 

@@ -103,7 +103,7 @@ def select_assets(library: Path | None, names: Sequence[str], shipped: bool) -> 
     if root.is_dir():
         own = Library(root).assets()
         if root.resolve() not in [other.resolve() for other in known.roots]:
-            known = known.with_overlay(root)
+            known = known.copy_with_overlay_root(root)
     elif library is not None:
         raise InputError(f"there is no asset library in {library}", "import one: grs assets import SOURCE")
     if not names:

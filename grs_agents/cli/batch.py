@@ -17,7 +17,7 @@ from grs_agents.terminal import print_escaped, print_json
 _STYLES = {"accepted": "green", "rejected": "red", "failed": "red", "killed": "red", "interrupted": "yellow"}
 
 
-def order_batch(
+def run_batch_and_print_rows(
     scenes: Sequence[str],
     out: Path,
     tasks: int | None,
@@ -35,7 +35,7 @@ def order_batch(
         0 if every run came to a verdict and every wanted task was found, 1 if not.
     """
     order = BatchOrder(list_scenes(scenes), out, tasks, seed or 0, config, tuple(settings), **limits)
-    with _show_progress(order) as watch:
+    with _show_batch_progress_bar(order) as watch:
         results = run_batch(order, watch)
     if reports:
         for row in results.rows:
@@ -43,7 +43,7 @@ def order_batch(
             if (folder / "events.jsonl").is_file() and not (folder / "report.html").is_file():
                 write_report(folder, None, lambda _: None)
         results = run_batch(order)  # the page links the reports now; no run is made again
-    _print_rows(results.summary, select_rows(results.rows, where) if where else results.rows, order.out, as_json)
+    _print_batch_rows(results.summary, select_rows(results.rows, where) if where else results.rows, order.out, as_json)
     verdicts = all(row.status in ("accepted", "rejected") for row in results.rows)
     wanted = (order.tasks or 0) * len(order.scenes)
     return 0 if verdicts and results.summary["different_tasks"] >= wanted else 1
@@ -52,12 +52,12 @@ def order_batch(
 def list_batch(out: Path, where: str | None, as_json: bool) -> int:
     """Print the rows of an earlier batch, or those that ``where`` selects."""
     results = read_results(out)
-    _print_rows(results.summary, select_rows(results.rows, where) if where else results.rows, out, as_json)
+    _print_batch_rows(results.summary, select_rows(results.rows, where) if where else results.rows, out, as_json)
     return 0
 
 
 @contextmanager
-def _show_progress(order: BatchOrder) -> Generator[Any]:
+def _show_batch_progress_bar(order: BatchOrder) -> Generator[Any]:
     """A bar on a terminal, above it a line for each run that ended; without a terminal the lines alone."""
     console = terminal.make_console(error=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
@@ -75,7 +75,7 @@ def _show_progress(order: BatchOrder) -> Generator[Any]:
         yield watch
 
 
-def _print_rows(summary: dict[str, Any], rows: Sequence[BatchRow], out: Path, as_json: bool) -> None:
+def _print_batch_rows(summary: dict[str, Any], rows: Sequence[BatchRow], out: Path, as_json: bool) -> None:
     if as_json:
         print_json({"summary": summary, "rows": [row.model_dump(mode="json") for row in rows]})
         return

@@ -8,19 +8,19 @@ from rich.text import Text
 
 from grs_agents import terminal
 from grs_agents.audit import AuditReport
-from grs_agents.config import Effective
-from grs_agents.runs import CheckResult, check_user_program, prepare_check
+from grs_agents.config import EffectiveConfig
+from grs_agents.runs import CheckResult, check_user_program, open_check_order
 from grs_agents.sandbox import TestReport
 from grs_agents.terminal import print_json
 from grs_agents.views import attach_live_views, show_activity_status
 
 
 def check_program(
-    program: Path, tests: Path | None, task: Path | None, scene: Path | None, chosen: Effective, as_json: bool
+    program: Path, tests: Path | None, task: Path | None, scene: Path | None, chosen: EffectiveConfig, as_json: bool
 ) -> int:
     """Check a program and print what was found; 0 if its tests pass and the audit accepts it, 1 if not."""
     with (
-        prepare_check(program, tests, task, scene, chosen, attach_live_views) as order,
+        open_check_order(program, tests, task, scene, chosen, attach_live_views) as order,
         show_activity_status("checking the program"),
     ):
         found = check_user_program(order)

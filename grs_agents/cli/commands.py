@@ -47,12 +47,12 @@ from grs_agents.cli.options import (
     Workers,
     Yaw,
     add_model_setting,
+    build_recording_settings,
+    build_variation_from_options,
     check_graph_is_scene,
     load_effective_config,
-    make_variation,
+    read_scene_from_cassette,
     refuse_config_on_resume,
-    scene_of_cassette,
-    settings_of_recording,
 )
 from grs_agents.terminal import print_escaped, print_json
 
@@ -136,10 +136,10 @@ def run(
     """Make a validated task of a photo with depth. Exit status: 0 accepted, 1 rejected, 2 bad input, 3 our error."""
     from grs_agents.cli.run import run_graph
 
-    settings = [*settings_of_recording(record, cassette), *add_model_setting(settings, models)]
+    settings = [*build_recording_settings(record, cassette), *add_model_setting(settings, models)]
     refuse_config_on_resume(resume, config, settings, seed, unsafe)
     chosen = load_effective_config(config, settings, seed, unsafe).config
-    sys.exit(run_graph("run", scene or scene_of_cassette(cassette), chosen, out, resume, json, view, otel))
+    sys.exit(run_graph("run", scene or read_scene_from_cassette(cassette), chosen, out, resume, json, view, otel))
 
 
 @app.command()
@@ -215,13 +215,13 @@ def batch(
 
     The same command goes on where it was interrupted. Exit status 1: a run has no verdict, or a task is wanting.
     """
-    from grs_agents.cli.batch import list_batch, order_batch
+    from grs_agents.cli.batch import list_batch, run_batch_and_print_rows
 
     if not scenes:
         sys.exit(list_batch(out, where, json))
     settings = add_model_setting(settings, models)
     limits = {"workers": workers, "timeout": timeout, "engine": engine, "address": address}
-    sys.exit(order_batch(scenes, out, tasks, seed, config, settings, where, reports, json, **limits))
+    sys.exit(run_batch_and_print_rows(scenes, out, tasks, seed, config, settings, where, reports, json, **limits))
 
 
 @app.command("runs")
@@ -303,12 +303,12 @@ def report(
 ) -> None:
     """Write a run into a file that needs nothing else: a page (.html), a film of the robot (.webp, .mp4, .gif), or the
     recording (.rrd)."""
-    from grs_agents.cli.run_outputs import report_run, send_otel_spans
+    from grs_agents.cli.run_outputs import send_otel_spans, write_run_as_file
 
     if otel:
         send_otel_spans(run, json)
     else:
-        report_run(run, out, seed, large, json)
+        write_run_as_file(run, out, seed, large, json)
 
 
 @app.command()
@@ -329,7 +329,7 @@ def instances(
     """More instances of an accepted run, as data: each a variation of one of its own that the expert has solved."""
     from grs_agents.cli.instances import write_instances
 
-    variation = make_variation(jitter, yaw, mass, friction, light, texture, distractors)
+    variation = build_variation_from_options(jitter, yaw, mass, friction, light, texture, distractors)
     sys.exit(write_instances(run, seeds, variation, out, workers, json))
 
 
@@ -359,7 +359,7 @@ def demos(
     from grs_agents.cli.demos import parse_cameras, parse_size, write_demonstrations
     from grs_agents.demos import DemoOrder
 
-    variation = make_variation(jitter, yaw, mass, friction, light, texture, distractors)
+    variation = build_variation_from_options(jitter, yaw, mass, friction, light, texture, distractors)
     order = DemoOrder(
         episodes=episodes, seed=seed, variation=variation, cameras=parse_cameras(cameras), size=parse_size(size)
     )

@@ -9,11 +9,11 @@ from rich.text import Text
 from grs_agents import terminal
 from grs_agents.demos import (
     FORMATS,
+    AttemptStore,
     DatasetSummary,
     DemoOrder,
     Format,
-    WorkFolder,
-    check_format,
+    check_format_requirements,
     make_demonstrations,
     write_dataset,
 )
@@ -57,7 +57,7 @@ def parse_size(text: str) -> tuple[int, int]:
 def write_demonstrations(run: Path, order: DemoOrder, kind: str, out: Path | None, as_json: bool) -> int:
     """Make the demonstrations of a task, with progress, and write them; 0 if there are as many as asked for, else 1."""
     chosen = parse_format(kind)
-    check_format(chosen, order)
+    check_format_requirements(chosen, order)
     folder = open_task_folder(run)
     out = out or run.resolve().with_name(f"{run.resolve().name}-demos")
     if out.exists():
@@ -66,12 +66,12 @@ def write_demonstrations(run: Path, order: DemoOrder, kind: str, out: Path | Non
     with Progress(*columns, console=terminal.make_console(error=True)) as progress:
         row = progress.add_task("demonstrations", total=order.episodes)
 
-        def show(made: WorkFolder) -> None:
+        def update_demo_progress(made: AttemptStore) -> None:
             failed = len(made.attempts) - made.count
             dropped = f", {failed} dropped" if failed else ""
             progress.update(row, completed=made.count, description=f"demonstrations{dropped}")
 
-        made = make_demonstrations(folder, order, out.with_name(f"{out.name}-unfinished"), show)
+        made = make_demonstrations(folder, order, out.with_name(f"{out.name}-unfinished"), update_demo_progress)
         progress.update(row, description=f"writing {kind}")
         summary = write_dataset(made, chosen, out, folder)
     _print_summary(summary, order.episodes, as_json)

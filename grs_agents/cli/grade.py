@@ -20,11 +20,11 @@ def print_grade(run: Path, order: GradeOrder, workers: int, as_json: bool) -> in
     if as_json:
         print_json({"run": str(run), "order": order.model_dump(mode="json"), **grade.model_dump(mode="json")})
     else:
-        _print_table(run, grade)
+        _print_grade_table(run, grade)
     return 0
 
 
-def _print_table(run: Path, grade: Grade) -> None:
+def _print_grade_table(run: Path, grade: Grade) -> None:
     console = terminal.make_console()
     table = Table(box=None, pad_edge=False, header_style="bold", title=f"{run}: difficulty {grade.difficulty:.2f}")
     for column in ("part", "value", "difficulty", "weight", "what it is"):

@@ -37,12 +37,12 @@ def write_instances(run: Path, seeds: str, variation: Variation, out: Path | Non
     with Progress(*columns, console=terminal.make_console(error=True)) as progress:
         row = progress.add_task("instances", total=len(wanted))
 
-        def show(manifest: Manifest) -> None:
+        def update_instance_progress(manifest: Manifest) -> None:
             there = len(manifest.seeds.intersection(wanted))
             progress.update(row, completed=there, description=f"instances, {len(manifest.left_out)} left out")
 
         try:
-            made = make_varied_instances(run, wanted, variation, folder, workers, show)
+            made = make_varied_instances(run, wanted, variation, folder, workers, update_instance_progress)
         except KeyboardInterrupt:
             print_escaped("interrupted; the same command goes on", error=True)
             raise

@@ -9,14 +9,14 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents import content, terminal
-from grs_agents.config import Effective, flatten_tree
+from grs_agents.config import EffectiveConfig, flatten_tree
 from grs_agents.python_parsing import parse_python
 from grs_agents.terminal import print_json
 
 
 def list_content(as_json: bool) -> None:
     """Print every name a configuration may hold, with its first line of documentation."""
-    listed = _collect_content()
+    listed = _collect_content_descriptions()
     if as_json:
         print_json(listed)
         return
@@ -28,24 +28,24 @@ def list_content(as_json: bool) -> None:
         console.print(table)
 
 
-def _collect_content() -> dict[str, dict[str, str]]:
+def _collect_content_descriptions() -> dict[str, dict[str, str]]:
     """By kind, each name with what it is."""
     from grs_agents.library import Library
     from grs_agents.policies import POLICIES
 
-    listed: dict[str, dict[str, str]] = {kind: _summarise_files(kind) for kind in content.KINDS if kind != "assets"}
+    listed: dict[str, dict[str, str]] = {kind: _read_file_summaries(kind) for kind in content.KINDS if kind != "assets"}
     listed["assets"] = {asset.name: asset.description for asset in Library().assets()}
     listed["scenes"] = {name: "a sample scene: grs run " + name for name in content.sample_scenes()}
     listed["cassettes"] = {name: "a recorded run: grs run --cassette " + name for name in content.shipped_cassettes()}
     listed["policies"] = {name: _first_line(policy.__doc__) for name, policy in POLICIES.items()}
-    listed["models"] = _describe_providers()
+    listed["models"] = _describe_model_providers()
     for kind in ("policies", "models"):
         installed = {entry.name: entry.value for entry in entry_points(group=f"grs_agents.{kind}")}
-        listed[kind] |= _summarise_files(kind) | installed
+        listed[kind] |= _read_file_summaries(kind) | installed
     return listed
 
 
-def list_config(effective: Effective, as_json: bool) -> None:
+def list_config(effective: EffectiveConfig, as_json: bool) -> None:
     """Print each key with its value and where the value came from."""
     values = flatten_tree(effective.config.model_dump(mode="json"))
     sources = {key: effective.sources.get(key, "default") for key in values}
@@ -58,7 +58,7 @@ def list_config(effective: Effective, as_json: bool) -> None:
     terminal.make_console().print(table)
 
 
-def _describe_providers() -> dict[str, str]:
+def _describe_model_providers() -> dict[str, str]:
     """What a model's name may begin with, and whose client then asks it."""
     from grs_agents.models import OFFLINE, PROVIDERS
 
@@ -69,7 +69,7 @@ def _describe_providers() -> dict[str, str]:
     return {OFFLINE: "Rules; needs no key.", **clients}
 
 
-def _summarise_files(kind: content.Kind) -> dict[str, str]:
+def _read_file_summaries(kind: content.Kind) -> dict[str, str]:
     """Each content file of a kind by name, with what it says it is."""
     return {name: _read_file_summary(content.content_path(kind, name)) for name in content.content_names(kind)}
 

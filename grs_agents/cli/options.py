@@ -13,7 +13,7 @@ from grs_agents.errors import ConfigError, InputError
 from grs_agents.terminal import VERBOSITY
 
 if TYPE_CHECKING:
-    from grs_agents.config import Effective
+    from grs_agents.config import EffectiveConfig
     from grs_agents.sim.variation import Variation
 
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="A TOML configuration file.", metavar="FILE")]
@@ -87,7 +87,7 @@ OfScene = Annotated[
 ]
 
 
-def make_variation(
+def build_variation_from_options(
     jitter: float, yaw: float, mass: float, friction: float, light: bool, texture: bool, distractors: int
 ) -> "Variation":
     """The variation that these options make; ``yaw`` is in degrees."""
@@ -106,7 +106,7 @@ def make_variation(
 
 def load_effective_config(
     file: Path | None, settings: list[str] | None, seed: int | None = None, unsafe: bool = False
-) -> "Effective":
+) -> "EffectiveConfig":
     """The configuration that these options make; ``--seed N`` is ``--set seed=N``."""
     from grs_agents.config import load_config
 
@@ -118,7 +118,7 @@ def add_model_setting(settings: list[str] | None, models: list[str] | None) -> l
     return [*(settings or []), *([f"models.default={json.dumps(models)}"] if models else [])]
 
 
-def scene_of_cassette(cassette: str | None) -> Path:
+def read_scene_from_cassette(cassette: str | None) -> Path:
     """The scene of a recorded run, for a command that names none."""
     from grs_agents.agents import read_cassette
 
@@ -127,14 +127,14 @@ def scene_of_cassette(cassette: str | None) -> Path:
     return Path(read_cassette(cassette).scene)
 
 
-def settings_of_recording(record: Path | None, cassette: str | None) -> list[str]:
+def build_recording_settings(record: Path | None, cassette: str | None) -> list[str]:
     """The settings that ``--record`` and ``--cassette`` make: a run is repeated with those it was recorded with."""
     from grs_agents.agents import read_cassette
-    from grs_agents.runs import select_repeatable_settings
+    from grs_agents.runs import select_portable_settings
 
     values: dict[str, object] = {}
     if cassette is not None:
-        values = select_repeatable_settings(read_cassette(cassette).settings)
+        values = select_portable_settings(read_cassette(cassette).settings)
         values["cassette"] = str(Path(cassette).resolve()) if Path(cassette).exists() else cassette
     if record is not None:  # models may be asked, and then the user says which
         values = {key: value for key, value in values.items() if not key.startswith("models.")}
@@ -142,7 +142,7 @@ def settings_of_recording(record: Path | None, cassette: str | None) -> list[str
     return [f"{key}={json.dumps(value)}" for key, value in values.items()]
 
 
-def check_graph_is_scene(chosen: "Effective") -> None:
+def check_graph_is_scene(chosen: "EffectiveConfig") -> None:
     """Refuse another graph than ``scene``, the only one that comprehends a photo alone."""
     if chosen.sources.get("graph") == "--set" and chosen.config.graph != "scene":
         remedy = "leave graph out, or use grs run"
@@ -160,23 +160,23 @@ def refuse_config_on_resume(
         )
 
 
-def _be_quiet(wanted: bool) -> None:
+def _set_quiet(wanted: bool) -> None:
     if wanted:
         VERBOSITY.set("quiet")
 
 
-def _be_verbose(wanted: bool) -> None:
+def _set_verbose(wanted: bool) -> None:
     if wanted:
         VERBOSITY.set("verbose")
 
 
-def _take_verbosity(
+def _declare_verbosity_options(
     quiet: Annotated[
-        bool, typer.Option("--quiet", "-q", help="Print results and errors alone.", callback=_be_quiet)
+        bool, typer.Option("--quiet", "-q", help="Print results and errors alone.", callback=_set_quiet)
     ] = False,
     verbose: Annotated[
         bool,
-        typer.Option("--verbose", "-v", help="Print each event, and the traceback of an error.", callback=_be_verbose),
+        typer.Option("--verbose", "-v", help="Print each event, and the traceback of an error.", callback=_set_verbose),
     ] = False,
 ) -> None:
     """Only its options are used."""
@@ -188,7 +188,7 @@ class VerbGroup(TyperGroup):
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
         app = typer.Typer(add_completion=False)
-        app.command()(_take_verbosity)
+        app.command()(_declare_verbosity_options)
         options = get_command(app).params
         for option in options:
             option.expose_value = False

@@ -13,10 +13,10 @@ from rich.text import Text
 
 from grs_agents import terminal
 from grs_agents.config import Config, validate_config
-from grs_agents.content import overlay_arguments
+from grs_agents.content import list_content_options
 from grs_agents.errors import GrsError, InputError
 from grs_agents.perception import SceneDescription, describe_coverage, read_scene_description, resolve_scene_path
-from grs_agents.questions import Question, check_reply
+from grs_agents.questions import Question, require_reply_is_a_choice
 from grs_agents.runs import WAITING, Order, Outcome, RunRecord, UnexpectedError, Views, execute_run, read_record
 from grs_agents.terminal import print_escaped, print_json
 from grs_agents.views import attach_live_views, summary_table
@@ -34,22 +34,22 @@ def run_graph(
 ) -> int:
     """Run the configured graph with its recording and live progress, and print the end."""
     order = Order(command, resolve_scene_path(scene), config, out, resume)
-    return finish_run(order, scene, as_json, partial(attach_live_views, view=view, otel=otel))
+    return run_until_ended_and_print(order, scene, as_json, partial(attach_live_views, view=view, otel=otel))
 
 
-def finish_run(order: Order, scene: Path, as_json: bool, views: Views = attach_live_views) -> int:
+def run_until_ended_and_print(order: Order, scene: Path, as_json: bool, views: Views = attach_live_views) -> int:
     """Run what was ordered, ask at the terminal what it asks, and print the end."""
     ended = execute_run(order, views)
     while ended.record.question is not None and sys.stdin.isatty() and not as_json:
         print_question(ended.record.question)
         reply = typer.prompt("reply")
         try:
-            check_reply(ended.record.question, reply)
+            require_reply_is_a_choice(ended.record.question, reply)
         except InputError as error:
             print_escaped(f"grs: {error}", error=True)
             continue
         ended = execute_run(replace(order, out=ended.folder, resume=True, reply=reply), views)
-    _print_end(order.command, scene, ended, as_json)
+    _print_run_outcome(order.command, scene, ended, as_json)
     return ended.record.exit_status or 0
 
 
@@ -63,10 +63,10 @@ def approve_run(folder: Path, reply: str | None, as_json: bool) -> int:
         return WAITING
     source = Path(record.source)
     order = Order(record.command, source, validate_config(record.config), folder, True, reply=reply)
-    return finish_run(order, source, as_json)
+    return run_until_ended_and_print(order, source, as_json)
 
 
-def _print_end(command: str, scene: Path, ended: Outcome, as_json: bool) -> None:
+def _print_run_outcome(command: str, scene: Path, ended: Outcome, as_json: bool) -> None:
     if as_json:
         print_json(ended.record.model_dump(mode="json"))
     elif ended.problem is None and terminal.VERBOSITY.get() == "quiet":
@@ -76,10 +76,10 @@ def _print_end(command: str, scene: Path, ended: Outcome, as_json: bool) -> None
     if ended.problem is not None:
         _print_run_error(ended.problem, ended.folder)
     if ended.record.status == "interrupted" and command == "run":
-        again = shlex.join(["grs", *overlay_arguments(), "run", str(scene), "--out", str(ended.folder), "--resume"])
+        again = shlex.join(["grs", *list_content_options(), "run", str(scene), "--out", str(ended.folder), "--resume"])
         print_escaped(f"interrupted; to go on: {again}", error=True)
     if ended.record.status == "waiting":
-        again = shlex.join(["grs", *overlay_arguments(), "approve", str(ended.folder), "--reply", "..."])
+        again = shlex.join(["grs", *list_content_options(), "approve", str(ended.folder), "--reply", "..."])
         print_escaped(f"waiting for a reply; to go on: {again}", error=True)
 
 

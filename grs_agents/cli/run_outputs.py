@@ -44,10 +44,10 @@ def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) ->
     return write_file_or_stdout(out, page.encode("utf-8", "replace"))
 
 
-def report_run(folder: Path, out: Path | None, seed: int | None, large: bool, as_json: bool) -> None:
+def write_run_as_file(folder: Path, out: Path | None, seed: int | None, large: bool, as_json: bool) -> None:
     """Write a run as what the ending of ``out`` says and tell where; standard output is the page's alone."""
     from grs_agents.views import show_activity_status
-    from grs_agents.views.film import HIGH_DEFINITION, SUFFIXES, shot_of_rollout, write_film
+    from grs_agents.views.film import HIGH_DEFINITION, SUFFIXES, make_rollout_shot, write_film
 
     kind = "" if out is None else out.suffix.lower()
     with show_activity_status("writing the report") as show:
@@ -56,7 +56,7 @@ def report_run(folder: Path, out: Path | None, seed: int | None, large: bool, as
         elif out is not None and kind in SUFFIXES:
             read_record(folder)
             path = out
-            write_film(shot_of_rollout(folder, seed, HIGH_DEFINITION if large else None), path, show=show)
+            write_film(make_rollout_shot(folder, seed, HIGH_DEFINITION if large else None), path, show=show)
         elif out in (None, STANDARD_OUTPUT) or kind in (".html", ".htm"):
             path = write_report(folder, out, show)
         else:
@@ -82,7 +82,7 @@ def share_run_as_zip(folder: Path, out: Path | None, as_json: bool) -> None:
         shared = pack_run_as_zip(
             folder,
             path,
-            make_scrubber(folder, _api_key_variables(record.config)),
+            make_scrubber(folder, _list_api_key_variables(record.config)),
             partial(_write_recording_and_report, show=show),
         )
     if as_json and path != STANDARD_OUTPUT:
@@ -103,7 +103,7 @@ def _write_recording_and_report(copy: Path, show: Callable[[str], None]) -> list
     return made
 
 
-def _api_key_variables(config: dict[str, Any]) -> list[str]:
+def _list_api_key_variables(config: dict[str, Any]) -> list[str]:
     """The environment variables from which the run's models take their keys."""
     models = cast("dict[str, dict[str, Any]]", config.get("models") or {})
     choices = [choice for model in models.values() for choice in (model, *(model.get("fallbacks") or ()))]

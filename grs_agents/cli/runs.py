@@ -25,7 +25,7 @@ def resolve_run_folder(folder: Path) -> Path:
     Raises InputError: there is none."""
     if str(folder) != LATEST or folder.exists():
         return folder
-    found = _newest_first(RUNS)
+    found = _list_newest_run_folders(RUNS)
     if not found:
         raise InputError(f"there is no run below {RUNS}", "make one with `grs run`, or name its folder")
     return found[0]
@@ -48,7 +48,7 @@ def list_runs(root: Path, status: str | None, scene: str | None, as_json: bool) 
     terminal.make_console().print(table)
 
 
-def _newest_first(root: Path) -> list[Path]:
+def _list_newest_run_folders(root: Path) -> list[Path]:
     """The run folders below ``root``."""
     files = [file for file in root.glob("*/run.json") if file.is_file()]
     return [file.parent for file in sorted(files, key=lambda file: file.stat().st_mtime_ns, reverse=True)]
@@ -57,7 +57,7 @@ def _newest_first(root: Path) -> list[Path]:
 def _read_records(root: Path) -> Iterator[tuple[Path, RunRecord]]:
     if not root.is_dir():
         raise InputError(f"{root} is no folder", "name the folder that holds run folders, runs/ by default")
-    for folder in _newest_first(root):
+    for folder in _list_newest_run_folders(root):
         try:
             yield folder, read_record(folder)
         except GrsError as error:
@@ -70,7 +70,7 @@ def _matches_filters(record: RunRecord, status: str | None, scene: str | None) -
 
 def compare_runs(first: Path, second: Path, as_json: bool) -> None:
     """Print what differs between two runs: outcome, settings, counts, seconds, task and programs."""
-    one, other = _describe_run(first), _describe_run(second)
+    one, other = _flatten_run_record(first), _flatten_run_record(second)
     differing = {key: (one.get(key), other.get(key)) for key in {**one, **other} if one.get(key) != other.get(key)}
     for name in ("simulation.py", "test_simulation.py"):
         changed = _count_changed_lines(first / name, second / name)
@@ -87,7 +87,7 @@ def compare_runs(first: Path, second: Path, as_json: bool) -> None:
     terminal.make_console().print(table if differing else Text("nothing differs"))
 
 
-def _describe_run(folder: Path) -> dict[str, Any]:
+def _flatten_run_record(folder: Path) -> dict[str, Any]:
     """The record of a run by dotted key, with its task; without what differs between any two runs."""
     record = read_record(folder).model_dump(mode="json", exclude={"id", "question", "exit_status"})
     task = folder / "task.json"

@@ -66,10 +66,10 @@ def rebuild_recording(folder: Path) -> Path:
 
 def play_in_window(folder: Path, seed: int | None) -> int:
     """Play a rollout of a run in MuJoCo's window."""
-    from grs_agents.views.film import play_in_mujoco_window, shot_of_rollout
+    from grs_agents.views.film import make_rollout_shot, play_in_mujoco_window
 
     read_record(folder)
-    return play_in_mujoco_window(shot_of_rollout(folder, seed))
+    return play_in_mujoco_window(make_rollout_shot(folder, seed))
 
 
 def open_run_viewer(folder: Path, beside: Path | None, web: bool, as_json: bool) -> int:

@@ -35,10 +35,10 @@ def _print_verification(found: Verification) -> None:
         console.print(Text(difference))
     if found.note:
         console.print(Text(found.note))
-    console.print(Text(f"{found.folder}: {_summarise(found)}", style="bold"))
+    console.print(Text(f"{found.folder}: {_summarise_verification(found)}", style="bold"))
 
 
-def _summarise(found: Verification) -> str:
+def _summarise_verification(found: Verification) -> str:
     if not found.holds:
         count = len(found.differences)
         what = "the audit comes out otherwise" if found.recomputed else "it is not the run that ended here"

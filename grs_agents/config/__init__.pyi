@@ -1,5 +1,5 @@
 from .load import UNSAFE as UNSAFE
-from .load import Effective as Effective
+from .load import EffectiveConfig as EffectiveConfig
 from .load import flatten_tree as flatten_tree
 from .load import load_config as load_config
 from .load import validate_config as validate_config

@@ -22,7 +22,7 @@ SECRET = ("key_variable", "base_url", "arguments")
 
 
 @dataclass(frozen=True)
-class Effective:
+class EffectiveConfig:
     """A configuration with the source of each value."""
 
     config: Config
@@ -35,7 +35,7 @@ def load_config(
     environment: Mapping[str, str] | None = None,
     unsafe: bool = False,
     overrides: Tree | None = None,
-) -> Effective:
+) -> EffectiveConfig:
     """Read the configuration; explicit beats implicit: ``--set`` > file > ``GRS_*`` environment > defaults.
 
     Args:
@@ -57,7 +57,7 @@ def load_config(
         stated: Tree = {}  # a layer as a whole: base_url may stand before or after the model it belongs to
         named: dict[str, str] = {}
         for source, part in layer:
-            expanded = _expand_shorthands(part)
+            expanded = _expand_model_shorthands(part)
             stated = _merge_trees(stated, expanded)
             named.update(dict.fromkeys(flatten_tree(expanded), source))
         for role, model in cast(Tree, stated.get("models", {})).items():
@@ -70,7 +70,7 @@ def load_config(
         tree["sandbox"], sources["sandbox"] = "none", UNSAFE
     elif tree["sandbox"] == "none":
         raise ConfigError(f"sandbox = 'none' from {sources['sandbox']}", f"give {UNSAFE} on the command line instead")
-    return Effective(validate_config(tree), sources)
+    return EffectiveConfig(validate_config(tree), sources)
 
 
 def _read_environment_layers(environment: Mapping[str, str] | None) -> list[tuple[str, Tree]]:
@@ -111,7 +111,7 @@ def _nest_under_keys(keys: Sequence[str], value: Any) -> Tree:
     return cast(Tree, value)
 
 
-def _expand_shorthands(layer: Tree) -> Tree:
+def _expand_model_shorthands(layer: Tree) -> Tree:
     """Spell shorthands out: ``models.default = "offline"`` and the model keys beside the roles."""
     if "models" not in layer:
         return layer

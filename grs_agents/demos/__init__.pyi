@@ -1,4 +1,5 @@
-from .dataset import check_format as check_format
+from .attempt_store import AttemptStore as AttemptStore
+from .dataset import check_format_requirements as check_format_requirements
 from .dataset import write_dataset as write_dataset
 from .production import DemoOrder as DemoOrder
 from .production import make_demonstrations as make_demonstrations
@@ -9,4 +10,3 @@ from .types import DatasetSummary as DatasetSummary
 from .types import Demonstration as Demonstration
 from .types import Dropped as Dropped
 from .types import Format as Format
-from .work_folder import WorkFolder as WorkFolder

@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
+from grs_agents.demos.attempt_store import AttemptStore
 from grs_agents.demos.lerobot import write_lerobot
 from grs_agents.demos.minari import minari_id, write_minari
 from grs_agents.demos.production import DemoOrder
 from grs_agents.demos.robomimic import FILE, write_robomimic
 from grs_agents.demos.types import DatasetCard, DatasetSummary, Demonstration, Format, installed_versions
-from grs_agents.demos.work_folder import WorkFolder
 from grs_agents.errors import ConfigError, GrsError, InputError
 from grs_agents.files import write_json, write_text
 from grs_agents.task_folder import TaskFolder
@@ -32,7 +32,7 @@ _EXTRAS: Final[dict[Format, str]] = {"lerobot": "demos", "robomimic": "demos", "
 _REASONS: Final = 5
 
 
-def check_format(kind: Format, order: DemoOrder) -> None:
+def check_format_requirements(kind: Format, order: DemoOrder) -> None:
     """Refuse, before anything is simulated, what could not be written. Raises ``ConfigError``: a package is missing;
     ``InputError``: pictures of such a size cannot be a film."""
     for package in _PACKAGES[kind]:
@@ -46,13 +46,13 @@ def check_format(kind: Format, order: DemoOrder) -> None:
         raise InputError(f"pictures of {size}: a film has an even number of rows and columns", "use e.g. --size 96x128")
 
 
-def write_dataset(made: WorkFolder, kind: Format, out: Path, folder: TaskFolder) -> DatasetSummary:
+def write_dataset(made: AttemptStore, kind: Format, out: Path, folder: TaskFolder) -> DatasetSummary:
     """Write a data set to ``out``, whole or not at all, and remove the working folder.
 
     ``out`` is a task folder too: ``instances/seed_<N>.json`` is what episode N began in. ``grs.json`` says what the
     episodes and cameras are. Raises ``GrsError``: no attempt gave a demonstration.
     """
-    dropped = made.all_dropped()
+    dropped = made.read_dropped_attempts()
     counted = Counter(f"{one.stage}: {one.why}" for one in dropped).most_common(_REASONS)
     reasons = tuple(f"{count} x {why}" for why, count in counted)
     first = next(made.demonstrations(), None)
@@ -64,7 +64,7 @@ def write_dataset(made: WorkFolder, kind: Format, out: Path, folder: TaskFolder)
     shutil.rmtree(draft, ignore_errors=True)
     draft.mkdir()
     episodes: list[dict[str, Any]] = []
-    _WRITERS[kind](_iterate_and_describe_episodes(made, draft, episodes), card, draft)
+    _WRITERS[kind](_write_instances_and_yield_demonstrations(made, draft, episodes), card, draft)
     stages = dict(Counter(one.stage for one in dropped))
     told = {"format": kind, "dataset": card.model_dump(), "order": made.order, "dropped": stages, "episodes": episodes}
     write_json(draft / "grs.json", told)
@@ -85,8 +85,8 @@ def write_dataset(made: WorkFolder, kind: Format, out: Path, folder: TaskFolder)
     )
 
 
-def _iterate_and_describe_episodes(
-    made: WorkFolder, draft: Path, episodes: list[dict[str, Any]]
+def _write_instances_and_yield_demonstrations(
+    made: AttemptStore, draft: Path, episodes: list[dict[str, Any]]
 ) -> Iterator[Demonstration]:
     """The demonstrations; each one's instance is written, and what is to be said of it is added to ``episodes``."""
     for number, one in enumerate(made.demonstrations()):

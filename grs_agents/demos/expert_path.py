@@ -28,12 +28,12 @@ def record_expert(env: Environment, task: Task) -> tuple[FloatArray, Flags]:
     physics = env.physics
     times, positions, held = [float(physics.data.time)], [physics.joint_positions], [False]
 
-    def look() -> None:
+    def sample_arm_state() -> None:
         times.append(float(physics.data.time))
         positions.append(physics.joint_positions)
         held.append(physics.held_object_id is not None)
 
-    physics.observer = look
+    physics.observer = sample_arm_state
     try:
         run_oracle(env, task)
     finally:
@@ -51,16 +51,16 @@ def path_to_actions(positions: FloatArray, held: Flags, period: int, pace: float
     Each is the joint position that is reached at the end of its period, with suction, 1 on and -1 off. The arm waits a
     little where it takes hold and lets go; ``pace`` below 1 goes slower than the expert.
     """
-    path, holding = _with_pauses(positions, held)
+    path, holding = _insert_pauses_at_grasp_changes(positions, held)
     at = np.minimum(np.arange(1, int(np.ceil((len(path) - 1) / (pace * period))) + 1) * period * pace, len(path) - 1)
     before, share = np.floor(at).astype(int), (at % 1)[:, None]
     after = np.minimum(before + 1, len(path) - 1)
     targets = path[before] * (1 - share) + path[after] * share
-    suction = np.where(_switched_early(holding[before]), 1.0, -1.0)
+    suction = np.where(_compute_suction_commands(holding[before]), 1.0, -1.0)
     return np.concatenate([targets, suction[:, None]], axis=1).astype(np.float32)
 
 
-def _with_pauses(positions: FloatArray, held: Flags) -> tuple[FloatArray, Flags]:
+def _insert_pauses_at_grasp_changes(positions: FloatArray, held: Flags) -> tuple[FloatArray, Flags]:
     """The same path with a pause at each change of ``held``."""
     pieces = list(_split_at_grasps_and_releases(positions, held))
     return np.concatenate([path for path, _ in pieces]), np.concatenate([flags for _, flags in pieces])
@@ -72,21 +72,21 @@ def _split_at_grasps_and_releases(positions: FloatArray, held: Flags) -> Iterato
         yield positions[begin : change + 1], held[begin : change + 1]
         begin = change + 1
         if held[change]:
-            deeper = (positions[change - 1] - positions[max(0, change - 1 - _PRESS)]) * _press_down_and_up_profile()
+            deeper = (positions[change - 1] - positions[max(0, change - 1 - _PRESS)]) * _press_depth_profile()
             yield positions[change] + deeper, np.ones(len(deeper), dtype=bool)
         else:
             yield np.repeat(positions[change][None], _REST_STEPS, axis=0), np.zeros(_REST_STEPS, dtype=bool)
     yield positions[begin:], held[begin:]
 
 
-def _press_down_and_up_profile() -> FloatArray:
+def _press_depth_profile() -> FloatArray:
     """(N, 1) down, there, and up again."""
     third = _PRESS_STEPS // 3
     down = np.linspace(0.0, 1.0, third + 1)[1:]
     return np.concatenate([down, np.ones(2 * third), down[::-1]])[:, None]
 
 
-def _switched_early(held: Flags) -> Flags:
+def _compute_suction_commands(held: Flags) -> Flags:
     """Suction (T,) for what is held (T,): on early, off in good time."""
     suction = held.copy()
     for _ in range(_EARLY):

@@ -146,26 +146,26 @@ def _make_step_columns(demonstration: Demonstration) -> dict[str, npt.NDArray[An
 
 
 def _describe_features(card: DatasetCard) -> dict[str, Any]:
-    def vector(names: list[str]) -> dict[str, Any]:
+    def describe_vector_feature(names: list[str]) -> dict[str, Any]:
         return {"dtype": "float32", "shape": [len(names)], "names": names}
 
-    def scalar(kind: str) -> dict[str, Any]:
+    def describe_scalar_feature(kind: str) -> dict[str, Any]:
         return {"dtype": kind, "shape": [1], "names": None}
 
     joints = list(card.joint_names)
     poses = [f"{name}.{part}" for name in card.object_names for part in ("x", "y", "z", "qx", "qy", "qz", "qw")]
     features = {
-        "observation.state": vector([*joints, "suction", "tip.x", "tip.y", "tip.z"]),
-        "observation.velocity": vector(joints),
-        "observation.environment_state": vector([name.replace("/", ":") for name in poses]),
-        "action": vector([*joints, "suction"]),
-        "next.reward": scalar("float32"),
-        "next.done": scalar("bool"),
-        "next.success": scalar("bool"),
-        "timestamp": scalar("float32"),
+        "observation.state": describe_vector_feature([*joints, "suction", "tip.x", "tip.y", "tip.z"]),
+        "observation.velocity": describe_vector_feature(joints),
+        "observation.environment_state": describe_vector_feature([name.replace("/", ":") for name in poses]),
+        "action": describe_vector_feature([*joints, "suction"]),
+        "next.reward": describe_scalar_feature("float32"),
+        "next.done": describe_scalar_feature("bool"),
+        "next.success": describe_scalar_feature("bool"),
+        "timestamp": describe_scalar_feature("float32"),
     }
     features |= {_image_key(camera): _video_feature(camera, card.rate) for camera in card.cameras}
-    return features | {name: scalar("int64") for name in _INDICES}
+    return features | {name: describe_scalar_feature("int64") for name in _INDICES}
 
 
 def _video_feature(camera: CameraModel, rate: float) -> dict[str, Any]:
@@ -237,7 +237,7 @@ class _VideoFiles:
         """Write the pictures (T, H, W, 3) of an episode; returns where they are."""
         av: Any = import_module("av")
         place, begin = _next_file_index(self._files), self._frames
-        container = self._container or self._open(place)
+        container = self._container or self._open_video_container(place)
         for image in images:
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
             frame.pts, frame.time_base = self._frames, Fraction(1, self._rate)
@@ -248,7 +248,7 @@ class _VideoFiles:
             self.close()
         return {f"videos/{self._key}/{name}": value for name, value in {**place, **times}.items()}
 
-    def _open(self, place: dict[str, int]) -> Any:
+    def _open_video_container(self, place: dict[str, int]) -> Any:
         av: Any = import_module("av")
         self._path = self._folder / _VIDEO.format(video_key=self._key, **place)
         self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -271,13 +271,13 @@ def _write_tasks(tasks: list[str], path: Path) -> None:
     """As pandas writes a table whose index is the task's sentence."""
     pa, pq = _import_pyarrow()
 
-    def column(name: str, kind: str, numpy_kind: str) -> dict[str, Any]:
+    def describe_column(name: str, kind: str, numpy_kind: str) -> dict[str, Any]:
         return {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy_kind, "metadata": None}
 
     told = {
         "index_columns": ["task"],
         "column_indexes": [],
-        "columns": [column("task_index", "int64", "int64"), column("task", "unicode", "object")],
+        "columns": [describe_column("task_index", "int64", "int64"), describe_column("task", "unicode", "object")],
         "pandas_version": "2.2.0",
     }
     table = pa.table({"task_index": pa.array(range(len(tasks)), pa.int64()), "task": tasks})

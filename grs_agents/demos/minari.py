@@ -46,20 +46,20 @@ def _make_spaces(card: DatasetCard) -> tuple[Any, Any]:
     """Of observations and of actions."""
     from gymnasium import spaces
 
-    def box(*shape: int) -> spaces.Box:
+    def make_unbounded_box(*shape: int) -> spaces.Box:
         return spaces.Box(-np.inf, np.inf, shape, np.float32)
 
     dof = len(card.joint_names)
     parts: dict[str, Any] = {
-        "joint_positions": box(dof),
-        "joint_velocities": box(dof),
-        "tip": box(7),
+        "joint_positions": make_unbounded_box(dof),
+        "joint_velocities": make_unbounded_box(dof),
+        "tip": make_unbounded_box(7),
         "suction": spaces.Box(0, 1, (1,), np.float32),
-        "objects": box(len(card.object_names), 7),
+        "objects": make_unbounded_box(len(card.object_names), 7),
     }
     for camera in card.cameras:
         parts[camera.name] = spaces.Box(0, 255, (camera.height, camera.width, 3), np.uint8)
-    return spaces.Dict(parts), box(dof + 1)
+    return spaces.Dict(parts), make_unbounded_box(dof + 1)
 
 
 def _make_episode_buffers(demonstrations: Iterable[Demonstration], told: list[dict[str, Any]]) -> Iterator[Any]:

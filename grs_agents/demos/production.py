@@ -10,10 +10,10 @@ import numpy as np
 from pydantic import Field
 
 from grs_agents.base import Frozen
+from grs_agents.demos.attempt_store import AttemptStore
 from grs_agents.demos.expert_path import Flags, path_to_actions, record_expert
 from grs_agents.demos.replay import Replayer
 from grs_agents.demos.types import Demonstration, Dropped, installed_versions
-from grs_agents.demos.work_folder import WorkFolder
 from grs_agents.errors import GrsError, InputError
 from grs_agents.geometry import FloatArray
 from grs_agents.sim import SimulationError, TaskInstance, hash_instance
@@ -42,8 +42,8 @@ class DemoOrder(Frozen):
 
 
 def make_demonstrations(
-    folder: TaskFolder, order: DemoOrder, work: Path, show: Callable[[WorkFolder], None]
-) -> WorkFolder:
+    folder: TaskFolder, order: DemoOrder, work: Path, show: Callable[[AttemptStore], None]
+) -> AttemptStore:
     """Add to a working folder what it lacks of ``order.episodes`` demonstrations.
 
     The first attempts take the folder's instances as they are, the others vary them in turn. ``show`` is called before
@@ -54,9 +54,9 @@ def make_demonstrations(
             the working folder was begun with another order.
     """
     attempts = _Attempts(folder, order)
-    made = WorkFolder(work, attempts.attempt_settings)
+    made = AttemptStore(work, attempts.attempt_settings)
     with closing(attempts):
-        for attempt in range(attempts.most_attempts):
+        for attempt in range(attempts.max_attempt_count):
             show(made)
             if made.count >= order.episodes:
                 break
@@ -88,7 +88,7 @@ class _Attempts:
         self._replayer = Replayer(folder.library, robot, rows, order.cameras, order.size, order.renderer)
 
     @property
-    def most_attempts(self) -> int:
+    def max_attempt_count(self) -> int:
         """How many attempts may be made."""
         return len(self._instances) if self._order.variation == Variation() else 2 * self._order.episodes + _SPARE
 
@@ -111,14 +111,14 @@ class _Attempts:
                 rng = np.random.default_rng((self._order.seed, attempt))
                 instance = vary_instance(instance, self._order.variation, rng, self._folder.library)
             stage = "expert"
-            path = self._record(instance)
+            path = self._record_expert_path(instance)
             stage = "replay"
-            demonstration = self._replay(instance, *path)
+            demonstration = self._replay_expert_path(instance, *path)
         except GrsError as error:
             return Dropped(stage=stage, why=error.message)
         return replace(demonstration, attempt=attempt, base_seed=base)
 
-    def _record(self, instance: TaskInstance) -> tuple[FloatArray, Flags]:
+    def _record_expert_path(self, instance: TaskInstance) -> tuple[FloatArray, Flags]:
         """What the expert does; raises ``SimulationError`` where it does not solve the task."""
         episode = self._replayer.episode
         episode.begin(instance)
@@ -127,7 +127,7 @@ class _Attempts:
             raise SimulationError(episode.env.current_episode.detail)
         return path
 
-    def _replay(self, instance: TaskInstance, positions: FloatArray, held: Flags) -> Demonstration:
+    def _replay_expert_path(self, instance: TaskInstance, positions: FloatArray, held: Flags) -> Demonstration:
         """The same again through the environment; raises ``SimulationError`` where that does not solve the task."""
         episode = self._replayer.episode
         period = round(1 / (CONTROL_RATE * instance.timestep))

@@ -84,7 +84,7 @@ class Replayer:
             tip=columns["tip"],
             suction=columns["suction"][:, 0] > 0,
             objects=columns["objects"],
-            object_names=_name_objects(instance),
+            object_names=_list_object_labels(instance),
             actions=actions,
             rewards=np.append(np.zeros(len(actions) - 1), 1.0).astype(np.float32),
             strict=self.episode.strict_score,
@@ -104,15 +104,15 @@ class Replayer:
             name=name,
             width=width,
             height=height,
-            intrinsics=_to_rows(scene.intrinsics(name)),
+            intrinsics=_matrix_to_row_tuples(scene.intrinsics(name)),
             frame="tip" if on_tip else "robot",
-            pose=_to_rows(pose),
+            pose=_matrix_to_row_tuples(pose),
         )
 
 
-def _name_objects(instance: TaskInstance) -> tuple[str, ...]:
+def _list_object_labels(instance: TaskInstance) -> tuple[str, ...]:
     return tuple(f"{item.asset}#{item.id}" for item in instance.task_objects)
 
 
-def _to_rows(matrix: FloatArray) -> tuple[Row, ...]:
+def _matrix_to_row_tuples(matrix: FloatArray) -> tuple[Row, ...]:
     return tuple(tuple(row) for row in matrix.tolist())

@@ -17,7 +17,7 @@ class Place:
     beside: int | None = None  # id of the object that the rectangle is fixed to, at its centre
 
 
-def find_places(episode: TaskEpisode) -> dict[int, list[Place]]:
+def find_goal_places_per_object(episode: TaskEpisode) -> dict[int, list[Place]]:
     """The places for each object, by its id, in the order in which the goals speak of them.
 
     An object that several goals speak of is wanted where the last wants it. Goals without a place (``upright``,
@@ -40,17 +40,17 @@ def _places_in_goal(goal: Goal, index: int, env: Environment, pos_eps: float) ->
             Place(zone.pose, _half_extents_of_free_room((zone.size[0], zone.size[1]), width)) for zone in goal.zones
         ]
     if goal.relation_kind == "stacked":
-        return [_place_at(goal.objects[index - 1], width, env)] if index else []
+        return [_place_in_or_on_object(goal.objects[index - 1], width, env)] if index else []
     if goal.relation_kind in ("aligned", "upright"):
         return []
     number = goal.reference_id
     if goal.relation_kind == "near":
         apart = (goal.required_distance or 0.0) + (width + min(env.get_object_size(number)[:2])) / 2
         return [Place(env.get_object_pose(number), slack=apart, beside=number)]
-    return [_place_at(number, width, env)]
+    return [_place_in_or_on_object(number, width, env)]
 
 
-def _place_at(number: int, width: float, env: Environment) -> Place:
+def _place_in_or_on_object(number: int, width: float, env: Environment) -> Place:
     """In or on another object, for something so wide (m)."""
     x, y, _ = env.get_object_size(number)
     return Place(env.get_object_pose(number), _half_extents_of_free_room((x, y), width), beside=number)

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.envs.goal_places import Place, find_places
+from grs_agents.envs.goal_places import Place, find_goal_places_per_object
 from grs_agents.envs.task_episode import TaskEpisode
 from grs_agents.geometry import FloatArray, transforms
 
@@ -61,7 +61,7 @@ class GoalProgress:
 
     def __init__(self, episode: TaskEpisode) -> None:
         row_of = {number: row for row, number in enumerate(episode.object_ids)}
-        places = find_places(episode)
+        places = find_goal_places_per_object(episode)
         self._rows: npt.NDArray[np.intp] = np.array([row_of[number] for number in places], dtype=np.intp)
         self._table = _PlaceTable(list(places.values()))
         beside = [(index, one[0].beside) for index, one in enumerate(places.values())]
@@ -81,9 +81,9 @@ class GoalProgress:
         nearest, far, is_there = self._table.find_nearest(poses[rows, :2])
         waits = ~is_there | (rows == held)
         targets[rows], is_open[rows] = nearest, waits
-        return Progress(targets, is_open, self._potential(poses, tip, held, far, waits))
+        return Progress(targets, is_open, self._compute_shaping_potential(poses, tip, held, far, waits))
 
-    def _potential(
+    def _compute_shaping_potential(
         self, poses: FloatArray, tip: FloatArray, held: int, far: FloatArray, waits: npt.NDArray[np.bool_]
     ) -> float:
         """The mean over the objects: 1 for those in place, less for the others, more for the one that is next."""

@@ -92,7 +92,7 @@ class GrsEnv(gymnasium.Env[Any, Any]):
         self._state = StateReader(arm, max(len(instance.task_objects) for instance in self.instances.values()))
         self._photographer = Photographer(cameras, modalities, (image_size[0], image_size[1]), renderer)
         self._renderer = Photographer(("front",), ("rgb",), _RENDERED, renderer)
-        self._check_cameras()
+        self._check_photo_camera_known()
         self.horizon = horizon or self._control.horizon(max(one.max_steps for one in self.instances.values()))
         self.episode = TaskEpisode(self.folder.library)
         low, high = self._control.low, self._control.high
@@ -140,12 +140,12 @@ class GrsEnv(gymnasium.Env[Any, Any]):
         that cannot be set up."""
         super().reset(seed=seed)
         self._chosen = self._choose_instance(seed, (options or {}).get("instance"))
-        self._instance = self._vary(self.instances[self._chosen])
+        self._instance = self._draw_varied_instance(self.instances[self._chosen])
         self.episode.begin(self._instance)
         for part in (self._control, self._state, self._photographer, self._renderer):
             part.begin(self.episode)
         self._steps = 0
-        self._observe()
+        self._update_observation()
         return self._observation, {"is_success": False, "instance": self._chosen}
 
     def step(self, action: npt.NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -160,7 +160,7 @@ class GrsEnv(gymnasium.Env[Any, Any]):
             info |= self._control.apply(wanted)
             self.episode.physics.raise_if_diverged()
             solved = self.episode.is_solved()
-            self._observe()
+            self._update_observation()
         except SimulationError as error:
             truncated, info["error"] = True, str(error)
             self._observation = {name: value.copy() for name, value in self._observation.items()}
@@ -189,7 +189,7 @@ class GrsEnv(gymnasium.Env[Any, Any]):
             return seed if seed in self.instances else known[seed % len(known)]
         return known[int(self.np_random.integers(len(known)))]
 
-    def _vary(self, instance: TaskInstance) -> TaskInstance:
+    def _draw_varied_instance(self, instance: TaskInstance) -> TaskInstance:
         if self._variation is None:
             return instance
         for left in reversed(range(_DRAWS)):
@@ -200,11 +200,11 @@ class GrsEnv(gymnasium.Env[Any, Any]):
                     raise
         raise AssertionError("unreachable")
 
-    def _observe(self) -> None:
+    def _update_observation(self) -> None:
         state, progress = self._state.read()
         self._observation, self._potential = {**state, **self.take_pictures()}, progress.potential
 
-    def _check_cameras(self) -> None:
+    def _check_photo_camera_known(self) -> None:
         if "photo" in self._photographer.cameras and any(one.camera is None for one in self.instances.values()):
             raise InputError(
                 f"{self.folder.path} does not say where its photo was taken from", "leave the camera photo out"

@@ -77,7 +77,7 @@ def make_env(
         "reward": "sparse",
         "render_mode": "rgb_array",
     }
-    make_one = partial(_make_one, run, {**given, **_read_config(cfg), **arguments})
+    make_one = partial(_make_single_lerobot_env, run, {**given, **_read_lerobot_config(cfg), **arguments})
     envs = [make_one] * n_envs
     # LeRobot reads an episode's success from ``final_info``, which this mode alone gives.
     kinds = AsyncVectorEnv if use_async_envs else SyncVectorEnv
@@ -85,11 +85,11 @@ def make_env(
     return {str(vector.get_attr("task")[0]): {0: vector}}
 
 
-def _make_one(run: str | Path, arguments: Mapping[str, Any]) -> LeRobotEnv:
+def _make_single_lerobot_env(run: str | Path, arguments: Mapping[str, Any]) -> LeRobotEnv:
     return LeRobotEnv(GrsEnv(run, **arguments))
 
 
-def _read_config(cfg: Any) -> dict[str, Any]:
+def _read_lerobot_config(cfg: Any) -> dict[str, Any]:
     """Arguments of ``GrsEnv`` from the fields that LeRobot's own environments have."""
     found: dict[str, Any] = {}
     if (length := getattr(cfg, "episode_length", None)) is not None:

@@ -53,7 +53,7 @@ class Photographer:
             layers = {
                 "rgb": picture.color,
                 "depth": np.minimum(picture.depth, np.float32(FARTHEST)),
-                "masks": self._with_instance_ids(picture.owner),
+                "masks": self._map_owners_to_instance_ids(picture.owner),
             }
             pictures |= {f"{camera}_{modality}": layers[modality] for modality in self.modalities}
         return pictures
@@ -75,7 +75,7 @@ class Photographer:
         """The cameras of the present episode."""
         if self._current is None:
             shown = self._shown_instance()
-            key = _appearance(shown)
+            key = _scene_appearance_key(shown)
             if key not in self._known:
                 if len(self._known) >= _REMEMBERED:
                     self.close()
@@ -89,7 +89,7 @@ class Photographer:
         objects = tuple(item.model_copy(update={"id": ids[item.id]}) for item in self._episode.instance.objects)
         return self._episode.instance.model_copy(update={"objects": objects})
 
-    def _with_instance_ids(self, owners: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    def _map_owners_to_instance_ids(self, owners: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
         own = {number: key for key, number in self._episode.task.ids.items()}
         if all(key == number for number, key in own.items()):
             return owners
@@ -99,7 +99,7 @@ class Photographer:
         return table[owners]
 
 
-def _appearance(instance: TaskInstance) -> str:
+def _scene_appearance_key(instance: TaskInstance) -> str:
     """What a scene looks like, its objects' places apart."""
     own = {"objects", "goals", "ties", "seed", "warnings"}
     things = [item.model_dump_json(exclude={"pose", "mass", "friction"}) for item in instance.objects]

@@ -53,14 +53,14 @@ class StateReader:
     @property
     def low(self) -> dict[str, Floats]:
         """Least values, by name."""
-        return self._named(self._low)
+        return self._split_state_by_name(self._low)
 
     @property
     def high(self) -> dict[str, Floats]:
         """Greatest values, by name."""
-        return self._named(self._high)
+        return self._split_state_by_name(self._high)
 
-    def _named(self, values: Floats) -> dict[str, Floats]:
+    def _split_state_by_name(self, values: Floats) -> dict[str, Floats]:
         return {name: values[part].reshape(self.shapes[name]) for name, part in self._slices.items()}
 
     def begin(self, episode: TaskEpisode) -> None:
@@ -92,4 +92,4 @@ class StateReader:
             begin = parts[name].start
             flat[begin : begin + values.size] = values.ravel()
         np.clip(flat, self._low, self._high, out=flat)
-        return self._named(flat), progress
+        return self._split_state_by_name(flat), progress

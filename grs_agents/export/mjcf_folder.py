@@ -86,14 +86,14 @@ def _check_output_folder(out: Path) -> None:
     try:
         names = {entry.name for entry in out.iterdir()} if out.is_dir() else set[str]()
         other = sorted(names - {SCENE, README, INSTANCE, ASSETS})
-        if other or (names and not _is_export(out / SCENE)):
+        if other or (names and not _is_exported_mjcf(out / SCENE)):
             what = f"something else, {other[0]}" if other else "something else than an export"
             raise InputError(f"{out} holds {what}", _REMEDY)
     except OSError as error:
         raise unwritable_error(out, error) from error
 
 
-def _is_export(scene: Path) -> bool:
+def _is_exported_mjcf(scene: Path) -> bool:
     return scene.is_file() and f'<text name="{_MARK}"'.encode() in read_bytes(scene, most=_MOST)
 
 
@@ -102,19 +102,19 @@ def _write_folder(folder: Path, scene: MjcfScene, task: TaskFolder) -> None:
     folder.mkdir()
     try:
         root = ElementTree.fromstring(scene.spec.to_xml())
-        _bring_files_along(folder, root, scene)
+        _copy_meshes_and_textures(folder, root, scene)
         if scene.portable:
-            _ask_for_many_contacts(root)
+            _enable_multiccd(root)
         write_text(folder / SCENE, ElementTree.tostring(root, encoding="unicode") + "\n")
         model: Any = mujoco.MjModel.from_xml_path(str(folder / SCENE))
     except ValueError as error:
         raise SimulationError(f"MuJoCo refuses the scene: {str(error)[:150]}", "mend what it names") from error
     write_bytes(folder / INSTANCE, read_bytes(task.files[scene.instance.seed]))
-    words = _read_task_words(task.path)
+    words = _read_task_name_and_description(task.path)
     write_text(folder / README, write_readme_text(scene, model, task.library, words))
 
 
-def _bring_files_along(folder: Path, root: ElementTree.Element, scene: MjcfScene) -> None:
+def _copy_meshes_and_textures(folder: Path, root: ElementTree.Element, scene: MjcfScene) -> None:
     """Copy every mesh and texture, equal ones once, and have the MJCF name the copies."""
     names: dict[str, str] = {}
     robot = Path(scene.instance.robot).parent
@@ -132,7 +132,7 @@ def _bring_files_along(folder: Path, root: ElementTree.Element, scene: MjcfScene
             element.set("file", names[digest])
 
 
-def _ask_for_many_contacts(root: ElementTree.Element) -> None:
+def _enable_multiccd(root: ElementTree.Element) -> None:
     """Tell MuJoCo 3.3 what version 4 does anyway and so leaves out: convex bodies touch at several points. With one
     alone things creep over the table."""
     option = root.find("option")
@@ -141,7 +141,7 @@ def _ask_for_many_contacts(root: ElementTree.Element) -> None:
     (ElementTree.SubElement(option, "flag") if flag is None else flag).set("multiccd", "enable")
 
 
-def _read_task_words(folder: Path) -> Words:
+def _read_task_name_and_description(folder: Path) -> Words:
     """Name and description of a run's task; empty where the folder has none."""
     file = folder / "task.json"
     value: Mapping[str, Any] = read_json(file, "restore it") if file.is_file() else {}

@@ -13,7 +13,7 @@ from grs_agents.mujoco_import import mujoco
 from grs_agents.sim import Environment, Goal, InstanceTask, TaskInstance
 from grs_agents.sim.arms import CUP_RADIUS
 from grs_agents.sim.instance import InstanceCamera
-from grs_agents.sim.world import HOLDING_FORCE, WorldSpec, spec_of
+from grs_agents.sim.world import HOLDING_FORCE, WorldSpec, instance_to_spec
 
 _BEYOND: Final = 0.25
 """How far (rad or m) commands may lead the joints' limits: what makes a fast arm keep up is commanded ahead of it."""
@@ -63,15 +63,15 @@ def build_mjcf_scene(instance: TaskInstance, library: Library, portable: bool) -
     Raises:
         SimulationError: the scene cannot be set up, or does not come to rest.
     """
-    made = spec_of(instance, library, visuals=True)
+    made = instance_to_spec(instance, library, visuals=True)
     made.spec.modelname = re.sub(r"\W", "_", made.spec.modelname) or "scene"
     _set_actuator_ranges(made)
     if portable:
-        _make_portable(made)
+        _adapt_spec_to_mujoco_3_3(made)
     sites = _add_goal_sites(instance, made)
     if instance.camera is not None:
         _add_photo_camera(made.spec, instance.camera)
-    _add_surroundings(made.spec)
+    _add_sky_and_viewpoint(made.spec)
     _add_start_keyframe(instance, library, made)
     return MjcfScene(instance, made, portable, sites)
 
@@ -83,7 +83,7 @@ def _set_actuator_ranges(made: WorldSpec) -> None:
         actuator.ctrlrange, actuator.ctrllimited = (low - _BEYOND, high + _BEYOND), True
 
 
-def _make_portable(made: WorldSpec) -> None:
+def _adapt_spec_to_mujoco_3_3(made: WorldSpec) -> None:
     """Leave out what MuJoCo 3.3 does not read, and hold objects by adhesion."""
     spec = made.spec
     spec.option.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
@@ -144,7 +144,7 @@ def _add_relation_site(index: int, goal: Goal, made: WorldSpec) -> list[GoalSite
     if kind in (None, "aligned", "upright"):
         return []
     number = goal.objects[0] if kind == "stacked" else goal.reference_id
-    center, half = _relation_box(goal, made.models[number])
+    center, half = _compute_relation_goal_box(goal, made.models[number])
     name = f"goal_{index}_{kind}"
     _add_site(made.spec.body(f"object_{number}"), name, (center, (0.0, 0.0, 0.0, 1.0)), half, _RELATION)
     return [
@@ -152,7 +152,7 @@ def _add_relation_site(index: int, goal: Goal, made: WorldSpec) -> list[GoalSite
     ]
 
 
-def _relation_box(goal: Goal, model: ObjectModel) -> tuple[Vec3, Vec3]:
+def _compute_relation_goal_box(goal: Goal, model: ObjectModel) -> tuple[Vec3, Vec3]:
     """Centre and half extents (m, frame of the object) of what a relation to an object speaks of."""
     low, high = np.asarray(model.bounds[0]), np.asarray(model.bounds[1])
     if goal.relation_kind in ("on", "stacked"):
@@ -182,7 +182,7 @@ def _add_photo_camera(spec: Any, camera: InstanceCamera) -> None:
     offscreen.offwidth, offscreen.offheight = max(width, offscreen.offwidth), max(height, offscreen.offheight)
 
 
-def _add_surroundings(spec: Any) -> None:
+def _add_sky_and_viewpoint(spec: Any) -> None:
     """A sky, and where a viewer looks at first; neither is felt."""
     kind, gradient = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
     above, below = (0.93, 0.95, 0.97), (0.75, 0.79, 0.84)

@@ -118,7 +118,7 @@ def write_readme_text(scene: MjcfScene, model: Any, library: Library, words: Wor
         "A robot task as a scene of [MuJoCo](https://mujoco.org).\n",
         _OPEN + (_DM_CONTROL if scene.portable else ""),
         "## The task\n\n" + "\n".join(_goal_lines(instance.goals, scene.sites)) + "\n",
-        "## What is in it\n\n" + "\n".join(_content_lines(scene, model, library)) + "\n",
+        "## What is in it\n\n" + "\n".join(_body_and_actuator_lines(scene, model, library)) + "\n",
         _suction_text(scene),
         "## Where it comes from\n\n" + "\n".join(_origin_lines(scene)) + "\n",
     ]
@@ -143,7 +143,7 @@ def _goal_lines(goals: Sequence[Goal], sites: Sequence[GoalSite]) -> Iterator[st
         yield "\nThe goals' sites are in group 1: `option.sitegroup[1] = 0` hides them, in the viewer Shift+1."
 
 
-def _content_lines(scene: MjcfScene, model: Any, library: Library) -> Iterator[str]:
+def _body_and_actuator_lines(scene: MjcfScene, model: Any, library: Library) -> Iterator[str]:
     instance = scene.instance
     yield "Metres, kilograms, seconds and radians; x forward from the robot's base, z up, the table top at z = 0.\n"
     yield "| body | what it is | kg | moves | from |\n|---|---|---|---|---|"

@@ -2,7 +2,7 @@ from . import pictures as pictures
 from .arrays import Numbers as Numbers
 from .arrays import read_npy as read_npy
 from .arrays import read_npz as read_npz
-from .arrays import read_npz_words as read_npz_words
+from .arrays import read_npz_strings as read_npz_strings
 from .files import MOST_JSON_BYTES as MOST_JSON_BYTES
 from .files import check_json_limits as check_json_limits
 from .files import is_folder as is_folder

@@ -76,7 +76,7 @@ def _check_required_arrays(members: Collection[str], wanted: Mapping[str, str], 
         raise InputError(f"{file} holds {held}, but no {missing}", f"add {missing}")
 
 
-def read_npz_words(data: bytes, where: str) -> list[str]:
+def read_npz_strings(data: bytes, where: str) -> list[str]:
     """All words that the arrays of an archive hold; arrays of numbers are not unpacked.
     Raises InputError: it is no such archive, is too large, or one member is no array of numbers or words."""
     words: list[str] = []
@@ -92,7 +92,7 @@ def read_npz_words(data: bytes, where: str) -> list[str]:
 
 
 @contextmanager
-def _wrap_read_errors(where: str, what: str, writer: str) -> Generator[None]:
+def _convert_read_errors_to_input_error(where: str, what: str, writer: str) -> Generator[None]:
     """Whatever numpy and zipfile stumble over is one named error."""
     try:
         yield
@@ -106,7 +106,7 @@ def _wrap_read_errors(where: str, what: str, writer: str) -> Generator[None]:
 @contextmanager
 def _open_npz(data: bytes, where: str) -> Generator[zipfile.ZipFile]:
     """An archive of a bounded number of arrays."""
-    with _wrap_read_errors(where, ".npz", "numpy.savez"), zipfile.ZipFile(BytesIO(data)) as archive:
+    with _convert_read_errors_to_input_error(where, ".npz", "numpy.savez"), zipfile.ZipFile(BytesIO(data)) as archive:
         count = len(archive.namelist())
         if count > MOST_MEMBERS:
             raise InputError(f"{where} holds {count} arrays, more than {MOST_MEMBERS}", "leave the others out")
@@ -124,7 +124,7 @@ def _read_array_header(content: IO[bytes], where: str) -> "tuple[tuple[int, ...]
 
 
 def _read_array(content: IO[bytes], where: str, most: int = MOST_BYTES, allowed: str = NUMBERS) -> Numbers:
-    with _wrap_read_errors(where, "array", "numpy.save"):
+    with _convert_read_errors_to_input_error(where, "array", "numpy.save"):
         shape, column_major, kind = _read_array_header(content, where)
         size = _check_array_size(shape, kind, where, most, allowed)
         data = content.read(size)

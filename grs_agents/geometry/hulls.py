@@ -13,7 +13,7 @@ _DIRECTIONS: Final = 200
 
 def hull_half_spaces(vertices: FloatArray) -> FloatArray:
     """Planes (K, 4) of the hull of points (N, 3), inside: ``plane[:3] @ p <= plane[3]``; a box if all lie in one."""
-    points = _extreme_points(np.unique(np.round(vertices, 9), axis=0))
+    points = _farthest_points_along_directions(np.unique(np.round(vertices, 9), axis=0))
     start = _find_tetrahedron(points)
     if start is None:
         low, high = points.min(axis=0), points.max(axis=0)
@@ -35,7 +35,7 @@ def hull_half_spaces(vertices: FloatArray) -> FloatArray:
     return planes
 
 
-def _extreme_points(points: FloatArray) -> FloatArray:
+def _farthest_points_along_directions(points: FloatArray) -> FloatArray:
     if len(points) <= _DIRECTIONS:
         return points
     index = np.arange(_DIRECTIONS) + 0.5

@@ -2,7 +2,7 @@ from .grade import Figures as Figures
 from .grade import Grade as Grade
 from .grade import GradePart as GradePart
 from .grade import grade_task as grade_task
-from .grade import halving_noise as halving_noise
+from .grade import noise_at_half_success as noise_at_half_success
 from .primitive_policy import Demonstration as Demonstration
 from .primitive_policy import PrimitivePolicy as PrimitivePolicy
 from .primitive_task import Decision as Decision

@@ -52,13 +52,13 @@ def grade_task(
     Raises:
         InputError: the expert solves none of the variations.
     """
-    figures = _measure_task(folder, Trials(folder, order, workers, show))
+    figures = _measure_task_difficulty(folder, Trials(folder, order, workers, show))
     parts = _make_parts(figures)
     difficulty = sum(part.weight * part.difficulty for part in parts) / sum(part.weight for part in parts)
     return Grade(difficulty=round(difficulty, 3), parts=parts, figures=figures)
 
 
-def _measure_task(folder: TaskFolder, trials: Trials) -> Figures:
+def _measure_task_difficulty(folder: TaskFolder, trials: Trials) -> Figures:
     levels = trials.noise_levels()
     moves = [one.moves for one in levels[0] if one.solved]
     if not moves:
@@ -70,9 +70,9 @@ def _measure_task(folder: TaskFolder, trials: Trials) -> Figures:
     return Figures(
         moves=float(np.mean(moves)),
         clutter=_mean_clutter([measure_clutter(base, folder.library) for base in bases]),
-        tolerance=_least_tolerance([measure_tolerance(base, folder.library) for base in bases]),
+        tolerance=_tightest_tolerance([measure_tolerance(base, folder.library) for base in bases]),
         noise_success=success,
-        half_noise=halving_noise(success),
+        half_noise=noise_at_half_success(success),
         random_success=None if pushes else trials.random_success(),
         learned_success=learned,
         demonstrations=demonstrations,
@@ -85,11 +85,11 @@ def _mean_clutter(found: Sequence[Clutter]) -> Clutter:
     return Clutter(nearest=float(np.mean(nearest)), objects_per_square_metre=float(np.mean(crowds)))
 
 
-def _least_tolerance(found: Sequence[Tolerance]) -> Tolerance:
+def _tightest_tolerance(found: Sequence[Tolerance]) -> Tolerance:
     return Tolerance(metres=min(one.metres for one in found), degrees=min(one.degrees for one in found))
 
 
-def halving_noise(levels: Sequence[tuple[float, float]]) -> float:
+def noise_at_half_success(levels: Sequence[tuple[float, float]]) -> float:
     """Metres at which success is half of what it is at the first level, between two of them; else the last of them."""
     half = levels[0][1] / 2
     for (before, more), (after, less) in pairwise(levels):

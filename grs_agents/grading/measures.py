@@ -66,14 +66,14 @@ def _distance_to_nearest_outline(own: list[Prism], others: list[Prism]) -> float
 def measure_tolerance(instance: TaskInstance, library: Library) -> Tolerance:
     """Of the goals of an instance: the least of them."""
     models = {item.id: load_object_model(item, library) for item in instance.objects}
-    found = [one for goal in instance.goals for one in _tolerances(goal, instance, models, library)]
+    found = [one for goal in instance.goals for one in _list_goal_object_tolerances(goal, instance, models, library)]
     return Tolerance(
         metres=min((metres for metres, _ in found), default=_FAR),
         degrees=min((degrees for _, degrees in found), default=_ANY_YAW),
     )
 
 
-def _tolerances(
+def _list_goal_object_tolerances(
     goal: Goal, instance: TaskInstance, models: dict[int, ObjectModel], library: Library
 ) -> Iterator[tuple[float, float]]:
     """(metres, degrees) for each object of a goal."""
@@ -83,12 +83,12 @@ def _tolerances(
             yield instance.pos_eps, math.degrees(instance.rot_eps) if asked else _ANY_YAW
         elif goal.metric == "zone":
             sharers = {one for other in instance.goals if other.zones == goal.zones for one in other.objects}
-            yield max(_room_for_position_error(zone.size[:2], number, sharers, models) for zone in goal.zones), _ANY_YAW
+            yield max(_max_offset_in_rectangle(zone.size[:2], number, sharers, models) for zone in goal.zones), _ANY_YAW
         else:
-            yield _relation_tolerance(goal, number, instance.goals, models, library), _ANY_YAW
+            yield _relation_position_tolerance(goal, number, instance.goals, models, library), _ANY_YAW
 
 
-def _relation_tolerance(
+def _relation_position_tolerance(
     goal: Goal, number: int, goals: Sequence[Goal], models: dict[int, ObjectModel], library: Library
 ) -> float:
     """Metres that one object of a typed goal may be off."""
@@ -97,14 +97,14 @@ def _relation_tolerance(
         model = models[goal.reference_id]
         room = measure_inner_size(model, library) if kind == "inside" else None
         sharers = {one for other in goals if other.has_same_relation(goal) for one in other.objects}
-        return _room_for_position_error((room or model.size)[:2], number, sharers, models)
+        return _max_offset_in_rectangle((room or model.size)[:2], number, sharers, models)
     if kind in ("stacked", "on"):
         carriers = goal.objects if kind == "stacked" else (goal.reference_id,)
         return min(min(models[other].size[:2]) / 2 for other in carriers)
     return {"aligned": POSITION_TOLERANCE, "near": goal.required_distance}.get(str(kind)) or _FAR
 
 
-def _room_for_position_error(
+def _max_offset_in_rectangle(
     room: tuple[float, float], number: int, sharers: set[int], models: dict[int, ObjectModel]
 ) -> float:
     """How far (m) an object can be off within a rectangle: as the sides leave, and the area that others take."""

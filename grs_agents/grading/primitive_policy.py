@@ -64,7 +64,7 @@ class PrimitivePolicy:
         self._slots: list[_Slot] = []
         for number in np.unique(objects).tolist():
             mine = np.flatnonzero(objects == number)
-            clusters = _cluster(places[mine] * (10, 10, 1, 1), rng)
+            clusters = _cluster_with_k_means(places[mine] * (10, 10, 1, 1), rng)
             for cluster in np.unique(clusters).tolist():
                 rows = mine[clusters == cluster]
                 labels[rows] = len(self._slots)
@@ -98,7 +98,7 @@ class PrimitivePolicy:
         return slot.object, (x, y, float(np.arctan2(sin, cos)))
 
 
-def _cluster(points: FloatArray, rng: np.random.Generator) -> IntArray:
+def _cluster_with_k_means(points: FloatArray, rng: np.random.Generator) -> IntArray:
     """The cluster (N,) of each point (N, D): far points begin new ones until all are near one; then k-means."""
     centers = points[rng.integers(len(points))][None]
     while len(centers) < _SLOTS:
@@ -158,13 +158,13 @@ class Classifier:
             rows = rng.integers(0, len(features), _BATCH)
             passed = self._forward(features[rows] + _BLUR * rng.standard_normal((_BATCH, features.shape[1])))
             rate = _RATE * 0.5 * (1 + np.cos(np.pi * step / iterations))
-            for index, gradient in enumerate(self._gradients(passed, wanted[rows])):
+            for index, gradient in enumerate(self._cross_entropy_gradients(passed, wanted[rows])):
                 means[index] += 0.1 * (gradient - means[index])
                 squares[index] += 0.001 * (gradient**2 - squares[index])
                 mean, square = means[index] / (1 - 0.9**step), squares[index] / (1 - 0.999**step)
                 parameters[index] -= rate * mean / (np.sqrt(square) + 1e-8)
 
-    def _gradients(self, passed: list[FloatArray], wanted: FloatArray) -> list[FloatArray]:
+    def _cross_entropy_gradients(self, passed: list[FloatArray], wanted: FloatArray) -> list[FloatArray]:
         """Of the cross-entropy, for the weights and the bias of each layer in turn."""
         shares = np.exp(passed[-1] - passed[-1].max(axis=1, keepdims=True))
         error = (shares / shares.sum(axis=1, keepdims=True) - wanted) / len(wanted)

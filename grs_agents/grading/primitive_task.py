@@ -40,7 +40,7 @@ class Decision:
 
 
 @dataclass(frozen=True)
-class Shown:
+class ExpertChoice:
     """A decision of the expert, and what a policy would have been told before."""
 
     features: FloatArray  # (F,)
@@ -89,7 +89,7 @@ class PrimitiveTask:
 
     def object_frame(self, number: int) -> Frame:
         """Where an object is, and its yaw."""
-        return _frame_of(self._env.get_object_pose(self._task.ids[number]))
+        return _pose_to_frame(self._env.get_object_pose(self._task.ids[number]))
 
     def goal_frame(self, number: int) -> tuple[Frame, bool]:
         """The frame of the first goal that waits for an object, and whether any waits; the robot's where none does."""
@@ -98,11 +98,11 @@ class PrimitiveTask:
             if own in goal.objects:
                 row = goal.objects.index(own)
                 frame = self._frame_of_goal(goal, row)
-                if self._is_open(goal) and self._task.grs.score_goal_objects(goal)[row] < _MET:
+                if self._is_goal_unmet(goal) and self._task.grs.score_goal_objects(goal)[row] < _MET:
                     return frame, True
         return frame, False
 
-    def _is_open(self, goal: Goal) -> bool:
+    def _is_goal_unmet(self, goal: Goal) -> bool:
         return any(goal is one for one in self._task.goals)
 
     def _frame_of_goal(self, goal: Goal, row: int) -> Frame:
@@ -110,11 +110,11 @@ class PrimitiveTask:
             other = goal.relation.reference
             if goal.relation_kind == "stacked" and row:
                 other = goal.objects[row - 1]
-            return (0.0, 0.0, 0.0) if other is None else _frame_of(self._env.get_object_pose(other))
+            return (0.0, 0.0, 0.0) if other is None else _pose_to_frame(self._env.get_object_pose(other))
         if goal.zones:
-            return _frame_of(goal.zones[0].pose)
+            return _pose_to_frame(goal.zones[0].pose)
         allowed = goal.allowed_target_indices(row)
-        return _frame_of(goal.targets[allowed[0]]) if allowed else (0.0, 0.0, 0.0)
+        return _pose_to_frame(goal.targets[allowed[0]]) if allowed else (0.0, 0.0, 0.0)
 
     @property
     def waiting(self) -> list[bool]:
@@ -161,7 +161,7 @@ class PrimitiveTask:
         place = (decision.place[0] + float(dx), decision.place[1] + float(dy), ground + hold[2] - prism.low)
         return {"pose0": (hold, transforms.IDENTITY), "pose1": (place, about)}
 
-    def expert_decisions(self, noise: float = 0.0, rng: np.random.Generator | None = None) -> Iterator["Shown"]:
+    def expert_decisions(self, noise: float = 0.0, rng: np.random.Generator | None = None) -> Iterator["ExpertChoice"]:
         """Let the expert act; yields what a policy would have been told, and what the expert decided.
 
         With ``noise`` (m) the hand puts down beside where the expert meant, so that the expert shows how to mend that.
@@ -183,11 +183,11 @@ class PrimitiveTask:
             own = next((number for number in self.candidates if self._task.ids[number] == taken), None)
             if own is not None:
                 start, goal = before[own]
-                decision = _decision_of(own, action, start)
-                yield Shown(told, waiting, decision, relative_frame(goal, (*decision.place, decision.yaw)))
+                decision = _decision_from_action(own, action, start)
+                yield ExpertChoice(told, waiting, decision, relative_frame(goal, (*decision.place, decision.yaw)))
 
 
-def _decision_of(number: int, action: dict[str, Pose], before: Frame) -> Decision:
+def _decision_from_action(number: int, action: dict[str, Pose], before: Frame) -> Decision:
     """Where an object comes to be that stood at ``before`` and is carried as an action says."""
     (x0, y0, _), _ = action["pose0"]
     (x1, y1, _), rotation = action["pose1"]
@@ -196,7 +196,7 @@ def _decision_of(number: int, action: dict[str, Pose], before: Frame) -> Decisio
     return Decision(number, (x1 + cos * dx - sin * dy, y1 + sin * dx + cos * dy), before[2] + turn)
 
 
-def _frame_of(pose: Pose) -> Frame:
+def _pose_to_frame(pose: Pose) -> Frame:
     return pose[0][0], pose[0][1], transforms.yaw_of_quaternion(pose[1])
 
 

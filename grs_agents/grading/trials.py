@@ -100,7 +100,7 @@ class Trials:
         """The results of jobs, in their order."""
         results: dict[_Job, Any] = {}
         for job, result in map_in_processes(
-            _run_job, jobs, self._workers, _prepare_worker, (self._folder.path, self._order, policy)
+            _run_job, jobs, self._workers, _load_worker_state, (self._folder.path, self._order, policy)
         ):
             results[job] = result
             self._show(stage, len(results), len(jobs))
@@ -120,7 +120,7 @@ class _WorkerState:
 _bench: list[_WorkerState] = []
 
 
-def _prepare_worker(path: Path, order: GradeOrder, policy: PrimitivePolicy | None) -> None:
+def _load_worker_state(path: Path, order: GradeOrder, policy: PrimitivePolicy | None) -> None:
     known = _bench[0] if _bench and (_bench[0].folder.path, _bench[0].order) == (path, order) else None
     folder = known.folder if known else open_task_folder(path, accepted=False)
     _bench[:] = [_WorkerState(folder, order, policy, known.task if known else None)]

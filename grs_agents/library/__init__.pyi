@@ -7,7 +7,7 @@ from .asset import read_manifest as read_manifest
 from .asset_rendering import FINER as FINER
 from .asset_rendering import AssetView as AssetView
 from .asset_rendering import Lens as Lens
-from .asset_rendering import Painted as Painted
+from .asset_rendering import PaintedTriangles as PaintedTriangles
 from .asset_rendering import build_textured_triangles as build_textured_triangles
 from .asset_rendering import random_view_directions as random_view_directions
 from .asset_rendering import render_asset_views as render_asset_views
@@ -40,7 +40,7 @@ from .shapes import ObjectModel as ObjectModel
 from .shapes import Placement as Placement
 from .shapes import Rgba as Rgba
 from .shapes import Shape as Shape
-from .shapes import looks_same_turned as looks_same_turned
+from .shapes import looks_unchanged_by_rotation as looks_unchanged_by_rotation
 from .shapes import matrix_from_quaternion as matrix_from_quaternion
 from .shapes import merge_bounds as merge_bounds
 from .shapes import quaternion_from_rpy as quaternion_from_rpy

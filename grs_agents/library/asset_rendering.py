@@ -43,7 +43,7 @@ class AssetView:
 
 
 @dataclass(frozen=True)
-class Painted:
+class PaintedTriangles:
     """Coloured and textured triangles in one frame."""
 
     corners: Floats  # (T, 3, 3) m
@@ -91,10 +91,12 @@ def render_asset_views(
     radius = max(float(np.linalg.norm(high - low)) / 2, 1e-6)
     distance = 1.02 * radius / float(np.sin(np.deg2rad(field_of_view) / 2))
     focal = size / 2 / float(np.tan(np.deg2rad(field_of_view) / 2))
-    return tuple(_draw_view(painted, (low + high) / 2, towards, distance, focal, size) for towards in directions)
+    return tuple(
+        _render_asset_view(painted, (low + high) / 2, towards, distance, focal, size) for towards in directions
+    )
 
 
-def build_textured_triangles(library: Library, shapes: Sequence[Shape], color: str = "gray") -> Painted:
+def build_textured_triangles(library: Library, shapes: Sequence[Shape], color: str = "gray") -> PaintedTriangles:
     """The triangles of shapes in the object frame; ``color`` is the colour's name of those that have none."""
     plain = COLORS.get(color, COLORS["gray"])
     surfaces: list[Surface] = []
@@ -111,7 +113,7 @@ def build_textured_triangles(library: Library, shapes: Sequence[Shape], color: s
         own = shape.color[:3] if shape.color else (1.0, 1.0, 1.0) if shape.texture else plain
         colors.append(np.asarray(own, dtype=np.float64))
     counts = [len(surface.corners) for surface in surfaces]
-    return Painted(
+    return PaintedTriangles(
         corners=np.concatenate([surface.corners for surface in surfaces]),
         uvs=np.concatenate([surface.uvs for surface in surfaces]),
         colors=np.repeat(colors, counts, axis=0),
@@ -144,7 +146,9 @@ def _direction_from_angles(around: float, up: float) -> Vec3:
     return (float(np.cos(up) * np.cos(around)), float(np.cos(up) * np.sin(around)), float(np.sin(up)))
 
 
-def _draw_view(painted: Painted, center: Floats, towards: Vec3, distance: float, focal: float, size: int) -> AssetView:
+def _render_asset_view(
+    painted: PaintedTriangles, center: Floats, towards: Vec3, distance: float, focal: float, size: int
+) -> AssetView:
     length = float(np.linalg.norm(towards))
     if not np.isfinite(length) or length < 1e-9:
         raise InputError(f"view direction {towards}", "give a vector that is not zero")
@@ -181,7 +185,7 @@ class Lens:
     height: int
 
 
-def render_color_and_depth(painted: Painted, local: Floats, lens: Lens) -> tuple[Floats, Floats]:
+def render_color_and_depth(painted: PaintedTriangles, local: Floats, lens: Lens) -> tuple[Floats, Floats]:
     """(H, W, 4) colour and coverage in 0..1, and (H, W) depth (m, 0 where nothing is), lit from the camera.
 
     Args:
@@ -210,7 +214,7 @@ def render_color_and_depth(painted: Painted, local: Floats, lens: Lens) -> tuple
     return fine, deep
 
 
-def sample_triangle_colors(painted: Painted, index: npt.NDArray[np.int64], weights: Floats) -> Floats:
+def sample_triangle_colors(painted: PaintedTriangles, index: npt.NDArray[np.int64], weights: Floats) -> Floats:
     """(N, 3) colour, 0..1, of points on triangles ``index`` (N,), given by the weights (N, 3) of their corners."""
     colors = painted.colors[index].copy()
     for number, texture in enumerate(painted.textures):

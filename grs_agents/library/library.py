@@ -67,7 +67,7 @@ class Library:
 
     def asset_path(self, name: str) -> Path:
         """The URDF or MJCF file of an asset. Errors as `asset`."""
-        return resolve_member_file(self._require_root(name), name)
+        return resolve_member_file(self._require_root_of_asset(name), name)
 
     def load_object_model(self, name: str) -> ObjectModel:
         """What the asset's file says; a template is filled with its defaults. Errors as `asset`."""
@@ -75,7 +75,7 @@ class Library:
             if name in self._assets and self._assets[name].template:
                 self._models[name] = self.load_filled_template(name, {})
             else:
-                root = self._require_root(name)
+                root = self._require_root_of_asset(name)
                 path = resolve_member_file(root, name)
                 self._models[name] = (read_mjcf if path.suffix.lower() == ".xml" else read_urdf)(path, root)
         return self._models[name]
@@ -94,7 +94,7 @@ class Library:
         """What a template says once ``replace`` and its defaults are filled in; errors as `fill_template`."""
         key = (name, self.fill_template(name, replace))
         if key not in self._filled:
-            self._filled[key] = read_urdf(key[1], self._require_root(name), Path(name).parent.as_posix())
+            self._filled[key] = read_urdf(key[1], self._require_root_of_asset(name), Path(name).parent.as_posix())
         return self._filled[key]
 
     def mesh_or_texture_path(self, name: str) -> Path:
@@ -105,24 +105,28 @@ class Library:
                 return path
         raise InputError(f"library file {name!r} does not exist", f"put it below {self.roots[-1]}")
 
-    def with_overlay(self, root: Path) -> "Library":
+    def copy_with_overlay_root(self, root: Path) -> "Library":
         """A new library with ``root`` laid over this one; an `InputError` where its manifest is faulty."""
         over = Library(*self.roots, root)
-        over._models = {key: one for key, one in self._models.items() if over._find_root(key) == self._find_root(key)}
+        over._models = {
+            key: one
+            for key, one in self._models.items()
+            if over._find_root_of_asset(key) == self._find_root_of_asset(key)
+        }
         return over
 
     def everyday_assets(self) -> tuple[Asset, ...]:
         """The assets that can stand on a real table: no templates, no marks, no parts of a published task."""
         return tuple(asset for asset in self.assets() if asset.everyday and not asset.template and asset.mass > 0)
 
-    def _find_root(self, name: str) -> Path | None:
+    def _find_root_of_asset(self, name: str) -> Path | None:
         return self._root_of.get(name) or self._find_user_model_root(name)
 
     def _find_user_model_root(self, name: str) -> Path | None:
         return next((root for root in reversed(self.roots) if find_user_model_path(root, name) is not None), None)
 
-    def _require_root(self, name: str) -> Path:
-        root = self._find_root(name)
+    def _require_root_of_asset(self, name: str) -> Path:
+        root = self._find_root_of_asset(name)
         if root is None:
             raise UnknownNameError("asset", name, self.asset_names())
         return root

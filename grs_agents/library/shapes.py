@@ -72,7 +72,7 @@ def transform_shape(shape: Shape, placement: Placement) -> Shape:
     return shape.model_copy(update={"position": position, "quaternion": quaternion})
 
 
-def looks_same_turned(model: ObjectModel, turn: Quat) -> bool:
+def looks_unchanged_by_rotation(model: ObjectModel, turn: Quat) -> bool:
     """Whether nobody sees that an object was turned by ``turn`` (in quarters) about its origin.
 
     A mesh or a picture on it is taken to look otherwise.
@@ -80,10 +80,10 @@ def looks_same_turned(model: ObjectModel, turn: Quat) -> bool:
     if any(shape.mesh or shape.texture for shape in model.visuals):
         return False
     turned = [transform_shape(shape, ((0.0, 0.0, 0.0), turn)) for shape in model.visuals]
-    return sorted(map(_outer_look, model.visuals)) == sorted(map(_outer_look, turned))
+    return sorted(map(_shape_appearance_key, model.visuals)) == sorted(map(_shape_appearance_key, turned))
 
 
-def _outer_look(shape: Shape) -> tuple[object, ...]:
+def _shape_appearance_key(shape: Shape) -> tuple[object, ...]:
     """Kind, colour and room (1e-5 m) of a shape that is not a mesh."""
     room = [round(1e5 * float(value)) for corner in shape_bounds(shape) for value in corner]
     return (shape.kind, shape.color or (), *room)

@@ -17,7 +17,7 @@ from grs_agents.config import ModelChoice, ModelConfig
 from grs_agents.errors import ConfigError
 from grs_agents.models.fallbacks import FallbackChatModel
 from grs_agents.models.key_redaction import redact_keys, register_key_variable
-from grs_agents.models.reply_limits import watch_http_client
+from grs_agents.models.reply_limits import limit_and_record_http_client
 from grs_agents.models.retry import Retries
 from grs_agents.plugins import broken_class_error, load_named_class
 
@@ -106,10 +106,10 @@ def make_chat_model(config: ModelConfig, seed: int) -> BaseChatModel:
     if len(models) == 1:
         return models[0]
     names = tuple(choice.model for choice in choices)
-    return FallbackChatModel(names=names, models=models, retries=tuple(retries_for(choice) for choice in choices))
+    return FallbackChatModel(names=names, models=models, retries=tuple(make_retries(choice) for choice in choices))
 
 
-def retries_for(choice: ModelChoice) -> Retries:
+def make_retries(choice: ModelChoice) -> Retries:
     """How long to keep trying: the offline model, which asks nobody, and fallbacks together have no deadline."""
     endless = is_offline(choice.model) or (isinstance(choice, ModelConfig) and choice.fallbacks)
     return Retries(deadline=None if endless else choice.timeout)
@@ -122,7 +122,7 @@ def _make_single_model(choice: ModelChoice, seed: int) -> BaseChatModel:
         return make_offline_model(choice.model, seed)
     name, colon, model = choice.model.partition(":")
     if name not in PROVIDERS:
-        return _make_own_model(choice)
+        return _make_user_defined_model(choice)
     if not colon or not model.strip():
         raise ConfigError(f"model {choice.model!r} names no model of {name}", f"write {name}:NAME")
     provider = PROVIDERS[name]
@@ -131,20 +131,20 @@ def _make_single_model(choice: ModelChoice, seed: int) -> BaseChatModel:
         **provider.defaults,
         provider.model_argument: model.strip(),
         **_api_key_argument(provider, choice),
-        **_request_settings(name, choice),
+        **_build_client_arguments(name, choice),
     }
     if taken := sorted(choice.arguments.keys() & ours.keys()):
         raise ConfigError(f"models.<role>.arguments holds {taken[0]}, which GRS sets itself", "leave it out")
     try:
         made = cast(BaseChatModel, make(**ours, **choice.arguments))
-        watch_http_client(attrgetter(provider.http_client)(made), provider.by_line)
+        limit_and_record_http_client(attrgetter(provider.http_client)(made), provider.by_line)
     except Exception as error:  # each package raises its own
         first = redact_keys(str(error)).splitlines()[0] if str(error) else type(error).__name__
         raise ConfigError(f"model {choice.model!r} cannot be made: {first}", "see `grs doctor`") from error
     return made
 
 
-def _make_own_model(choice: ModelChoice) -> BaseChatModel:
+def _make_user_defined_model(choice: ModelChoice) -> BaseChatModel:
     """A model of the user's own class (``Model`` where it is a content file), made with the configured arguments."""
     name = choice.model
     known = [OFFLINE, *(f"{provider}:NAME" for provider in PROVIDERS), *content.content_names("models")]
@@ -213,7 +213,7 @@ def _api_key_argument(provider: Provider, config: ModelChoice) -> dict[str, str]
     return {provider.key_argument: key}
 
 
-def _request_settings(name: str, config: ModelChoice) -> dict[str, Any]:
+def _build_client_arguments(name: str, config: ModelChoice) -> dict[str, Any]:
     provider = PROVIDERS[name]
     settings: dict[str, Any] = {"timeout": config.timeout}
     if name == "ollama":

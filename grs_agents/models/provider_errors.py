@@ -10,7 +10,7 @@ from langchain_core import exceptions as langchain_errors
 
 from grs_agents.models.answer import FailureKind, ProviderFailure, ReplyProblem
 from grs_agents.models.key_redaction import redact_keys
-from grs_agents.models.reply_limits import WireCall
+from grs_agents.models.reply_limits import ModelHttpCall
 
 RETRYABLE_STATUS = frozenset({408, 409, 425, 429, 500, 502, 503, 504, 529})
 _LATER = "try again later, or name another model to ask then: models.<role> = [FIRST, SECOND]"
@@ -41,7 +41,7 @@ _MALFORMED = (ValueError, TypeError, KeyError, IndexError, AttributeError, Recur
 """What clients raise over an answer that is not what the provider's protocol says."""
 
 
-def classify_provider_error(error: Exception, call: WireCall, tries: int) -> ProviderFailure | ReplyProblem:
+def classify_provider_error(error: Exception, call: ModelHttpCall, tries: int) -> ProviderFailure | ReplyProblem:
     """What ``error`` comes to.
 
     Args:
@@ -54,7 +54,7 @@ def classify_provider_error(error: Exception, call: WireCall, tries: int) -> Pro
     after = f" in {tries} tries" if tries > 1 else ""
     if status is not None:
         return _classify_status(status, f"{server} answers {status}{after}: {_redacted_error_text(error)}", error, call)
-    failure = _classify_transport(error, server, after)
+    failure = _classify_transport_error(error, server, after)
     if failure is not None:
         return failure
     said = f"{type(error).__name__}: {_redacted_error_text(error)}"
@@ -64,7 +64,7 @@ def classify_provider_error(error: Exception, call: WireCall, tries: int) -> Pro
     return ProviderFailure("client_error", f"the model cannot be asked ({said})", "see the provider's documentation")
 
 
-def _classify_transport(error: Exception, server: str, after: str) -> ProviderFailure | None:
+def _classify_transport_error(error: Exception, server: str, after: str) -> ProviderFailure | None:
     """The failure where the connection is at fault; None where it is not."""
     chain = list(_error_chain(error))
     names = {type(one).__name__ for one in chain}
@@ -81,7 +81,7 @@ def _classify_transport(error: Exception, server: str, after: str) -> ProviderFa
     return None
 
 
-def _classify_status(status: int, what: str, error: Exception, call: WireCall) -> ProviderFailure | ReplyProblem:
+def _classify_status(status: int, what: str, error: Exception, call: ModelHttpCall) -> ProviderFailure | ReplyProblem:
     details = f"{error} {getattr(error, 'code', '')} {getattr(error, 'body', '')}"
     if status in (400, 403) and ("content_filter" in details or "content_policy" in details):
         return ReplyProblem("refusal", f"the model refused to answer: {what}", "rephrase the prompt")
@@ -93,7 +93,7 @@ def _classify_status(status: int, what: str, error: Exception, call: WireCall) -
     return ProviderFailure(kind, what, remedy, retryable, retry_after_seconds(error, call) if retryable else None)
 
 
-def retry_after_seconds(error: BaseException, call: WireCall) -> float | None:
+def retry_after_seconds(error: BaseException, call: ModelHttpCall) -> float | None:
     """The seconds that the response's ``Retry-After`` header asks for, or None."""
     headers: Any = getattr(getattr(error, "response", None), "headers", None)
     value = (call.retry_after or str((headers.get("retry-after") if headers is not None else "") or "")).strip()
@@ -109,7 +109,7 @@ def retry_after_seconds(error: BaseException, call: WireCall) -> float | None:
     return max(0.0, (moment - datetime.now(UTC)).total_seconds())
 
 
-def _http_status_code(error: BaseException, call: WireCall) -> int | None:
+def _http_status_code(error: BaseException, call: ModelHttpCall) -> int | None:
     if call.status is not None and call.status >= 400:
         return call.status
     for name in ("status_code", "code", "http_status"):

@@ -23,7 +23,7 @@ MOST_MARKS = 200_000
 
 
 @dataclass
-class WireCall:
+class ModelHttpCall:
     """A call that is under way, and what its client's HTTP traffic showed; nothing where that cannot be watched."""
 
     server: str = ""  # whom the last request went to: scheme, host and port
@@ -33,10 +33,10 @@ class WireCall:
     problem: ProviderFailure | None = None  # why its body was not read to the end
 
 
-_call: ContextVar[WireCall | None] = ContextVar("call", default=None)
+_call: ContextVar[ModelHttpCall | None] = ContextVar("call", default=None)
 
 
-def watch_http_client(client: Any, by_line: bool = False) -> None:
+def limit_and_record_http_client(client: Any, by_line: bool = False) -> None:
     """Note what ``client`` (of httpx, its successor httpx2, or botocore) sends and gets, and bound what it reads.
 
     Args:
@@ -48,7 +48,7 @@ def watch_http_client(client: Any, by_line: bool = False) -> None:
     client.headers["accept-encoding"] = "gzip, deflate"  # these grow at most 1000 times, so a chunk stays small
     hooks: dict[str, list[Any]] = client.event_hooks
     if _store_server_url not in hooks["request"]:  # LangChain shares a client among models
-        watch = partial(_watch_response, by_line)
+        watch = partial(_limit_and_record_response, by_line)
         client.event_hooks = {
             "request": [*hooks["request"], _store_server_url],
             "response": [*hooks["response"], watch],
@@ -60,7 +60,7 @@ def _store_server_url(request: Any) -> None:
         call.server, call.status, call.retry_after = f"{request.url.scheme}://{request.url.netloc.decode()}", None, ""
 
 
-def _watch_response(by_line: bool, response: Any) -> None:
+def _limit_and_record_response(by_line: bool, response: Any) -> None:
     if (call := _call.get()) is not None:
         call.status, call.retry_after = response.status_code, response.headers.get("retry-after") or ""
     response.iter_bytes = partial(_read_limited_chunks, response.iter_bytes, by_line)
@@ -68,7 +68,7 @@ def _watch_response(by_line: bool, response: Any) -> None:
 
 def _send_botocore_request(client: Any, request: Any, **_: Any) -> Any:
     """Send in botocore's place: it reads a body as a whole, however long, before it tells anyone."""
-    call = _call.get() or WireCall()
+    call = _call.get() or ModelHttpCall()
     call.server, call.status, call.retry_after = client.meta.endpoint_url, None, ""
     request.stream_output = True
     response = client._endpoint.http_session.send(request)
@@ -98,7 +98,7 @@ def _read_limited_chunks(
         yield chunk
 
 
-def call_with_timeout(seconds: float | None, ask: Callable[[], Result], call: WireCall) -> Result:
+def call_with_timeout(seconds: float | None, ask: Callable[[], Result], call: ModelHttpCall) -> Result:
     """What ``ask`` returns, waiting at most so many seconds in all; None waits as long as it takes.
 
     A client's own time-out holds for each read, so a server that sends a byte now and then never meets it. The call
@@ -115,7 +115,7 @@ def call_with_timeout(seconds: float | None, ask: Callable[[], Result], call: Wi
     context = copy_context()
     context.run(_call.set, call)
 
-    def work() -> None:
+    def resolve_future_with_reply() -> None:
         try:
             future.set_result(context.run(ask))
         except BaseException as error:  # raised again where the result is waited for
@@ -126,7 +126,7 @@ def call_with_timeout(seconds: float | None, ask: Callable[[], Result], call: Wi
     try:
         if seconds is None:
             return context.run(ask)
-        Thread(target=work, name="model-call", daemon=True).start()
+        Thread(target=resolve_future_with_reply, name="model-call", daemon=True).start()
         return _wait_for_result(future, seconds)
     except Exception as error:
         if call.problem is not None:

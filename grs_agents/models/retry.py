@@ -12,7 +12,7 @@ from langchain_core.runnables import Runnable
 from grs_agents.errors import GrsError
 from grs_agents.models.answer import Answer, ProviderFailure, answer_from_message, require_complete_answer
 from grs_agents.models.provider_errors import classify_provider_error
-from grs_agents.models.reply_limits import WireCall, call_with_timeout
+from grs_agents.models.reply_limits import ModelHttpCall, call_with_timeout
 
 DEADLINE = 300.0
 _RETURNED = "stop"
@@ -49,11 +49,11 @@ def request_message(
     """The message that arrives, and what it holds, whole or not. Raises as ``invoke_with_retries`` does."""
     end = time.monotonic() + (float("inf") if retries.deadline is None else retries.deadline)
     for attempt in range(retries.tries):
-        call = WireCall()
+        call = ModelHttpCall()
         left = None if retries.deadline is None else max(0.0, end - time.monotonic())
         try:
             message = call_with_timeout(left, lambda: model.invoke(list(messages)), call)
-            return message, _answer_of(model, message)
+            return message, _make_complete_answer(model, message)
         except GrsError:
             raise
         except Exception as error:  # each provider raises its own
@@ -62,18 +62,18 @@ def request_message(
                 raise failure from error
             pause = retries.first * 2**attempt if failure.retry_after is None else failure.retry_after
             if time.monotonic() + pause >= end:
-                raise _out_of_time(failure, pause, retries) from error
+                raise _add_deadline_to_failure(failure, pause, retries) from error
             retries.sleep(pause)
     raise GrsError("no try was allowed", "set Retries.tries to 1 or more")
 
 
-def _answer_of(model: Runnable[Any, AIMessage], message: AIMessage) -> Answer:
+def _make_complete_answer(model: Runnable[Any, AIMessage], message: AIMessage) -> Answer:
     """What ``message`` holds; one that ``model`` returned as a whole has ended."""
     answer = answer_from_message(message)
-    return answer if answer.finish_reason or _streams(model) else replace(answer, finish_reason=_RETURNED)
+    return answer if answer.finish_reason or _may_stream_reply(model) else replace(answer, finish_reason=_RETURNED)
 
 
-def _streams(model: Runnable[Any, AIMessage]) -> bool:
+def _may_stream_reply(model: Runnable[Any, AIMessage]) -> bool:
     """Whether a reply may come in pieces, of which the last can get lost; a class that returns it whole has it all."""
     made = getattr(model, "bound", model)
     return not isinstance(made, BaseChatModel) or any(
@@ -81,7 +81,7 @@ def _streams(model: Runnable[Any, AIMessage]) -> bool:
     )
 
 
-def _out_of_time(failure: ProviderFailure, pause: float, retries: Retries) -> ProviderFailure:
+def _add_deadline_to_failure(failure: ProviderFailure, pause: float, retries: Retries) -> ProviderFailure:
     """``failure``, as what ends the call: the next try would begin after its deadline."""
     if failure.retry_after is None:
         return failure

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from grs_agents.agents import Agents, Description, NoReply, roles
-from grs_agents.nodes.describing import candidate_measurements
+from grs_agents.nodes.describing import describe_measurements_for_model
 from grs_agents.nodes.services import Services
 from grs_agents.perception import (
     DEFAULT,
@@ -12,13 +12,13 @@ from grs_agents.perception import (
     Shown,
     TableFrame,
     load_mask,
-    marked_picture_file,
+    outlined_segment_file_name,
 )
 from grs_agents.perception.matching import Ask, MatchResult, Segment
 from grs_agents.state import RunState
 
 
-def match_candidates(
+def run_match_tool(
     records: Sequence[CandidateRecord], described: Mapping[int, Description], state: RunState, services: Services
 ) -> MatchResult:
     """What stands for each candidate; one that its describer calls no object is not asked about."""
@@ -46,11 +46,11 @@ def match_candidates(
         ocr=config.match.ocr,
         index=config.match.index,
     )
-    matches = {number: withhold_doubtful_asset(answer) for number, answer in result.matches.items()}
+    matches = {number: drop_asset_below_confidence(answer) for number, answer in result.matches.items()}
     return MatchResult(matches, (*result.notes, *silent))
 
 
-def withhold_doubtful_asset(answer: MatchEvidence) -> MatchEvidence:
+def drop_asset_below_confidence(answer: MatchEvidence) -> MatchEvidence:
     """The answer; ``no_asset`` where the asset it names is too likely the wrong one."""
     sure, least = answer.confidence, DEFAULT.matching.least
     if answer.match != "asset" or sure is None or sure >= least:
@@ -74,8 +74,8 @@ def make_model_matcher(
         record = by_number[segment.id]
         words = described[segment.id].model_dump(exclude={"is_object", "part_of"}, exclude_none=True) if worded else {}
         shown = [{**asset.model_dump(), "size": [round(value, 3) for value in asset.size]} for asset in assets]
-        pictures = [record.crop, marked_picture_file(record.id)] if pictured and image else []
-        reply = roles.match_asset(agents, {**candidate_measurements(record), **words}, shown, pictures)
+        pictures = [record.crop, outlined_segment_file_name(record.id)] if pictured and image else []
+        reply = roles.match_asset(agents, {**describe_measurements_for_model(record), **words}, shown, pictures)
         if isinstance(reply, NoReply):
             silent.append(f"candidate {segment.id}: {reply}; no asset was matched")
             return MatchEvidence(match="no_asset", reason=str(reply))

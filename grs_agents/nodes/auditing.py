@@ -9,9 +9,9 @@ from grs_agents.audit import (
     Finding,
     audit_task,
     check_program,
-    check_unforeseen,
-    pair_with_rollouts,
-    tell_task,
+    check_report_of_unforeseen_seed,
+    describe_task_in_words,
+    pair_instances_with_rollouts,
 )
 from grs_agents.config import AuditConfig, Config
 from grs_agents.models import is_offline
@@ -39,14 +39,14 @@ def audit_programs(audited: AuditedPrograms, services: Services) -> AuditReport:
     """
     measured, report = audit_instances(audited, services, _derive_unforeseen_seed(audited, services.config))
     if report.accepted:
-        report = _add_findings(report, probe_tests(audited, measured, services))
-    report = _add_findings(report, [check_program(audited.simulation)])
+        report = _append_findings_to_report(report, probe_tests(audited, measured, services))
+    report = _append_findings_to_report(report, [check_program(audited.simulation)])
     if report.accepted:
         seen = [measured] if measured.unforeseen is None else [measured, measured.unforeseen]
         instances = [instance for one in seen for instance in one.instances]
         rollouts = [rollout for one in seen for rollout in one.rollouts]
-        report = _add_findings(report, _judge_words(audited, instances, rollouts, services))
-    return _say_what_is_left_out(report, audited, services)
+        report = _append_findings_to_report(report, _judge_words_against_goals(audited, instances, rollouts, services))
+    return _note_left_out_bystanders(report, audited, services)
 
 
 def audit_instances(
@@ -54,13 +54,13 @@ def audit_instances(
 ) -> tuple[SolvedInstances, AuditReport]:
     """What trusted code measures of a program's task instances, and what the checks say of that alone."""
     measured = solve_task_instances(audited.simulation, services, audited.scene, unforeseen_seed)
-    report = _judge_instances(measured, services.config.audit, audited, services)
+    report = _audit_measured_instances(measured, services.config.audit, audited, services)
     if measured.unforeseen is None or unforeseen_seed is None:
         return measured, report
     one = services.config.audit.model_copy(update={"seeds": 1})
-    other = _judge_instances(measured.unforeseen, one, audited, services)
+    other = _audit_measured_instances(measured.unforeseen, one, audited, services)
     report = report.model_copy(update={"unforeseen_seed": unforeseen_seed})
-    return measured, _add_findings(report, [check_unforeseen(unforeseen_seed, other)])
+    return measured, _append_findings_to_report(report, [check_report_of_unforeseen_seed(unforeseen_seed, other)])
 
 
 def _derive_unforeseen_seed(audited: AuditedPrograms, config: Config) -> int:
@@ -72,7 +72,7 @@ def _derive_unforeseen_seed(audited: AuditedPrograms, config: Config) -> int:
     return seed
 
 
-def _judge_instances(
+def _audit_measured_instances(
     measured: SolvedInstances, config: AuditConfig, audited: AuditedPrograms, services: Services
 ) -> AuditReport:
     return audit_task(
@@ -87,13 +87,13 @@ def _judge_instances(
     )
 
 
-def _add_findings(report: AuditReport, further: Sequence[Finding]) -> AuditReport:
+def _append_findings_to_report(report: AuditReport, further: Sequence[Finding]) -> AuditReport:
     """A report with what other checks found."""
     accepted = report.accepted and all(finding.passed for finding in further)
     return report.model_copy(update={"findings": (*report.findings, *further), "accepted": accepted})
 
 
-def _say_what_is_left_out(report: AuditReport, audited: AuditedPrograms, services: Services) -> AuditReport:
+def _note_left_out_bystanders(report: AuditReport, audited: AuditedPrograms, services: Services) -> AuditReport:
     """The report, with a word where the configuration leaves out what else the photo shows."""
     if audited.scene is None or services.config.scene.bystanders:
         return report
@@ -101,7 +101,7 @@ def _say_what_is_left_out(report: AuditReport, audited: AuditedPrograms, service
     return report.model_copy(update={"about": f"{report.about} {_LEFT_OUT}"})
 
 
-def _judge_words(
+def _judge_words_against_goals(
     audited: AuditedPrograms, instances: Sequence[TaskInstance], rollouts: Sequence[Rollout], services: Services
 ) -> tuple[Finding, ...]:
     """The finding ``words``: whether the goals of every kind of instance ask for what the words say; none without a
@@ -112,8 +112,8 @@ def _judge_words(
     judge = services.config.model_for_role("judge").model
     kinds: set[tuple[object, ...]] = set()
     judgement: WordsJudgement | NoReply | None = None
-    for instance, rollout in _pair_different_instances(instances, rollouts):
-        told = tell_task(instance, rollout, services.library, audited.scene)
+    for instance, rollout in _pair_distinct_instances_with_rollouts(instances, rollouts):
+        told = describe_task_in_words(instance, rollout, services.library, audited.scene)
         if told.kind in kinds:
             continue
         kinds.add(told.kind)
@@ -131,12 +131,14 @@ def _judge_words(
     return (Finding(check="words", passed=passed, measured=measured, bound=bound),)
 
 
-def _pair_different_instances(
+def _pair_distinct_instances_with_rollouts(
     instances: Sequence[TaskInstance], rollouts: Sequence[Rollout]
 ) -> Iterator[tuple[TaskInstance, Rollout]]:
     """Each instance with its film, where there is one; of those that differ in their seeds alone the first."""
     seen: list[TaskInstance] = []
-    for instance, rollout in pair_with_rollouts(instances, [rollout for rollout in rollouts if rollout.final]):
+    for instance, rollout in pair_instances_with_rollouts(
+        instances, [rollout for rollout in rollouts if rollout.final]
+    ):
         unseeded = instance.model_copy(update={"seed": 0})
         if unseeded not in seen:
             seen.append(unseeded)
@@ -154,7 +156,7 @@ def _draw_start_and_end(instance: TaskInstance, rollout: Rollout, services: Serv
             output=str((services.folder / path).resolve()),
             poses=poses,
             textured=True,
-            **services.simulator_setup,
+            **services.library_root_fields,
         )
         if not drawn or drawn.image is None:
             return []

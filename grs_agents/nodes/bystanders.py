@@ -15,7 +15,7 @@ from grs_agents.sim import (
     InstanceTask,
     TaskInstance,
     explain_unpickable_objects,
-    find_objects_in_robot,
+    find_objects_overlapping_robot,
 )
 from grs_agents.sim.world import FIRST_BYSTANDER, TIMESTEP, object_prism_at_pose
 
@@ -32,7 +32,7 @@ def photo_objects(scene: SceneDescription, library: Library) -> tuple[InstanceOb
 
     What may stand on something unseen is fixed; what stands where the robot does is left out.
     """
-    near = {FIRST_BYSTANDER + index: item for index, item in enumerate(scene.objects) if _is_in_tasks(item)}
+    near = {FIRST_BYSTANDER + index: item for index, item in enumerate(scene.objects) if _is_near_workspace(item)}
     placed = [PlacedObject(item.asset, item.settled or (item.position, item.orientation)) for item in near.values()]
     return tuple(
         item.model_copy(update={"id": number, "role": "bystander", "category": "fixed" if one.held else "rigid"})
@@ -40,21 +40,21 @@ def photo_objects(scene: SceneDescription, library: Library) -> tuple[InstanceOb
     )
 
 
-def bystanders_of_run(scene: SceneDescription | None, services: Services) -> tuple[InstanceObject, ...]:
+def configured_bystanders(scene: SceneDescription | None, services: Services) -> tuple[InstanceObject, ...]:
     """What stands around the tasks of a run: nothing without a photo, or if the configuration leaves it out."""
     if scene is None or not services.config.scene.bystanders:
         return ()
     return photo_objects(scene, services.library)
 
 
-def setup_of_programs(scene: SceneDescription | None, services: Services) -> dict[str, Any]:
+def program_tool_settings(scene: SceneDescription | None, services: Services) -> dict[str, Any]:
     """What a tool is told that runs programs: where the assets are, the arm, and what is around the task."""
     background = scene.background if scene is not None else None
-    around = {"background": background, "bystanders": bystanders_of_run(scene, services)}
-    return {**around, "robot": services.robot_name_or_path, **services.simulator_setup}
+    around = {"background": background, "bystanders": configured_bystanders(scene, services)}
+    return {**around, "robot": services.robot_name_or_path, **services.library_root_fields}
 
 
-def _is_in_tasks(item: SceneObject) -> bool:
+def _is_near_workspace(item: SceneObject) -> bool:
     (west, south, _), (east, north, _) = item.box.low, item.box.high
     within_x = east > types.X[0] - _MARGIN and west < types.X[1] + _MARGIN
     return not item.stands_in_robot and within_x and north > types.Y[0] - _MARGIN and south < types.Y[1] + _MARGIN
@@ -72,14 +72,16 @@ def prepare_scene_for_tasks(scene: SceneDescription, library: Library, robot: st
     while True:
         items = photo_objects(scene, library)
         env = _set_up_world(items, scene, library, robot)
-        if within := find_objects_in_robot(env):
-            scene = _mark_objects(scene, {number: {"stands_in_robot": True, "reachable": False} for number in within})
+        if within := find_objects_overlapping_robot(env):
+            scene = _update_objects_by_id(
+                scene, {number: {"stands_in_robot": True, "reachable": False} for number in within}
+            )
             continue
         env.step_simulation(_WATCHED)
         unstable = _lowest_unstable_object(items, env)
         if unstable is None:
-            return _mark_objects(scene, _describe_pick_troubles(scene, env))
-        scene = _mark_objects(scene, {unstable: {"held": True}})
+            return _update_objects_by_id(scene, _explain_unpickable_by_number(scene, env))
+        scene = _update_objects_by_id(scene, {unstable: {"held": True}})
 
 
 def _set_up_world(
@@ -100,7 +102,7 @@ def _lowest_unstable_object(items: Sequence[InstanceObject], env: Environment) -
     return None if lowest is None else lowest.id
 
 
-def _describe_pick_troubles(scene: SceneDescription, env: Environment) -> dict[int, dict[str, Any]]:
+def _explain_unpickable_by_number(scene: SceneDescription, env: Environment) -> dict[int, dict[str, Any]]:
     """Of each object that the robot cannot pick, why, with the names of the scene."""
     names = {label: scene.objects[number - FIRST_BYSTANDER].name for number, label in env.object_labels.items()}
     labels = re.compile("|".join(map(re.escape, sorted(names, key=len, reverse=True))) or "(?!)")
@@ -110,7 +112,7 @@ def _describe_pick_troubles(scene: SceneDescription, env: Environment) -> dict[i
     }
 
 
-def _mark_objects(scene: SceneDescription, changes: Mapping[int, Mapping[str, Any]]) -> SceneDescription:
+def _update_objects_by_id(scene: SceneDescription, changes: Mapping[int, Mapping[str, Any]]) -> SceneDescription:
     """The scene with other values of some objects, by their ids as bystanders."""
     objects = tuple(
         item.model_copy(update=changes.get(FIRST_BYSTANDER + index, {})) for index, item in enumerate(scene.objects)

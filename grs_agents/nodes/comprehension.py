@@ -14,10 +14,15 @@ from grs_agents.agents import Description
 from grs_agents.errors import GrsError, InputError
 from grs_agents.foreign import find_member_file
 from grs_agents.library import write_background_asset
-from grs_agents.nodes.asset_matching import match_candidates
+from grs_agents.nodes.asset_matching import run_match_tool
 from grs_agents.nodes.bystanders import prepare_scene_for_tasks
 from grs_agents.nodes.describing import describe_segments
-from grs_agents.nodes.scene_objects import MatchedCandidate, drop_reason, place_object, replace_misfit_assets
+from grs_agents.nodes.scene_object_building import (
+    MatchedCandidate,
+    explain_why_no_scene_object,
+    place_asset_or_proxy,
+    replace_misfit_assets,
+)
 from grs_agents.nodes.scene_settling import SettledScene, settle_scene
 from grs_agents.nodes.services import Photo, Services, Update, logged_node
 from grs_agents.perception import (
@@ -37,32 +42,32 @@ from grs_agents.perception import (
     TableFrame,
     add_residual_candidates,
     center_objects_in_workspace,
-    check_joints,
+    copy_scene_from_run,
     describe_coverage,
     describe_depth_shift,
     describe_table_doubts,
     draw_object_names,
-    frame_as_saved,
     is_known_scene,
-    leave_out_scenery,
     load_mask,
     measure_coverage,
     measure_depth_noise,
     measure_table_color,
-    pixels_above_table,
+    raised_pixel_mask,
     read_scene,
     reconstruct_background,
     register_objects,
+    require_joints_within_limits,
     robot_pixel_mask,
+    round_depth_as_saved,
     save_candidates,
     save_frame,
     save_twin_picture,
+    separate_scenery_from_objects,
     smooth_depth_noise,
-    take_over_scene,
     write_png,
 )
 from grs_agents.perception import find_table as table_in
-from grs_agents.sim.world import arm_spheres_at_home
+from grs_agents.sim.world import compute_arm_spheres_at_home
 from grs_agents.state import RunState
 from grs_agents.trace import Note, SceneStage, read_events
 
@@ -85,7 +90,7 @@ def build_background_asset(
     objects = robot.copy()
     for candidate in candidates:
         objects |= candidate.mask
-    arm = arm_spheres_at_home(services.robot_name_or_path, services.library)
+    arm = compute_arm_spheres_at_home(services.robot_name_or_path, services.library)
     background = reconstruct_background(
         frame, table, objects, [candidate.box for candidate in candidates], arm, asked.voxel
     )
@@ -110,33 +115,33 @@ def build_background_asset(
 
 
 @logged_node("read")
-def read_photo(state: RunState, services: Services) -> Update:
+def read_photo_into_run(state: RunState, services: Services) -> Update:
     """Read the RGB-D photo and write it into the run folder; all later nodes work on what was written.
 
     Where the source is a run folder, its scene is taken over as it is, and there is nothing left to perceive.
     """
     source = Path(state["scene_path"])
     if is_known_scene(source):
-        return _take_over_scene(source, services)
+        return _copy_scene_of_other_run(source, services)
     frame = read_scene(source, _make_depth_estimator(services), services.config.depth.field_of_view)
     noise = measure_depth_noise(frame)
     frame = smooth_depth_noise(frame, noise)
     notes = [*frame.notes, *describe_depth_shift(frame), *_check_robot_joints(frame, services)]
     files = save_frame(frame, services.folder)
-    services.keep_photo(frame_as_saved(frame, state["scene_path"]))
+    services.cache_photo(round_depth_as_saved(frame, state["scene_path"]))
     camera = frame.camera.model_dump(mode="json")
     summary = {"camera": camera, "noise": noise.at_one_metre}
     services.log.append(SceneStage(stage="frame", summary=summary, files=files))
     return {"notes": notes, "image": files["rgb"], "camera": camera}
 
 
-def _take_over_scene(source: Path, services: Services) -> Update:
-    scene = take_over_scene(source, services.folder, services.config.robot)
+def _copy_scene_of_other_run(source: Path, services: Services) -> Update:
+    scene = copy_scene_from_run(source, services.folder, services.config.robot)
     for event in read_events(source / "events.jsonl"):
         if isinstance(event, SceneStage):
             services.log.append(SceneStage(stage=event.stage, summary=event.summary, files=event.files))
     services.log.append(Note(text=f"the scene is that of {source}, as it was made there"))
-    check_coverage(scene, services.config.scene.coverage.refuse)
+    require_scene_coverage(scene, services.config.scene.coverage.refuse)
     named = find_member_file(services.folder, NAMED)
     return {"scene": scene.model_dump(mode="json"), "image": scene.image if named is None else NAMED}
 
@@ -163,7 +168,7 @@ def segment_photo(state: RunState, services: Services) -> Update:
     # What is not set is not told, so that a tool need not take it.
     told = {"model": None, **config.segment.model_dump(exclude_defaults=True)}
     result = services.run_tool(config.tools.segment, frame=without_robot, table=table, **told)
-    found = leave_out_scenery(result.candidates, robot, frame, table)
+    found = separate_scenery_from_objects(result.candidates, robot, frame, table)
     if not found.objects:
         raise InputError(
             f"{state['scene_path']}: nothing on the table is an object: {'; '.join(sorted(set(found.reasons)))}",
@@ -202,8 +207,8 @@ def segment_photo(state: RunState, services: Services) -> Update:
 def describe_candidates(state: RunState, services: Services) -> Update:
     """Ask the describer about each pending candidate (paper, Scene Comprehension, step 2); pieces become one."""
     first_free = max(record["id"] for record in state["candidates"]) + 1
-    photo = _photo_and_table(state, services)
-    found = describe_segments(_candidates_of_this_pass(state), first_free, photo, services)
+    photo = _load_photo_and_table(state, services)
+    found = describe_segments(_pending_candidates_from_state(state), first_free, photo, services)
     descriptions = {str(number): said.model_dump(mode="json") for number, said in found.descriptions.items()}
     services.log.append(SceneStage(stage="described", summary=descriptions))
     others = [record for record in state["candidates"] if record["id"] not in state["pending"]]
@@ -219,7 +224,7 @@ def describe_candidates(state: RunState, services: Services) -> Update:
 @logged_node("match")
 def match_candidates_to_assets(state: RunState, services: Services) -> Update:
     """Match each pending candidate that is an object with an asset (paper, Scene Comprehension, step 3)."""
-    result = match_candidates(_candidates_of_this_pass(state), _descriptions_from_state(state), state, services)
+    result = run_match_tool(_pending_candidates_from_state(state), _descriptions_from_state(state), state, services)
     matches = {str(number): answer.model_dump(mode="json") for number, answer in result.matches.items()}
     return {"matches": {**state.get("matches", {}), **matches}, "notes": [*state["notes"], *result.notes]}
 
@@ -232,13 +237,13 @@ def register_assets_in_photo(state: RunState, services: Services) -> Update:
     """
     records = [CandidateRecord.model_validate(item) for item in state["candidates"]]
     objects = [SceneObject.model_validate(item) for item in state.get("objects", ())]
-    placed, dropped = _place_candidates(_candidates_of_this_pass(state), objects, state, services)
+    placed, dropped = _convert_candidates_to_objects(_pending_candidates_from_state(state), objects, state, services)
     objects += placed
     dropped = [*(DroppedCandidate.model_validate(item) for item in state.get("dropped", ())), *dropped]
     residual: tuple[CandidateRecord, ...] = ()
     if len(state["pending"]) == len(records):  # the first pass
         residual, divided = add_residual_candidates(
-            objects, records, *_photo_and_table(state, services), services.library, services.folder
+            objects, records, *_load_photo_and_table(state, services), services.library, services.folder
         )
         dropped += divided
         objects = [item for item in objects if item.id not in {gone.id for gone in divided}]
@@ -258,10 +263,10 @@ def next_step_after_register(state: RunState) -> Literal["describe", "settle"]:
 @logged_node("settle")
 def settle_objects(state: RunState, services: Services) -> Update:
     """Resolve collisions, let the objects come to rest in MuJoCo, and write ``scene.json``."""
-    photo, table = _photo_and_table(state, services)
+    photo, table = _load_photo_and_table(state, services)
     records = [CandidateRecord.model_validate(item) for item in state["candidates"]]
     left_out = load_mask(services.folder / state["left_out"]) if "left_out" in state else None
-    above = pixels_above_table(photo, table, left_out)
+    above = raised_pixel_mask(photo, table, left_out)
     settled = settle_scene(
         [SceneObject.model_validate(item) for item in state["objects"]], records, (photo, table), above, services
     )
@@ -270,7 +275,7 @@ def settle_objects(state: RunState, services: Services) -> Update:
     if settled.owned is not None:
         rejected = _load_rejected_masks(dropped, records, services)
         coverage = measure_coverage(photo, table, above, settled.owned, rejected).write(photo, services.folder)
-    warnings = _list_warnings(state, settled, coverage, services)
+    warnings = _list_scene_warnings(state, settled, coverage, services)
     for warning in warnings:
         services.log.append(Note(level="warning", text=warning))
     if not settled.objects:
@@ -294,13 +299,15 @@ def settle_objects(state: RunState, services: Services) -> Update:
     files = save_twin_picture(scene, services.library, services.folder)
     files |= {} if coverage is None else {"coverage": coverage.picture}
     services.log.append(SceneStage(stage="matched", summary=scene.model_dump(mode="json"), files=files))
-    check_coverage(scene, services.config.scene.coverage.refuse)
+    require_scene_coverage(scene, services.config.scene.coverage.refuse)
     masks = {item.name: load_mask(services.folder / item.mask) for item in scene.objects}
     named = draw_object_names(photo, masks, services.folder)
     return {"scene": scene.model_dump(mode="json"), "image": named}
 
 
-def _list_warnings(state: RunState, settled: SettledScene, coverage: Coverage | None, services: Services) -> list[str]:
+def _list_scene_warnings(
+    state: RunState, settled: SettledScene, coverage: Coverage | None, services: Services
+) -> list[str]:
     """What a reader of the scene should know."""
     far = [
         f"{item.name} at x = {item.position[0]:.2f}, y = {item.position[1]:.2f} m is out of the arm's reach"
@@ -329,7 +336,7 @@ def _no_object_error(state: RunState, table: TableFrame) -> InputError:
     )
 
 
-def check_coverage(scene: SceneDescription, bound: float) -> None:
+def require_scene_coverage(scene: SceneDescription, bound: float) -> None:
     """Raises InputError: too much of what rises above the table belongs to no object.
 
     A scene of before coverage was measured is accepted.
@@ -364,23 +371,23 @@ def _prepare_scene_for_tasks(scene: SceneDescription, services: Services) -> Sce
     return scene.model_copy(update={"warnings": (*scene.warnings, *warnings)})
 
 
-def _place_candidates(
+def _convert_candidates_to_objects(
     records: Sequence[CandidateRecord], others: Sequence[SceneObject], state: RunState, services: Services
 ) -> tuple[tuple[SceneObject, ...], list[DroppedCandidate]]:
     """The candidates as objects with an asset or proxy where the photo shows them, and those that are no object."""
     if not records:
         return (), []
-    photo = _photo_and_table(state, services)
+    photo = _load_photo_and_table(state, services)
     descriptions = _descriptions_from_state(state)
     matches = {int(number): MatchEvidence.model_validate(match) for number, match in state["matches"].items()}
     dropped: list[DroppedCandidate] = []
     objects: list[SceneObject] = []
     for record in records:
         answer = MatchedCandidate(record, descriptions[record.id], matches.get(record.id))
-        if reason := drop_reason(answer, services.config.match.proxies):
+        if reason := explain_why_no_scene_object(answer, services.config.match.proxies):
             dropped.append(DroppedCandidate(id=record.id, reason=reason))
         else:
-            objects.append(place_object(answer, services, [other.name for other in (*others, *objects)], photo))
+            objects.append(place_asset_or_proxy(answer, services, [other.name for other in (*others, *objects)], photo))
     by_number = {record.id: record for record in records}
     names = [other.name for other in others]
     registered = register_objects(objects, records, *photo, services.library, services.folder)
@@ -392,11 +399,11 @@ def _table_from_state(state: RunState) -> TableFrame:
     return TableFrame.model_validate(state["table"])
 
 
-def _photo_and_table(state: RunState, services: Services) -> Photo:
+def _load_photo_and_table(state: RunState, services: Services) -> Photo:
     return services.load_photo(state), _table_from_state(state)
 
 
-def _candidates_of_this_pass(state: RunState) -> list[CandidateRecord]:
+def _pending_candidates_from_state(state: RunState) -> list[CandidateRecord]:
     """The candidates of this pass."""
     return [
         CandidateRecord.model_validate(record) for record in state["candidates"] if record["id"] in state["pending"]
@@ -420,7 +427,7 @@ def _check_robot_joints(frame: RGBDFrame, services: Services) -> list[str]:
     joints = frame.camera.joints
     if joints is None:
         return []
-    check_joints(joints, services.robot_name_or_path)
+    require_joints_within_limits(joints, services.robot_name_or_path)
     lacks = "camera.json: joints is not used: where the robot is seen is not known without T_robot_cam"
     return [lacks] if frame.camera.T_robot_cam is None else []
 
@@ -428,8 +435,8 @@ def _check_robot_joints(frame: RGBDFrame, services: Services) -> list[str]:
 def _make_depth_estimator(services: Services) -> Estimator:
     """Asks the configured depth tool, if the scene turns out to have no depth."""
 
-    def estimate(rgb: Image, focal: float | None, photo: str) -> DepthEstimate:
+    def run_depth_tool(rgb: Image, focal: float | None, photo: str) -> DepthEstimate:
         config = services.config
         return services.run_tool(config.tools.depth, rgb=rgb, focal=focal, photo=photo, model=config.depth.model)
 
-    return estimate
+    return run_depth_tool

@@ -22,13 +22,13 @@ from grs_agents.perception import (
     CandidateRecord,
     DroppedCandidate,
     gap_between_boxes,
-    group_pieces,
+    group_pieces_of_one_object,
     load_mask,
-    marked_picture_file,
     merge_pieces,
-    outline_segments,
-    save_additional_candidates,
-    sheet_files,
+    outlined_segment_file_name,
+    save_candidates_after_earlier,
+    segment_sheet_file_names,
+    write_outlines,
     write_segment_sheet,
 )
 
@@ -72,7 +72,7 @@ class _State(TypedDict):
     notes: Annotated[list[str], operator.add]
 
 
-def candidate_measurements(record: CandidateRecord) -> dict[str, Any]:
+def describe_measurements_for_model(record: CandidateRecord) -> dict[str, Any]:
     """What a model is told of a candidate besides its picture."""
     return {
         "id": record.id,
@@ -86,17 +86,24 @@ def candidate_measurements(record: CandidateRecord) -> dict[str, Any]:
 
 
 def make_describer_question(asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord]) -> DescriberQuestion:
-    """The question about some of the segments ``records``; its pictures are those of `outline_segments`, or a sheet."""
+    """The question about some of the segments ``records``; its pictures are those of `write_outlines`, or a sheet."""
     rows = [
-        {**candidate_measurements(one), "near": [other.id for other in records if _are_neighbours(one, other)]}
+        {
+            **describe_measurements_for_model(one),
+            "near": [other.id for other in records if _are_boxes_adjoining(one, other)],
+        }
         for one in asked
     ]
     first = asked[0]
-    images = [first.crop, marked_picture_file(first.id)] if len(asked) == 1 else list(sheet_files(first.id))
+    images = (
+        [first.crop, outlined_segment_file_name(first.id)]
+        if len(asked) == 1
+        else list(segment_sheet_file_names(first.id))
+    )
     return {"rows": rows, "numbers": [one.id for one in records], "images": images}
 
 
-def _are_neighbours(one: CandidateRecord, other: CandidateRecord) -> bool:
+def _are_boxes_adjoining(one: CandidateRecord, other: CandidateRecord) -> bool:
     return one.id != other.id and gap_between_boxes(one.box, other.box) <= ADJOINING
 
 
@@ -106,7 +113,7 @@ def ask_describer(agents: Agents, question: DescriberQuestion) -> dict[int, Desc
     return roles.describe_segments(agents, question["rows"], question["numbers"], pictures, question["images"])
 
 
-def make_undescribed_segment(shape: str) -> Description:
+def make_placeholder_description(shape: str) -> Description:
     """What is known of a segment that nobody described: that its outline is a box or a cylinder."""
     words = f"an undescribed {shape}"
     return Description(is_object=True, description=words, color="unknown", shape=shape, category="object")
@@ -117,13 +124,13 @@ def describe_segments(
 ) -> DescribedSegments:
     """Describe segments; what is put together of them is numbered from ``first_free`` and described once more."""
     describer = _Describer(photo, services, first_free)
-    describer.draw_pictures(records, records)
+    describer.write_question_pictures(records, records)
     graph = StateGraph(_State)
     graph.add_node("ask", describer.ask)
     graph.add_node("merge", describer.merge)
-    graph.add_conditional_edges(START, describer.list_questions, ["ask"])
+    graph.add_conditional_edges(START, describer.send_next_questions, ["ask"])
     graph.add_edge("ask", "merge")
-    graph.add_conditional_edges("merge", describer.list_questions, ["ask", END])
+    graph.add_conditional_edges("merge", describer.send_next_questions, ["ask", END])
     begin: Any = {"records": [one.model_dump(mode="json") for one in records], "asked": [one.id for one in records]}
     spec = services.config.model_for_role("describe")
     at_once = 1 if is_offline(spec.model) else spec.concurrency  # which asks nobody gains nothing by it
@@ -132,14 +139,14 @@ def describe_segments(
     silent = [f"candidate {number}: {end['silent'][str(number)]}" for number in sorted(map(int, end["silent"]))]
     kept = [CandidateRecord.model_validate(one) for one in end["records"]]
     return DescribedSegments(
-        records=tuple(_set_open_top_as_described(one, said[one.id]) for one in kept),
+        records=tuple(_update_open_top_from_description(one, said[one.id]) for one in kept),
         descriptions=dict(sorted(said.items())),
         dropped=tuple(DroppedCandidate.model_validate(one) for one in end["dropped"]),
         notes=(*silent, *end["notes"]),
     )
 
 
-def _set_open_top_as_described(record: CandidateRecord, said: Description) -> CandidateRecord:
+def _update_open_top_from_description(record: CandidateRecord, said: Description) -> CandidateRecord:
     """Open at the top if it was described so: the depth camera does not see into everything."""
     return record if said.open_top is None else record.model_copy(update={"hollow": said.open_top})
 
@@ -153,29 +160,29 @@ class _Describer:
     first_free: int
 
     @property
-    def asks_by_sheet(self) -> bool:
+    def describes_all_in_one_sheet(self) -> bool:
         return self.services.config.match.describe == "sheet"
 
     @property
-    def model_looks(self) -> bool:
+    def describer_sees_pictures(self) -> bool:
         """Whether the describer looks at pictures: the embedded model reads the measurements alone."""
         return not is_offline(self.services.config.model_for_role("describe").model)
 
-    def draw_pictures(self, asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord]) -> None:
+    def write_question_pictures(self, asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord]) -> None:
         """For the questions about some of the segments; for the same segments always the same."""
-        if not self.model_looks:
+        if not self.describer_sees_pictures:
             return
-        outline_segments(self.photo[0], asked, records, self.services.folder)
-        if self.asks_by_sheet and len(asked) > 1:
+        write_outlines(self.photo[0], asked, records, self.services.folder)
+        if self.describes_all_in_one_sheet and len(asked) > 1:
             write_segment_sheet(self.photo[0], asked, records, self.services.folder)
 
-    def list_questions(self, state: _State) -> list[Send] | str:
+    def send_next_questions(self, state: _State) -> list[Send] | str:
         """What is to be asked next: one question for each segment, or one for all."""
         records = [CandidateRecord.model_validate(one) for one in state["records"]]
         asked = [one for one in records if one.id in state["asked"]]
-        groups = [asked] if self.asks_by_sheet and asked else [[one] for one in asked]
+        groups = [asked] if self.describes_all_in_one_sheet and asked else [[one] for one in asked]
         questions = [make_describer_question(group, records) for group in groups]
-        if not self.model_looks:
+        if not self.describer_sees_pictures:
             questions = [{**question, "images": []} for question in questions]
         return [Send("ask", question) for question in questions] or END
 
@@ -187,7 +194,7 @@ class _Describer:
         if isinstance(reply, NoReply):
             numbers = [int(row["id"]) for row in state["rows"]]
             silent = dict.fromkeys(map(str, numbers), str(reply))
-            measured = {int(row["id"]): make_undescribed_segment(str(row["outline"])) for row in state["rows"]}
+            measured = {int(row["id"]): make_placeholder_description(str(row["outline"])) for row in state["rows"]}
             return {"descriptions": _descriptions_as_json(measured), "silent": silent}
         return {"descriptions": _descriptions_as_json(reply)}
 
@@ -195,10 +202,10 @@ class _Describer:
         """Put together what was described as pieces of one thing; that is described next."""
         records = {int(one["id"]): CandidateRecord.model_validate(one) for one in state["records"]}
         said = {number: Description.model_validate(state["descriptions"][str(number)]) for number in records}
-        part_of = _map_pieces_to_wholes([records[number] for number in state["asked"]], said)
-        groups = group_pieces(part_of, {number: one.box for number, one in records.items()})
-        merged, too_large = self.merge_groups(groups, records)
-        dropped = _drop_pieces(merged, said)
+        part_of = _map_piece_ids_to_whole_ids([records[number] for number in state["asked"]], said)
+        groups = group_pieces_of_one_object(part_of, {number: one.box for number, one in records.items()})
+        merged, too_large = self.measure_merged_groups(groups, records)
+        dropped = _list_pieces_as_dropped(merged, said)
         pieces = {piece.id for piece in dropped}
         rest = [one for number, one in records.items() if number not in pieces]
         added = self.save([whole for _, whole in merged], rest)
@@ -212,11 +219,11 @@ class _Describer:
     def save(self, merged: Sequence[Candidate], rest: Sequence[CandidateRecord]) -> tuple[CandidateRecord, ...]:
         """What was put together, beside the rest, with the pictures for the questions about it."""
         folder = self.services.folder
-        added = save_additional_candidates(self.photo[0], merged, rest, folder) if merged else ()
-        self.draw_pictures(added, [*rest, *added])
+        added = save_candidates_after_earlier(self.photo[0], merged, rest, folder) if merged else ()
+        self.write_question_pictures(added, [*rest, *added])
         return added
 
-    def merge_groups(
+    def measure_merged_groups(
         self, groups: Sequence[Group], records: Mapping[int, CandidateRecord]
     ) -> tuple[list[tuple[Group, Candidate]], list[str]]:
         """Each group of segments with what it is together, measured; and which are too large for that."""
@@ -233,13 +240,15 @@ class _Describer:
         return merged, notes
 
 
-def _map_pieces_to_wholes(asked: Sequence[CandidateRecord], said: Mapping[int, Description]) -> dict[int, int]:
+def _map_piece_ids_to_whole_ids(asked: Sequence[CandidateRecord], said: Mapping[int, Description]) -> dict[int, int]:
     """For each segment that was described as a piece what it is said to be a part of; what the user gave is none."""
     parts = {one.id: said[one.id].part_of for one in asked if not one.given}
     return {number: whole for number, whole in parts.items() if whole is not None}
 
 
-def _drop_pieces(merged: Sequence[tuple[Group, Candidate]], said: Mapping[int, Description]) -> list[DroppedCandidate]:
+def _list_pieces_as_dropped(
+    merged: Sequence[tuple[Group, Candidate]], said: Mapping[int, Description]
+) -> list[DroppedCandidate]:
     """The segments that are pieces, with what they are pieces of and what was said of them."""
     return [
         DroppedCandidate(id=one, reason=f"a piece of a larger thing, candidate {whole.id}: {said[one].description}")

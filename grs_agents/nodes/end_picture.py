@@ -9,10 +9,10 @@ from grs_agents.files import write_bytes
 from grs_agents.foreign import read_picture
 from grs_agents.models import is_offline
 from grs_agents.nodes.services import Services
-from grs_agents.nodes.task_instances import draw_instances
+from grs_agents.nodes.task_instances import instantiate_program_for_seeds
 from grs_agents.perception import SceneDescription
 from grs_agents.sim import Episode, Rollout, TaskInstance, parse_instance_json
-from grs_agents.sim.instance import find_robot_in_folder
+from grs_agents.sim.instance import resolve_robot_path
 from grs_agents.state import RunState
 
 MARKED = 3
@@ -38,18 +38,18 @@ def draw_end_of_episode(state: RunState, services: Services, role: str) -> list[
     if last is None:
         return []
     instance, rollout = last
-    marked = find_objects_at_fault(rollout.episode)
+    marked = find_ids_of_failed_objects(rollout.episode)
     drawn = services.run_tool(
         "render",
         instance=instance.model_dump(mode="json"),
         output=str(output.resolve()),
         poses=rollout.final,
         marked=marked,
-        **services.simulator_setup,
+        **services.library_root_fields,
     )
     if drawn.image is None:
         return []
-    label_boxes(output, drawn.boxes, {item.id: item.asset for item in instance.objects})
+    write_names_beside_boxes(output, drawn.boxes, {item.id: item.asset for item in instance.objects})
     return [path]
 
 
@@ -59,16 +59,16 @@ def _find_last_rollout(state: RunState, services: Services) -> tuple[TaskInstanc
     if rollouts:
         last = min(rollouts, key=lambda rollout: rollout.episode.strict)
         file = services.folder / f"instances/seed_{last.seed}.json"
-        return find_robot_in_folder(parse_instance_json(file.read_text(encoding="utf-8")), services.folder), last
+        return resolve_robot_path(parse_instance_json(file.read_text(encoding="utf-8")), services.folder), last
     scene = SceneDescription.model_validate(state["scene"])
-    drawn, _ = draw_instances(state["simulation"], [services.config.seed], services, scene)
+    drawn, _ = instantiate_program_for_seeds(state["simulation"], [services.config.seed], services, scene)
     if not drawn:
         return None
-    done = services.run_tool("rollout", instance=drawn[0].model_dump(mode="json"), **services.simulator_setup)
+    done = services.run_tool("rollout", instance=drawn[0].model_dump(mode="json"), **services.library_root_fields)
     return None if done.rollout is None else (drawn[0], Rollout.model_validate(done.rollout))
 
 
-def find_objects_at_fault(episode: Episode) -> list[int]:
+def find_ids_of_failed_objects(episode: Episode) -> list[int]:
     """The ids of the objects that miss in the goals that hold least; else those that the episode's end concerns."""
     for goal in sorted(episode.goals, key=lambda goal: goal.strict):
         missed = [
@@ -81,7 +81,9 @@ def find_objects_at_fault(episode: Episode) -> list[int]:
     return [motion.object for motion in episode.motions if motion.asset in episode.objects][:MARKED]
 
 
-def label_boxes(file: Path, boxes: Mapping[int, tuple[int, int, int, int]], names: Mapping[int, str]) -> None:
+def write_names_beside_boxes(
+    file: Path, boxes: Mapping[int, tuple[int, int, int, int]], names: Mapping[int, str]
+) -> None:
     """Write names into a picture file, above or below boxes (left, top, right, bottom) in pixels."""
     picture = read_picture(file, cv2.IMREAD_COLOR)
     for number, (left, top, _, bottom) in boxes.items():

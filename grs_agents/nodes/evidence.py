@@ -35,11 +35,16 @@ def render_evidence(
     report: TestReport | None, audit: AuditReport | None = None, findings: Sequence[StaticFinding] = ()
 ) -> str:
     """All that was found out about a pair of programs; each distinct episode once."""
-    sections = [_static_section(findings), _tests_section(report), *_episode_sections(report), *_audit_sections(audit)]
+    sections = [
+        _static_findings_section(findings),
+        _tests_section(report),
+        *_episode_sections(report),
+        *_audit_sections(audit),
+    ]
     return "\n\n".join("\n".join(line[:_LINE] for line in lines) for lines in sections if lines) or "(nothing was run)"
 
 
-def _static_section(findings: Sequence[StaticFinding]) -> list[str]:
+def _static_findings_section(findings: Sequence[StaticFinding]) -> list[str]:
     lines = [f"{finding.program} line {finding.line}: {finding.kind}: {finding.message}" for finding in findings]
     return ["== static checks", *lines] if lines else []
 
@@ -125,10 +130,10 @@ def _episode_lines(episode: Episode) -> Iterator[str]:
         f"{number}. {action.asset} #{action.object} {_point(action.pick)} -> {_point(action.place)}: {action.note}"
         for number, action in enumerate(episode.actions, 1)
     ]
-    yield from _list_rows_up_to_limit("goals", [_goal_row(goal) for goal in episode.goals])
+    yield from _list_rows_up_to_limit("goals", [_format_goal_outcome(goal) for goal in episode.goals])
     yield from _list_rows_up_to_limit("actions", actions)
     yield from _list_rows_up_to_limit(
-        "objects", [_motion_row(motion) for motion in sorted(episode.motions, key=lambda m: not m.moved)]
+        "objects", [_format_object_motion(motion) for motion in sorted(episode.motions, key=lambda m: not m.moved)]
     )
     yield from _list_rows_up_to_limit("warnings", episode.warnings)
 
@@ -141,12 +146,12 @@ def _list_rows_up_to_limit(title: str, rows: Sequence[str]) -> Iterator[str]:
         yield f"  and {len(rows) - ROWS} more"
 
 
-def _goal_row(goal: GoalOutcome) -> str:
+def _format_goal_outcome(goal: GoalOutcome) -> str:
     row = f"worth {goal.worth:.2f}, published {goal.published:.2f}, strict {goal.strict:.2f}: {goal.goal}"
     return f"{row}; misses: {'; '.join(goal.shortfalls[:CLAUSES])}" if goal.shortfalls else row
 
 
-def _motion_row(motion: ObjectMotion) -> str:
+def _format_object_motion(motion: ObjectMotion) -> str:
     end = f" -> {_point(motion.end)}" if motion.moved else ", not moved"
     tilt = f", tilted {motion.tilt:.0f} degrees" if motion.tilt >= _TILTED else ""
     return f"{motion.asset} #{motion.object} {_point(motion.start)}{end}{tilt}"

@@ -15,7 +15,7 @@ from grs_agents.agents import Verdict
 from grs_agents.audit import AuditReport, find_changed_assertions
 from grs_agents.base import Frozen
 from grs_agents.nodes.services import Update
-from grs_agents.policies import failures_without_run_details, read_episode
+from grs_agents.policies import list_stable_failures, read_episode
 from grs_agents.sandbox import TestReport
 from grs_agents.state import RunState
 
@@ -95,7 +95,7 @@ class BestVersion(Frozen):
         return f"program version {self.simulation_version} with tests version {self.tests_version} ({self.score})"
 
 
-def measure_score(state: RunState) -> Score:
+def score_judged_programs(state: RunState) -> Score:
     """The score of the programs that were judged last."""
     report = TestReport.model_validate(state["report"]) if state.get("report") else TestReport(outcome="no_tests")
     audit = AuditReport.model_validate(state["audit"]) if state.get("audit") else None
@@ -136,7 +136,10 @@ def _assertion_lines(record: FixRecord) -> list[str]:
 
 def record_fix(state: RunState, fixed: FixedName, strategy: Strategy, change: Update, problem: str = "") -> Update:
     """What a fix changes in the state, with the fix in the history; ``problem`` is why it changed nothing."""
-    old, new = _as_lines(state.get(fixed, "")), _as_lines(change.get(fixed, state.get(fixed, "")))
+    old, new = (
+        _split_into_json_or_text_lines(state.get(fixed, "")),
+        _split_into_json_or_text_lines(change.get(fixed, state.get(fixed, ""))),
+    )
     lines = list(difflib.ndiff(old, new))
     version = f"{fixed}_version"
     record = FixRecord(
@@ -149,7 +152,7 @@ def record_fix(state: RunState, fixed: FixedName, strategy: Strategy, change: Up
         assertions=find_changed_assertions(str(state.get("tests", "")), str(change["tests"]))
         if "tests" in change
         else (),
-        before=measure_score(state),
+        before=score_judged_programs(state),
         evidence=_hash_evidence(state),
         programs=_hash_programs(state),
     )
@@ -160,7 +163,7 @@ def record_fix(state: RunState, fixed: FixedName, strategy: Strategy, change: Up
 def record_outcome(state: RunState, judged: Update) -> Update:
     """``judged``, the result of the tests or of the audit, with what it says of the last fix and the best version."""
     after = cast(RunState, {**state, **judged})
-    score, history = measure_score(after), read_fix_history(state)
+    score, history = score_judged_programs(after), read_fix_history(state)
     change = dict(judged)
     if history:
         last = history[-1]
@@ -177,7 +180,7 @@ def record_outcome(state: RunState, judged: Update) -> Update:
     return change
 
 
-def open_moves(state: RunState) -> dict[Verdict, Strategy]:
+def list_untried_fix_strategies(state: RunState) -> dict[Verdict, Strategy]:
     """What the next fix may be, by verdict: what was in vain since the last progress is not tried again.
 
     Empty once ``LONGEST_STREAK`` fixes in a row were in vain.
@@ -215,7 +218,7 @@ def _list_suspected_programs(state: RunState) -> tuple[ProgramName, ...]:
     return ("simulation",) if code_only else ("simulation", "tests")
 
 
-def _as_lines(value: object) -> list[str]:
+def _split_into_json_or_text_lines(value: object) -> list[str]:
     return (value if isinstance(value, str) else json.dumps(value, indent=1)).splitlines()
 
 
@@ -225,7 +228,7 @@ def _hash_programs(state: RunState) -> str:
 
 def _hash_evidence(state: RunState) -> str:
     """Of what the report and the audit say, without what differs from run to run."""
-    report = failures_without_run_details(TestReport.model_validate(state["report"])) if state.get("report") else ()
+    report = list_stable_failures(TestReport.model_validate(state["report"])) if state.get("report") else ()
     audit = AuditReport.model_validate(state["audit"]) if state.get("audit") else None
     failed = [(finding.check, finding.detail) for finding in audit.findings if not finding.passed] if audit else []
     return _hash_json([report, failed])

@@ -14,7 +14,13 @@ from grs_agents.nodes.authoring import (
 )
 from grs_agents.nodes.end_picture import draw_end_of_episode
 from grs_agents.nodes.evidence import evidence_from_state
-from grs_agents.nodes.fix_history import ProgramName, Strategy, describe_fix_history, open_moves, record_fix
+from grs_agents.nodes.fix_history import (
+    ProgramName,
+    Strategy,
+    describe_fix_history,
+    list_untried_fix_strategies,
+    record_fix,
+)
 from grs_agents.nodes.scene_prompt import fixture_assets_for_prompt, scene_for_prompt
 from grs_agents.nodes.services import Services, Update, logged_node
 from grs_agents.sim import api_reference
@@ -22,7 +28,7 @@ from grs_agents.state import RunState
 from grs_agents.trace import Note
 
 
-def judged_programs(state: RunState, services: Services, role: str) -> JudgedPrograms:
+def collect_evidence_for_fixer(state: RunState, services: Services, role: str) -> JudgedPrograms:
     """What the model of a router or fixer is shown."""
     task = task_from_state(state)
     scene = scene_for_prompt(scene_from_state(state), services.library)
@@ -44,26 +50,30 @@ def judged_programs(state: RunState, services: Services, role: str) -> JudgedPro
 @logged_node("fix_code")
 def fix_code(state: RunState, services: Services) -> Update:
     """Write the next version of the program; a reply without a program uses the fix up and changes nothing."""
-    strategy = open_moves(state).get("fix_code", "fix")
+    strategy = list_untried_fix_strategies(state).get("fix_code", "fix")
     if strategy == "rewrite":
         source = write_simulation(state, services)
     else:
-        source = roles.fix_code(services.agents, judged_programs(state, services, "fix_code"), api_reference())
-    return _store_fix_reply(state, services, "simulation", strategy, source)
+        source = roles.fix_code(
+            services.agents, collect_evidence_for_fixer(state, services, "fix_code"), api_reference()
+        )
+    return _record_fix_and_save_program(state, services, "simulation", strategy, source)
 
 
 @logged_node("fix_tests")
 def fix_tests(state: RunState, services: Services) -> Update:
     """Write the next version of the tests."""
-    strategy = open_moves(state).get("fix_test", "fix")
+    strategy = list_untried_fix_strategies(state).get("fix_test", "fix")
     if strategy == "rewrite":
         source = write_tests(state, services)
     else:
-        source = roles.fix_tests(services.agents, judged_programs(state, services, "fix_tests"), api_reference("tests"))
-    return _store_fix_reply(state, services, "tests", strategy, source)
+        source = roles.fix_tests(
+            services.agents, collect_evidence_for_fixer(state, services, "fix_tests"), api_reference("tests")
+        )
+    return _record_fix_and_save_program(state, services, "tests", strategy, source)
 
 
-def _store_fix_reply(
+def _record_fix_and_save_program(
     state: RunState, services: Services, program: ProgramName, strategy: Strategy, source: str | NoReply
 ) -> Update:
     if isinstance(source, NoReply):
@@ -78,7 +88,7 @@ def _store_fix_reply(
 @logged_node("fix_task")
 def fix_task(state: RunState, services: Services) -> Update:
     """Revise a task that cannot be done as it is defined, once in a run; what was given up is recorded and judged."""
-    judged = judged_programs(state, services, "fix_task")
+    judged = collect_evidence_for_fixer(state, services, "fix_task")
     fixtures = fixture_assets_for_prompt(services.library)
     known = {item.asset for item in scene_from_state(state).objects} | {str(item["name"]) for item in fixtures}
     revision = roles.fix_task(services.agents, judged, sorted(known), roles.to_json_lines(fixtures))

@@ -14,7 +14,7 @@ from grs_agents.nodes.comprehension import (
     match_candidates_to_assets,
     next_step_after_read,
     next_step_after_register,
-    read_photo,
+    read_photo_into_run,
     register_assets_in_photo,
     segment_photo,
     settle_objects,
@@ -22,13 +22,13 @@ from grs_agents.nodes.comprehension import (
 from grs_agents.nodes.fixing import fix_code, fix_task, fix_tests
 from grs_agents.nodes.judging import (
     audit_task,
-    conclude_run,
+    conclude_with_best_version,
     decide_what_to_fix,
     next_step_after_audit,
     next_step_after_author,
     next_step_after_fix_task,
-    next_step_after_route,
     next_step_after_tests,
+    read_routing_verdict,
     run_tests,
 )
 from grs_agents.nodes.services import Services
@@ -38,7 +38,7 @@ from grs_agents.state import RunState
 RunGraph: TypeAlias = StateGraph[RunState, Services, RunState, RunState]
 
 PERCEPTION: Final = {
-    "read": read_photo,
+    "read": read_photo_into_run,
     "find_table": find_table,
     "segment": segment_photo,
     "describe": describe_candidates,
@@ -128,7 +128,7 @@ def add_fix_loop(graph: RunGraph, then: str, router: bool = True, revise: bool =
             "fix_test": "fix_tests",
             "fix_task": "fix_task" if revise else "fix_code",
         }
-        graph.add_conditional_edges("route", next_step_after_route, fixers)
+        graph.add_conditional_edges("route", read_routing_verdict, fixers)
         graph.add_edge("fix_tests", "run_tests")
     if revise:
         graph.add_node("fix_task", fix_task)
@@ -141,7 +141,7 @@ def add_fix_loop(graph: RunGraph, then: str, router: bool = True, revise: bool =
 def add_judging(graph: RunGraph, fix: str | None = None) -> None:
     """Audit the program and conclude the run. What the audit finds goes to the node ``fix``, if there is one."""
     graph.add_node("audit", audit_task)
-    graph.add_node("conclude", conclude_run)
+    graph.add_node("conclude", conclude_with_best_version)
     if fix is None:
         graph.add_edge("audit", "conclude")
     else:

@@ -7,19 +7,19 @@ from grs_agents.audit import AuditReport, StaticFinding, check_programs
 from grs_agents.files import write_json, write_text
 from grs_agents.nodes.auditing import audit_programs
 from grs_agents.nodes.authoring import PROGRAM_FILES, task_from_state, write_task_file
-from grs_agents.nodes.bystanders import setup_of_programs
+from grs_agents.nodes.bystanders import program_tool_settings
 from grs_agents.nodes.fix_history import (
     LONGEST_STREAK,
     BestVersion,
-    open_moves,
+    list_untried_fix_strategies,
     read_fix_history,
     record_outcome,
 )
-from grs_agents.nodes.fixing import judged_programs
+from grs_agents.nodes.fixing import collect_evidence_for_fixer
 from grs_agents.nodes.services import Services, Update, logged_node
 from grs_agents.nodes.task_instances import AuditedPrograms
 from grs_agents.perception import SceneDescription
-from grs_agents.policies import Routed, RoutingContext, RoutingDecision, failures_without_run_details
+from grs_agents.policies import EarlierDecision, RoutingContext, RoutingDecision, list_stable_failures
 from grs_agents.sandbox import TestReport
 from grs_agents.state import RunState
 from grs_agents.trace import Decision, Finding, Note, TestsRun
@@ -35,7 +35,7 @@ def run_tests(state: RunState, services: Services) -> Update:
         simulation=state["simulation"],
         tests=state["tests"],
         seed=services.config.seed,
-        **setup_of_programs(scene, services),
+        **program_tool_settings(scene, services),
     )
     report: TestReport = result.report
     services.log.append(TestsRun(report=report.model_dump(mode="json")))
@@ -47,8 +47,8 @@ def run_tests(state: RunState, services: Services) -> Update:
 def decide_what_to_fix(state: RunState, services: Services) -> Update:
     """Decide what to fix, among what is left to try."""
     report = TestReport.model_validate(state["report"])
-    judged = judged_programs(state, services, "route")
-    verdicts = tuple(open_moves(state))
+    judged = collect_evidence_for_fixer(state, services, "route")
+    verdicts = tuple(list_untried_fix_strategies(state))
     context = RoutingContext(
         task=judged.task,
         report=report,
@@ -62,14 +62,14 @@ def decide_what_to_fix(state: RunState, services: Services) -> Update:
         static=tuple(StaticFinding.model_validate(finding) for finding in state.get("static", [])),
         images=tuple(judged.images),
         verdicts=verdicts,
-        earlier=tuple(Routed.model_validate(decision_json) for decision_json in state.get("routed", [])),
+        earlier=tuple(EarlierDecision.model_validate(decision_json) for decision_json in state.get("routed", [])),
     )
     decision = services.policy.decide(context)
     if decision.verdict not in verdicts:
         why = f"{decision.verdict} is not left to try, so {verdicts[0]} is next; {decision.explanation}"
         decision = decision.model_copy(update={"verdict": verdicts[0], "explanation": why})
     services.log.append(Decision(verdict=decision.verdict, explanation=decision.explanation, policy=decision.policy))
-    routed = Routed(failures=failures_without_run_details(report), verdict=decision.verdict)
+    routed = EarlierDecision(failures=list_stable_failures(report), verdict=decision.verdict)
     return {"decision": decision.model_dump(mode="json"), "routed": [routed.model_dump(mode="json")]}
 
 
@@ -90,9 +90,9 @@ def audit_task(state: RunState, services: Services) -> Update:
 
 
 @logged_node("conclude")
-def conclude_run(state: RunState, services: Services) -> Update:
+def conclude_with_best_version(state: RunState, services: Services) -> Update:
     """Say how the run ended, and why; a run that is not accepted leaves the best version in place."""
-    status, reason = decide_verdict(state)
+    status, reason = decide_run_status_and_reason(state)
     if status == "accepted" or not state.get("best"):
         return {"status": status, "reason": reason}
     best = BestVersion.model_validate(state["best"])
@@ -101,7 +101,7 @@ def conclude_run(state: RunState, services: Services) -> Update:
     services.log.append(Note(text=f"{best.describe()} is put back in place: it was the best"))
     restore_best_version(best, services)
     if not state.get("problem"):
-        reason = decide_verdict(cast(RunState, {**state, **best.kept}))[1]
+        reason = decide_run_status_and_reason(cast(RunState, {**state, **best.kept}))[1]
     reason += f"; left in place is {best.describe()}, the best of {len(state.get('history', [])) + 1}"
     return {**best.kept, "status": status, "reason": reason}
 
@@ -126,7 +126,7 @@ def record_audit(report: AuditReport, services: Services) -> None:
         services.log.append(Finding(**finding.model_dump()))
 
 
-def decide_verdict(state: RunState) -> tuple[Literal["accepted", "rejected"], str]:
+def decide_run_status_and_reason(state: RunState) -> tuple[Literal["accepted", "rejected"], str]:
     """The status of a finished run and its reason."""
     if state.get("problem"):
         return "rejected", state["problem"]
@@ -136,7 +136,7 @@ def decide_verdict(state: RunState) -> tuple[Literal["accepted", "rejected"], st
         given_up = state.get("revised", {}).get("given-up", "")
         return "accepted", reason + (f"; the task was revised: {given_up}" if given_up else "")
     fixes = f"{state.get('fixes', 0)} of {state['max_fixes']} fixes used"
-    if not open_moves(state):
+    if not list_untried_fix_strategies(state):
         fixes += f", the last {LONGEST_STREAK} in vain"
     if report is not None:
         failed = "; ".join(f"{item.check}: {item.detail}" for item in report.findings if not item.passed)
@@ -156,19 +156,19 @@ def next_step_after_author(state: RunState) -> Literal["ok", "stop"]:
 
 def next_step_after_tests(state: RunState) -> Literal["audit", "fix", "stop"]:
     """After the tests: audit what passed, fix what failed while there are fixes left and things to try."""
-    return "audit" if TestReport.model_validate(state["report"]).all_passed else _fix_or_stop(state)
+    return "audit" if TestReport.model_validate(state["report"]).all_passed else _choose_fix_or_stop(state)
 
 
 def next_step_after_audit(state: RunState) -> Literal["fix", "stop"]:
     """After the audit: stop when it accepts, fix while there are fixes left and things to try."""
-    return "stop" if AuditReport.model_validate(state["audit"]).accepted else _fix_or_stop(state)
+    return "stop" if AuditReport.model_validate(state["audit"]).accepted else _choose_fix_or_stop(state)
 
 
-def _fix_or_stop(state: RunState) -> Literal["fix", "stop"]:
-    return "fix" if state.get("fixes", 0) < state["max_fixes"] and open_moves(state) else "stop"
+def _choose_fix_or_stop(state: RunState) -> Literal["fix", "stop"]:
+    return "fix" if state.get("fixes", 0) < state["max_fixes"] and list_untried_fix_strategies(state) else "stop"
 
 
-def next_step_after_route(state: RunState) -> Verdict:
+def read_routing_verdict(state: RunState) -> Verdict:
     """After the router: what it decided."""
     return RoutingDecision.model_validate(state["decision"]).verdict
 

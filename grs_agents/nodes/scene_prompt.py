@@ -29,7 +29,7 @@ def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any
     ``hollow``, ``floats`` and ``uneven_top`` unless they are true; library assets tell their tops by their names.
     ``cannot_be_picked`` says what went wrong when the robot tried.
     """
-    objects = [_object_fields(item, library) for item in scene.objects]
+    objects = [_object_fields_for_prompt(item, library) for item in scene.objects]
     by_name = {told["name"]: told for told in objects}
     for relation in scene.relations:
         if relation.kind == "touching":
@@ -46,15 +46,15 @@ def fixture_assets_for_prompt(library: Library) -> list[dict[str, Any]]:
             "name": asset.name,
             "category": asset.category,
             "description": asset.description,
-            "size": _round_values(asset.size),
-            **_hollow_fields(asset, library),
+            "size": _round_to_three_digits(asset.size),
+            **_hollow_fields_for_prompt(asset, library),
         }
         for asset in library.assets()
         if asset.fixture
     ]
 
 
-def _object_fields(item: SceneObject, library: Library) -> dict[str, Any]:
+def _object_fields_for_prompt(item: SceneObject, library: Library) -> dict[str, Any]:
     pose = item.settled or (item.position, item.orientation)
     asset, turn = library.asset(item.asset), matrix_from_quaternion(pose[1])
     upright = turn[2, 2] > _UPRIGHT
@@ -65,26 +65,26 @@ def _object_fields(item: SceneObject, library: Library) -> dict[str, Any]:
         "description": item.description,
         "category": item.category,
         "color": item.color,
-        "position": _round_values(pose[0]),
-        "orientation": _round_values(pose[1]),
-        "size": _round_values(size),
+        "position": _round_to_three_digits(pose[0]),
+        "orientation": _round_to_three_digits(pose[1]),
+        "size": _round_to_three_digits(size),
     }
     if np.abs(size - asset.size).max() > _TURNED:
-        told["own_size"] = _round_values(asset.size)
-    told |= _tell_what_hinders_picking(item)
-    if asset.category == "proxy" and not asset.hollow and _flat_share_of_top(asset, pose, library) < _FLAT:
+        told["own_size"] = _round_to_three_digits(asset.size)
+    told |= _pick_obstacle_fields(item)
+    if asset.category == "proxy" and not asset.hollow and _flat_top_share_of_footprint(asset, pose, library) < _FLAT:
         told["uneven_top"] = True
-    return told | (_hollow_fields(asset, library) if upright else {})
+    return told | (_hollow_fields_for_prompt(asset, library) if upright else {})
 
 
-def _tell_what_hinders_picking(item: SceneObject) -> dict[str, Any]:
+def _pick_obstacle_fields(item: SceneObject) -> dict[str, Any]:
     told = {} if item.reachable else {"reachable": False}
     if item.held:
         return told | {"floats": True}
     return told or ({"cannot_be_picked": item.pick_trouble} if item.pick_trouble else {})
 
 
-def _flat_share_of_top(asset: Asset, pose: Pose, library: Library) -> float:
+def _flat_top_share_of_footprint(asset: Asset, pose: Pose, library: Library) -> float:
     """Which share of an object's footprint, as it stands, is as high as its box: of a tilted one next to nothing."""
     model, turn = library.load_object_model(asset.name), matrix_from_quaternion(pose[1])
     low, high = np.array(model.bounds)
@@ -98,12 +98,12 @@ def _flat_share_of_top(asset: Asset, pose: Pose, library: Library) -> float:
     return float(covered.mean())
 
 
-def _hollow_fields(asset: Asset, library: Library) -> dict[str, Any]:
+def _hollow_fields_for_prompt(asset: Asset, library: Library) -> dict[str, Any]:
     """That other things can be put in it or on it, and how much room it has inside if walls surround that."""
     inner = measure_inner_size(library.load_object_model(asset.name), library) if asset.hollow else None
-    return ({"hollow": True} if asset.hollow else {}) | ({"inner_size": _round_values(inner)} if inner else {})
+    return ({"hollow": True} if asset.hollow else {}) | ({"inner_size": _round_to_three_digits(inner)} if inner else {})
 
 
-def _round_values(values: Iterable[float]) -> list[float]:
+def _round_to_three_digits(values: Iterable[float]) -> list[float]:
     """To three digits, whole numbers without a point."""
     return [int(value) if value == int(value) else value for value in (round(float(part), 3) for part in values)]

@@ -8,7 +8,7 @@ import numpy as np
 
 from grs_agents.errors import GrsError
 from grs_agents.library import Library
-from grs_agents.nodes.scene_objects import (
+from grs_agents.nodes.scene_object_building import (
     describe_size_mismatch,
     reconstruct_proxy,
     replace_by_proxy,
@@ -37,11 +37,11 @@ from grs_agents.perception.settling import (
     Reconciled,
     Segment,
     UnknownObject,
-    place_apart,
-    reach_support,
+    extend_box_to_support,
+    place_with_cleared_colliders,
     reconcile_segments,
     repair_collisions,
-    settle_steadily,
+    settle_with_stable_colliders,
 )
 from grs_agents.sim.instance import SimulationError
 
@@ -143,15 +143,15 @@ def _reconcile_and_settle(objects: Sequence[SceneObject], scene: _Scene) -> Sett
         for piece, whole in agreed.pieces.items()
     )
     mask = np.any([segment.mask for segment in segments], axis=0)
-    seen = [_with_measured_box(objects[index], index, agreed, scene) for index in kept]
+    seen = [_set_box_cleared_of_neighbors(objects[index], index, agreed, scene) for index in kept]
     things = [
-        _make_known_or_unknown_object(item, index, segments[index].mask, agreed, scene)
+        _place_asset_or_reconstruct_proxy(item, index, segments[index].mask, agreed, scene)
         for item, index in zip(seen, kept, strict=True)
     ]
     return replace(_simulate_to_rest(seen, things, mask, scene), dropped=dropped, owned=mask)
 
 
-def _with_measured_box(item: SceneObject, index: int, agreed: Reconciled, scene: _Scene) -> SceneObject:
+def _set_box_cleared_of_neighbors(item: SceneObject, index: int, agreed: Reconciled, scene: _Scene) -> SceneObject:
     """An object; one without an asset with the box that its neighbours leave it."""
     claim = agreed.claims.get(index)
     if claim is None:
@@ -160,14 +160,14 @@ def _with_measured_box(item: SceneObject, index: int, agreed: Reconciled, scene:
     return item.model_copy(update={"box": enclosing_aabb(measured, claim.shape), "upright": measured})
 
 
-def _make_known_or_unknown_object(
+def _place_asset_or_reconstruct_proxy(
     item: SceneObject, index: int, mask: Mask, agreed: Reconciled, scene: _Scene
 ) -> PlacedObject | UnknownObject:
     """What stands for an object: its asset, or the shape that is reconstructed of it."""
     claim, record = agreed.claims.get(index), scene.records[item.id]
     if claim is None:
         return _to_placed_object(item)
-    box, photo = reach_support(claim.box), (scene.frame, scene.table)
+    box, photo = extend_box_to_support(claim.box), (scene.frame, scene.table)
     proxy = reconstruct_proxy(record, box, claim.shape, mask, photo, scene.services)
     return UnknownObject(item.name, item.description, claim.shape, box, proxy)
 
@@ -184,17 +184,20 @@ def _simulate_to_rest(
     twin: TwinReport | None = None
     try:
         above = scene.above | owned
-        steady = settle_steadily(things, folder, lambda: services.library, scene.frame, scene.table, above)
+        steady = settle_with_stable_colliders(things, folder, lambda: services.library, scene.frame, scene.table, above)
         placed, ends, twin = steady.placed, steady.rest.placed, steady.twin
     except GrsError as error:
-        placed, warnings = place_apart(things, folder, services.library), (f"the scene has no twin: {error.message}",)
+        placed, warnings = (
+            place_with_cleared_colliders(things, folder, services.library),
+            (f"the scene has no twin: {error.message}",),
+        )
     library = services.library  # with the proxies that were written
-    resting = tuple(map(partial(_with_rest_pose, library), objects, placed, ends))
+    resting = tuple(map(partial(_set_rest_pose, library), objects, placed, ends))
     bodies = [body_from_asset(item.name, item.asset, (item.position, item.orientation), library) for item in resting]
     return SettledScene(resting, find_spatial_relations(bodies), twin, warnings)
 
 
-def _with_rest_pose(library: Library, item: SceneObject, placed: PlacedObject, end: Placed | None) -> SceneObject:
+def _set_rest_pose(library: Library, item: SceneObject, placed: PlacedObject, end: Placed | None) -> SceneObject:
     """An object as it is placed, and where it comes to rest, if that is known."""
     update: dict[str, object] = {"settled": end.pose, "drift": end.drift, "held": end.held} if end else {}
     if placed.guessed:

@@ -20,7 +20,7 @@ from grs_agents.errors import ConfigError, InputError
 from grs_agents.library import Library
 from grs_agents.perception import Camera, RGBDFrame, TableFrame, load_frame
 from grs_agents.policies import Policy
-from grs_agents.questions import read_question
+from grs_agents.questions import parse_question
 from grs_agents.sandbox import Sandbox
 from grs_agents.sim.arms import ROBOT_FOLDER, ROBOTS, copy_arm_files, get_arm
 from grs_agents.state import RunState
@@ -65,14 +65,14 @@ class Services:
         """The shipped assets with the run's own proxies laid over; read anew only when a proxy has changed."""
         proxies = self.assets or self.folder / "assets"
         if not proxies.is_dir():
-            return self._shipped_library
-        stamps = frozenset(_file_stamps(proxies))
+            return self._load_shipped_library
+        stamps = frozenset(_iterate_file_stamps(proxies))
         if stamps not in self._overlaid:
             self._overlaid.clear()
-            self._overlaid[stamps] = self._shipped_library.with_overlay(proxies)
+            self._overlaid[stamps] = self._load_shipped_library.copy_with_overlay_root(proxies)
         return self._overlaid[stamps]
 
-    def keep_photo(self, frame: RGBDFrame) -> None:
+    def cache_photo(self, frame: RGBDFrame) -> None:
         """Keep what the node ``read`` has written, so that `load_photo` need not decode it."""
         self._photos[:] = [frame]
 
@@ -83,7 +83,7 @@ class Services:
         return self._photos[0]
 
     @cached_property
-    def _shipped_library(self) -> Library:
+    def _load_shipped_library(self) -> Library:
         return Library()
 
     @cached_property
@@ -96,7 +96,7 @@ class Services:
         return str(copy_arm_files(source, self.folder.resolve() / ROBOT_FOLDER) or source)
 
     @property
-    def simulator_setup(self) -> dict[str, Any]:
+    def library_root_fields(self) -> dict[str, Any]:
         """What every tool that simulates is told: where the assets are."""
         return {"library_roots": [str(root) for root in self.library.roots]}
 
@@ -127,7 +127,7 @@ class Services:
         return tool.run(asked, context)
 
 
-def _file_stamps(folder: Path) -> Iterator[Stamp]:
+def _iterate_file_stamps(folder: Path) -> Iterator[Stamp]:
     """Of every file below ``folder``."""
     for path in folder.rglob("*"):
         with suppress(FileNotFoundError):  # the temporary file of one that is written just now
@@ -138,17 +138,17 @@ def _file_stamps(folder: Path) -> Iterator[Stamp]:
 
 def logged_node(name: str) -> Callable[[Body], Node]:
     """Wrap the body of the node ``name``: its start, end, seconds and errors become events."""
-    return partial(_log_node, name)
+    return partial(_wrap_node_with_events, name)
 
 
-def _run_body(name: str, body: Body, state: RunState, services: Services) -> Update:
+def _run_node_body_and_log(name: str, body: Body, state: RunState, services: Services) -> Update:
     begin = time.perf_counter()
     update: Update = {}
     error = ""
     try:
         update = body(state, services)
     except GraphInterrupt as asked:  # the node begins anew with the reply
-        services.log.append(Note(level="info", text=f"asks: {read_question(asked.args[0][0].value).text}"))
+        services.log.append(Note(level="info", text=f"asks: {parse_question(asked.args[0][0].value).text}"))
         raise
     except BaseException as problem:
         error = f"{type(problem).__name__}: {problem}"
@@ -167,14 +167,14 @@ def _run_body(name: str, body: Body, state: RunState, services: Services) -> Upd
     return update
 
 
-def _log_node(name: str, body: Body) -> Node:
+def _wrap_node_with_events(name: str, body: Body) -> Node:
     @wraps(body)
     def run(state: RunState, *, runtime: Runtime[Services]) -> Update:
         services = runtime.context
         services.visits[name] += 1
         services.log.attempt = state.get("fixes", 0)
         with services.log.step(NodeStarted(node=name, visit=services.visits[name])):
-            return _run_body(name, body, state, services)
+            return _run_node_body_and_log(name, body, state, services)
 
     # LangGraph reads the annotations of what it is given, and ``wraps`` has put the body's there.
     run.__annotations__ = {"state": RunState, "runtime": Runtime[Services], "return": Update}

@@ -12,13 +12,13 @@ from grs_agents.agents import TaskDefinition
 from grs_agents.errors import GrsError
 from grs_agents.files import write_json
 from grs_agents.geometry import matrix_to_quaternion, to_vec3
-from grs_agents.nodes.bystanders import setup_of_programs
+from grs_agents.nodes.bystanders import program_tool_settings
 from grs_agents.nodes.services import Services
 from grs_agents.perception import SceneDescription
 from grs_agents.sandbox import TestReport
 from grs_agents.sim import HAND_NOISE, Rollout, TaskInstance, describe_first_error, place_bystanders
-from grs_agents.sim.instance import InstanceCamera, InstanceLight, InstanceTable, name_robot_in_folder
-from grs_agents.sim.world import state_mass_and_friction
+from grs_agents.sim.instance import InstanceCamera, InstanceLight, InstanceTable, make_robot_path_relative
+from grs_agents.sim.world import fill_in_masses_and_frictions
 from grs_agents.trace import Rollout as RolloutEvent
 
 NOISY_TRIALS = 4
@@ -61,30 +61,30 @@ def solve_task_instances(
     """
     seeds = [services.config.seed + step for step in range(services.config.audit.seeds)]
     further = [] if unforeseen_seed is None else [unforeseen_seed]
-    drawn, failed = draw_instances(simulation, [*seeds, *further], services, scene)
-    instances, extra = _split_by_seed(drawn, unforeseen_seed)
+    drawn, failed = instantiate_program_for_seeds(simulation, [*seeds, *further], services, scene)
+    instances, extra = _split_off_instance_of_seed(drawn, unforeseen_seed)
     own = [failure for failure in failed if failure.startswith(f"seed {unforeseen_seed}:")]
     for stale in (services.folder / "instances").glob("seed_*"):  # of the program before this one
         stale.unlink()
     for instance in instances:
-        written = name_robot_in_folder(instance, services.folder).model_dump(mode="json")
+        written = make_robot_path_relative(instance, services.folder).model_dump(mode="json")
         write_json(services.folder / _instance_file_name(instance, "json"), written)
     rollouts, unsolved = _solve_different_instances(instances, services)
     failures = [failure for failure in failed if failure not in own]
     solved = SolvedInstances(tuple(instances), (*failures, *unsolved), rollouts)
     if unforeseen_seed is None:
         return solved
-    return replace(solved, unforeseen=_solve_unforeseen_instance(extra, own, solved, services))
+    return replace(solved, unforeseen=_solve_or_reuse_unforeseen(extra, own, solved, services))
 
 
-def _split_by_seed(
+def _split_off_instance_of_seed(
     instances: Sequence[TaskInstance], seed: int | None
 ) -> tuple[list[TaskInstance], list[TaskInstance]]:
     """Those of other seeds, and that of ``seed``."""
     return [one for one in instances if one.seed != seed], [one for one in instances if one.seed == seed]
 
 
-def _solve_unforeseen_instance(
+def _solve_or_reuse_unforeseen(
     extra: Sequence[TaskInstance], failures: Sequence[str], solved: SolvedInstances, services: Services
 ) -> SolvedInstances:
     """The instance of the unforeseen seed, if any, and its rollout: that of one which differs in its seed alone."""
@@ -95,7 +95,9 @@ def _solve_unforeseen_instance(
         if same:
             rollouts.append(same[0].model_copy(update={"seed": instance.seed}))
             continue
-        outcome = services.run_tool("rollout", instance=instance.model_dump(mode="json"), **services.simulator_setup)
+        outcome = services.run_tool(
+            "rollout", instance=instance.model_dump(mode="json"), **services.library_root_fields
+        )
         if outcome.rollout is None:
             failures = [*failures, f"seed {instance.seed}: rollout {outcome.outcome}: {outcome.error}"]
         else:
@@ -113,10 +115,10 @@ def _solve_different_instances(
     rollouts: list[Rollout] = []
     failures: list[str] = []
     firsts = [same[0] for same in alike.values()]
-    outcomes = _roll_out(firsts, NOISY_TRIALS, services)
-    if _one_trial_failed(outcomes, services.config.audit.reward):
+    outcomes = _run_rollout_tool_on_instances(firsts, NOISY_TRIALS, services)
+    if _has_one_failed_noise_trial(outcomes, services.config.audit.reward):
         rank = NOISY_TRIALS % len(firsts)
-        outcomes[rank] = _roll_out(firsts, NOISY_TRIALS + 1, services, (rank,))[0]
+        outcomes[rank] = _run_rollout_tool_on_instances(firsts, NOISY_TRIALS + 1, services, (rank,))[0]
     for same, outcome in zip(alike.values(), outcomes, strict=True):
         if outcome.rollout is None:
             failures += [f"seed {one.seed}: rollout {outcome.outcome}: {outcome.error}" for one in same]
@@ -131,7 +133,7 @@ def _solve_different_instances(
     return tuple(sorted(rollouts, key=lambda done: done.seed)), failures
 
 
-def _roll_out(
+def _run_rollout_tool_on_instances(
     instances: Sequence[TaskInstance], trials: int, services: Services, ranks: Sequence[int] | None = None
 ) -> list[Any]:
     """What the tool ``rollout`` makes of the instances, or of those with ``ranks``; all share ``trials`` evenly."""
@@ -143,14 +145,14 @@ def _roll_out(
             instance=instance.model_dump(mode="json"),
             recording=str((services.folder / _instance_file_name(instance, "npz")).resolve()),
             trials=len(range(rank, trials, len(instances))),
-            **services.simulator_setup,
+            **services.library_root_fields,
         )
 
     with ThreadPoolExecutor(services.config.workers) as pool:
         return list(pool.map(solve, range(len(instances)) if ranks is None else ranks))
 
 
-def _one_trial_failed(outcomes: Sequence[Any], least: float) -> bool:
+def _has_one_failed_noise_trial(outcomes: Sequence[Any], least: float) -> bool:
     """Whether all instances were solved, and all but one of the episodes with the least noise."""
     if any(outcome.rollout is None for outcome in outcomes):
         return False
@@ -158,7 +160,7 @@ def _one_trial_failed(outcomes: Sequence[Any], least: float) -> bool:
     return sum(trial.noise == HAND_NOISE[0] and trial.score < least for trial in trials) == 1
 
 
-def draw_instances(
+def instantiate_program_for_seeds(
     simulation: str, seeds: Sequence[int], services: Services, scene: SceneDescription | None
 ) -> tuple[list[TaskInstance], list[str]]:
     """The instance of each seed as trusted code completes it, and why others have none.
@@ -167,7 +169,7 @@ def draw_instances(
     around every instance here, with arm, camera, light, table, mass and friction, and whatever came out of the sandbox
     in their place is overwritten.
     """
-    setup, named = setup_of_programs(scene, services), _describe_surroundings(scene, services)
+    setup, named = program_tool_settings(scene, services), _surroundings_instance_fields(scene, services)
     result = services.run_tool("instantiate", simulation=simulation, seeds=seeds, **setup)
     failures = [f"seed {failure.seed}: {failure.outcome}: {failure.message}" for failure in result.failures]
     instances: list[TaskInstance] = []
@@ -175,7 +177,7 @@ def draw_instances(
         instance = TaskInstance.model_validate({**drawn, **named})
         try:
             instance = place_bystanders(instance, setup["bystanders"])
-            instances.append(state_mass_and_friction(instance, services.library))
+            instances.append(fill_in_masses_and_frictions(instance, services.library))
         except ValidationError as error:
             failures.append(f"seed {instance.seed}: invalid: {describe_first_error(error)}")
         except (GrsError, ValueError) as error:  # an object that the library does not have, or cannot make
@@ -183,7 +185,7 @@ def draw_instances(
     return instances, failures
 
 
-def _describe_surroundings(scene: SceneDescription | None, services: Services) -> dict[str, Any]:
+def _surroundings_instance_fields(scene: SceneDescription | None, services: Services) -> dict[str, Any]:
     """The fields of an instance that trusted code names: the arm, and what the photo shows around it."""
     color = None if scene is None else scene.table_color
     return {

@@ -24,12 +24,12 @@ _ASIDE = np.array(
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
-def marked_picture_file(number: int) -> str:
+def outlined_segment_file_name(number: int) -> str:
     """The file, in the run folder, of the photo in which the segment ``number`` is outlined."""
     return f"scene/marked_{number:02d}.png"
 
 
-def outline_segments(
+def write_outlines(
     frame: RGBDFrame, asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord], run: Path
 ) -> None:
     """Write for each segment that is asked about the photo with its outline, and the outlines and numbers of all."""
@@ -38,10 +38,10 @@ def outline_segments(
         marked = picture.copy()
         for color, width in (((0, 0, 0), 4), (MARK, 2)):
             cv2.drawContours(marked, outlines[one.id], -1, color, width)
-        write_png(run / marked_picture_file(one.id), marked)
+        write_png(run / outlined_segment_file_name(one.id), marked)
 
 
-def sheet_files(first: int) -> tuple[str, str]:
+def segment_sheet_file_names(first: int) -> tuple[str, str]:
     """The files, in the run folder, of the crops side by side and of the photo with numbers, by the first segment."""
     return f"scene/sheet_{first:02d}.png", f"scene/numbered_{first:02d}.png"
 
@@ -50,7 +50,7 @@ def write_segment_sheet(
     frame: RGBDFrame, asked: Sequence[CandidateRecord], records: Sequence[CandidateRecord], run: Path
 ) -> None:
     """Write the pictures for a question about several segments at once."""
-    crops, numbered = sheet_files(asked[0].id)
+    crops, numbered = segment_sheet_file_names(asked[0].id)
     write_png(run / numbered, _draw_numbered_outlines(frame, records, run)[0])
     columns = int(np.ceil(len(asked) ** 0.5))
     sheet = np.zeros((-(-len(asked) // columns) * _TILE, columns * _TILE, 3), np.uint8)

@@ -79,7 +79,7 @@ def compute_tsdf_grid(
     """
     origin, voxel, shape = grid
     pose, camera = np.asarray(table.T_robot_cam), frame.camera
-    facing = _normal_distance_per_depth(frame)
+    facing = _surface_distance_per_depth(frame)
     distance = np.full(shape, CONFIG.truncation, np.float32)
     known = np.zeros(shape, np.bool_)
     for start in range(0, shape[0], SLAB):
@@ -98,7 +98,7 @@ def compute_tsdf_grid(
     return distance, known
 
 
-def _normal_distance_per_depth(frame: RGBDFrame) -> Array:
+def _surface_distance_per_depth(frame: RGBDFrame) -> Array:
     """(H, W) metres perpendicular to the surface for each metre of depth."""
     points = frame.camera_frame_point_map()
     across, down = np.zeros_like(points), np.zeros_like(points)
@@ -161,7 +161,7 @@ def cover_points_with_boxes(points: Array, cell: float) -> Array:
         return np.zeros((0, 2, 3))
     while True:
         index = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
-        blocks = _label_voxel_blocks(index)
+        blocks = _label_voxel_cuboids(index)
         if blocks.max() <= CONFIG.most_boxes:
             break
         cell *= 1.25
@@ -173,7 +173,7 @@ def cover_points_with_boxes(points: Array, cell: float) -> Array:
     return np.stack([low - thin, high + thin], axis=1)
 
 
-def _label_voxel_blocks(index: npt.NDArray[np.int64]) -> _Cells:
+def _label_voxel_cuboids(index: npt.NDArray[np.int64]) -> _Cells:
     """A grid with the number, from 1, of the block that each full cell of (N, 3) ``index`` belongs to."""
     free = np.zeros(index.max(axis=0) + 1, np.bool_)
     free[index[:, 0], index[:, 1], index[:, 2]] = True

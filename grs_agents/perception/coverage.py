@@ -42,7 +42,7 @@ class MeasuredCoverage:
         return Coverage(share=self.share, unowned=tuple(region for _, region in self.regions), picture=PICTURE)
 
 
-def pixels_above_table(frame: RGBDFrame, table: TableFrame, left_out: Mask | None = None) -> Mask:
+def raised_pixel_mask(frame: RGBDFrame, table: TableFrame, left_out: Mask | None = None) -> Mask:
     """(H, W) the pixels that rise above the table, but for those ``left_out`` (H, W): the robot, walls of a bin."""
     small, factor = downscale_frame(frame)
     smooth = smooth_frame_depth(small)
@@ -95,7 +95,7 @@ def measure_coverage(
     Args:
         frame: the photo.
         table: the table in it.
-        above: (H, W) what rises, as `pixels_above_table` finds it; what objects own rises too.
+        above: (H, W) what rises, as `raised_pixel_mask` finds it; what objects own rises too.
         owned: (H, W) the pixels of all objects.
         rejected: segments that are no objects: they say why no object owns their pixels.
     """

@@ -42,12 +42,12 @@ def measure_depth_shift(frame: RGBDFrame) -> DepthShift | None:
     """
     small, cell = downscale_frame(frame)
     reach = CONFIG.reach
-    rows, columns = np.nonzero(_near_sides_of_jumps(small.depth)[reach:-reach, reach:-reach])
+    rows, columns = np.nonzero(_near_side_jump_mask(small.depth)[reach:-reach, reach:-reach])
     if len(rows) < CONFIG.fewest:
         return None
     chosen = np.linspace(0, len(rows) - 1, min(len(rows), CONFIG.most)).astype(int)
     rows, columns = rows[chosen], columns[chosen]
-    change = _color_change(small.rgb)
+    change = _color_gradient_magnitude(small.rgb)
     span = range(2 * reach + 1)
     agreement = np.array([[change[rows + down, columns + across].mean() for across in span] for down in span])
     down, across = np.unravel_index(int(agreement.argmax()), agreement.shape)
@@ -70,7 +70,7 @@ def describe_depth_shift(frame: RGBDFrame) -> list[str]:
     ]
 
 
-def _near_sides_of_jumps(depth: Array) -> npt.NDArray[np.bool_]:
+def _near_side_jump_mask(depth: Array) -> npt.NDArray[np.bool_]:
     """(H, W) pixels on the nearer side of a jump in depth, all around which depth is known."""
     kernel = np.ones((3, 3), np.uint8)
     far = np.asarray(cv2.dilate(depth, kernel), np.float32)
@@ -78,7 +78,7 @@ def _near_sides_of_jumps(depth: Array) -> npt.NDArray[np.bool_]:
     return (near > 0) & (far - near > CONFIG.jump * near) & (depth - near <= (far - near) / 3)
 
 
-def _color_change(rgb: npt.NDArray[np.uint8]) -> Array:
+def _color_gradient_magnitude(rgb: npt.NDArray[np.uint8]) -> Array:
     """(H, W) how steeply the colours change, 1 where they do as at the photo's strongest edges."""
     lab = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB).astype(np.float32), (0, 0), 1)
     slopes = np.array([cv2.Sobel(lab, cv2.CV_32F, 1, 0), cv2.Sobel(lab, cv2.CV_32F, 0, 1)], np.float32)

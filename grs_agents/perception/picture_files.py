@@ -23,7 +23,7 @@ def save_frame(frame: RGBDFrame, run: Path) -> dict[str, str]:
     return {"rgb": "scene/rgb.png", "depth": "scene/depth.png"}
 
 
-def frame_as_saved(frame: RGBDFrame, source: str) -> RGBDFrame:
+def round_depth_as_saved(frame: RGBDFrame, source: str) -> RGBDFrame:
     """The frame that `load_frame` would read of what `save_frame` wrote: its depth is in whole units."""
     metres = np.asarray(_to_depth_units(frame) * frame.camera.depth_scale, np.float32)
     return RGBDFrame(frame.rgb, metres, frame.camera, Path(source))
@@ -47,14 +47,14 @@ def load_mask(file: Path) -> Mask:
 
 def save_candidates(frame: RGBDFrame, candidates: Sequence[Candidate], run: Path) -> tuple[CandidateRecord, ...]:
     """Write each candidate's mask and crop, the label image ``scene/masks.png`` and the annotated photo."""
-    return save_additional_candidates(frame, candidates, (), run)
+    return save_candidates_after_earlier(frame, candidates, (), run)
 
 
-def save_additional_candidates(
+def save_candidates_after_earlier(
     frame: RGBDFrame, candidates: Sequence[Candidate], earlier: Sequence[CandidateRecord], run: Path
 ) -> tuple[CandidateRecord, ...]:
     """Write candidates like `save_candidates`; label image and annotated photo show the ``earlier`` ones below them."""
-    records = tuple(_save_candidate(one, run) for one in candidates)
+    records = tuple(_save_mask_and_crop(one, run) for one in candidates)
     masks = {one.id: load_mask(run / one.mask) for one in earlier} | {one.id: one.mask for one in candidates}
     labels = np.zeros(frame.depth.shape, np.uint8)
     for number, mask in masks.items():
@@ -64,7 +64,7 @@ def save_additional_candidates(
     return records
 
 
-def _save_candidate(one: Candidate, run: Path) -> CandidateRecord:
+def _save_mask_and_crop(one: Candidate, run: Path) -> CandidateRecord:
     mask, crop = f"scene/mask_{one.id:02d}.png", f"scene/crop_{one.id:02d}.png"
     write_png(run / mask, one.mask.view(np.uint8), cv2.IMWRITE_PNG_BILEVEL, 1)  # three times as fast to read
     write_png(run / crop, cv2.cvtColor(one.crop, cv2.COLOR_RGB2BGR))

@@ -15,7 +15,7 @@ from grs_agents.sim.rendering import VisibleScene, render_along_rays
 CONFIG = DEFAULT.robot
 
 
-def check_joints(joints: Sequence[float], robot: str) -> None:
+def require_joints_within_limits(joints: Sequence[float], robot: str) -> None:
     """Whether an arm, by name or path, can be at joint positions (dof,), rad, or m of a slide.
     Raises InputError: their number is another, or one is outside its limits."""
     arm = get_arm(robot)
@@ -45,7 +45,7 @@ def robot_pixel_mask(frame: RGBDFrame, robot: str, library: Library) -> Mask:
     camera = frame.camera
     if camera.joints is None or camera.T_robot_cam is None:
         return np.zeros(frame.depth.shape, np.bool_)
-    check_joints(camera.joints, robot)
+    require_joints_within_limits(camera.joints, robot)
     step = max(1, round((frame.depth.size / CONFIG.rays) ** 0.5))
     seen = _render_arm_depth(camera, np.asarray(camera.joints, np.float64), robot, library, step)
     if not np.isfinite(seen).any():

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.coverage import measure_coverage, pixels_above_table
+from grs_agents.perception.coverage import measure_coverage, raised_pixel_mask
 from grs_agents.perception.image_geometry import convex_footprint_hull, points_in_hull_mask
-from grs_agents.perception.segmentation import enters_from_outside_view
+from grs_agents.perception.segmentation import is_segment_entering_view
 from grs_agents.perception.table_finding import robot_frame_point_map
 from grs_agents.perception.types import Array, Candidate, Mask, RGBDFrame, TableFrame, X, Y
 
@@ -28,7 +28,7 @@ class SortedCandidates:
     left_out: Mask  # (H, W) its pixels, and those of the robot
 
 
-def leave_out_scenery(
+def separate_scenery_from_objects(
     candidates: Sequence[Candidate], robot: Mask, frame: RGBDFrame, table: TableFrame
 ) -> SortedCandidates:
     """Sort out what lies behind the base of a calibrated robot or beyond its workspace, the walls of a bin, and what
@@ -41,37 +41,39 @@ def leave_out_scenery(
         table: the table in it.
     """
     points = robot_frame_point_map(frame, table)
-    why = _explain_scenery(candidates, robot, points, table)
+    why = _explain_scenery_by_number(candidates, robot, points, table)
     kept = [one for one in candidates if one.id not in why]
-    left_out = _union_of_masks(robot, [one for one in candidates if one.id in why])
-    owned = _union_of_masks(left_out, kept)
+    left_out = _unite_mask_with_candidates(robot, [one for one in candidates if one.id in why])
+    owned = _unite_mask_with_candidates(left_out, kept)
     reasons = [*([ROBOT] if robot.any() else []), *why.values()]
-    for mask, _ in measure_coverage(frame, table, pixels_above_table(frame, table, left_out), owned).regions:
-        entering = enters_from_outside_view(mask, points, DEFAULT.segmentation)
-        if entering or _is_bin(mask, kept, points):
+    for mask, _ in measure_coverage(frame, table, raised_pixel_mask(frame, table, left_out), owned).regions:
+        entering = is_segment_entering_view(mask, points, DEFAULT.segmentation)
+        if entering or _surrounds_other_candidates(mask, kept, points):
             reasons.append(ENTERING if entering else WALL)
             left_out |= mask
     numbered = tuple(replace(one, id=number) for number, one in enumerate(kept, 1))
     return SortedCandidates(numbered, tuple(dict.fromkeys(reasons)), left_out)
 
 
-def _explain_scenery(candidates: Sequence[Candidate], robot: Mask, points: Array, table: TableFrame) -> dict[int, str]:
+def _explain_scenery_by_number(
+    candidates: Sequence[Candidate], robot: Mask, points: Array, table: TableFrame
+) -> dict[int, str]:
     """Why segments, by number, are no objects; those that may be objects, or were given as such, are not in it."""
-    candidates = _without_given_masks(candidates)
+    candidates = _drop_given_candidates(candidates)
     beside_robot = _dilate_mask(robot, CONFIG.meets)
     why = {one.id: _explain_scenery_by_position(one, candidates, points, table) for one in candidates}
     why |= {one.id: ROBOT for one in candidates if _is_blurred_robot_edge(one.mask, beside_robot)}
-    known = _union_of_masks(robot, [one for one in candidates if why[one.id]])
+    known = _unite_mask_with_candidates(robot, [one for one in candidates if why[one.id]])
     walls = _find_straight_walls([one for one in candidates if not why[one.id]], known, points)
     why |= {one.id: WALL for one in walls}
     return {number: reason for number, reason in why.items() if reason}
 
 
-def _union_of_masks(mask: Mask, candidates: Sequence[Candidate]) -> Mask:
+def _unite_mask_with_candidates(mask: Mask, candidates: Sequence[Candidate]) -> Mask:
     return np.logical_or.reduce([mask, *(one.mask for one in candidates)])
 
 
-def _without_given_masks(candidates: Sequence[Candidate]) -> list[Candidate]:
+def _drop_given_candidates(candidates: Sequence[Candidate]) -> list[Candidate]:
     return [one for one in candidates if not one.given]
 
 
@@ -90,9 +92,9 @@ def _explain_scenery_by_position(
     candidate: Candidate, candidates: Sequence[Candidate], points: Array, table: TableFrame
 ) -> str:
     """Why one of the segments is no object, by where it is; empty if it may be one."""
-    if enters_from_outside_view(candidate.mask, points, DEFAULT.segmentation):
+    if is_segment_entering_view(candidate.mask, points, DEFAULT.segmentation):
         return ENTERING
-    if _is_bin(candidate.mask, [other for other in candidates if other is not candidate], points):
+    if _surrounds_other_candidates(candidate.mask, [other for other in candidates if other is not candidate], points):
         return WALL
     if table.origin != "calibrated":
         return ""
@@ -104,7 +106,7 @@ def _explain_scenery_by_position(
     return ""
 
 
-def _is_bin(mask: Mask, others: Sequence[Candidate], points: Array) -> bool:
+def _surrounds_other_candidates(mask: Mask, others: Sequence[Candidate], points: Array) -> bool:
     """Whether a segment (H, W) stands all around most of the ``others``, which begin deep below its rim."""
     cloud = points[mask][:: CONFIG.thinned]
     cloud = cloud[np.isfinite(cloud[:, 2]) & (cloud[:, 2] > CONFIG.raised)]
@@ -132,9 +134,7 @@ def _is_bin(mask: Mask, others: Sequence[Candidate], points: Array) -> bool:
 def _find_straight_walls(candidates: Sequence[Candidate], left_out: Mask, points: Array) -> list[Candidate]:
     """The walls of a bin that is seen in part: long and thin segments with all others to one side, of which both ends
     meet another one, what was ``left_out`` (H, W), or the picture's border."""
-    ends = {
-        one.id: _end_pixels_of_long_segment(one, points) for one in candidates if _is_straight_wall(one, candidates)
-    }
+    ends = {one.id: _end_pixel_masks(one, points) for one in candidates if _is_straight_wall(one, candidates)}
     found: list[Candidate] = []
     edge = left_out.copy()
     edge[[0, -1]] = edge[:, [0, -1]] = True
@@ -162,7 +162,7 @@ def _is_straight_wall(candidate: Candidate, candidates: Sequence[Candidate]) -> 
     )
 
 
-def _end_pixels_of_long_segment(candidate: Candidate, points: Array) -> tuple[Mask, Mask]:
+def _end_pixel_masks(candidate: Candidate, points: Array) -> tuple[Mask, Mask]:
     """(H, W) the pixels of either end of a long segment."""
     length, width, _ = candidate.upright.size
     yaw = candidate.upright.yaw + (0 if length > width else np.pi / 2)

@@ -13,7 +13,7 @@ from grs_agents.policies.types import (
     Cause,
     RoutingContext,
     RoutingDecision,
-    failures_without_run_details,
+    list_stable_failures,
     read_episode,
 )
 from grs_agents.sandbox import TestCase
@@ -44,9 +44,9 @@ class Rules:
     def decide(self, context: RoutingContext) -> RoutingDecision:
         """Read the types; compare with the report of the decision before."""
         evidence = _Evidence(context)
-        decision = _take_first_judgement(evidence)
+        decision = _decide_by_first_matching_rule(evidence)
         last = context.earlier[-1] if context.earlier and not context.audit_failed else None
-        if last is None or last.failures != failures_without_run_details(context.report):
+        if last is None or last.failures != list_stable_failures(context.report):
             return decision
         other: Verdict = "fix_test" if last.verdict == "fix_code" else "fix_code"
         if last.verdict == decision.verdict == "fix_code" and evidence.is_infeasible and "fix_task" in context.verdicts:
@@ -55,16 +55,18 @@ class Rules:
         return RoutingDecision(verdict=other, explanation=why, policy="rules")
 
 
-def _take_first_judgement(evidence: "_Evidence") -> RoutingDecision:
+def _decide_by_first_matching_rule(evidence: "_Evidence") -> RoutingDecision:
     """What the first of the rules says that has something to say; those that leave no doubt come first."""
     rules: tuple[Callable[[_Evidence], RoutingDecision | None], ...] = (
-        _find_fault_in_loading,
-        _find_fault_in_errors,
-        _find_fault_in_episodes,
-        _find_fault_in_task_words,
+        _decide_by_load_failures,
+        _decide_by_failed_cases,
+        _decide_by_oracle_episodes,
+        _decide_by_task_words,
     )
     decisions = (rule(evidence) for rule in rules)
-    return next((decision for decision in decisions if decision is not None), None) or _blame_failing_tests(evidence)
+    return next((decision for decision in decisions if decision is not None), None) or _route_to_tests_by_default(
+        evidence
+    )
 
 
 _INFEASIBLE = ("target_too_small", "unreachable", "no_free_space", "no_seal", "would_tip")
@@ -78,7 +80,7 @@ class _Evidence:
         self.context, self.report = context, context.report
         self.failed = [case for case in self.report.cases if case.outcome not in ("passed", "not_run")]
 
-    def find_static(self, program: str, kinds: tuple[str, ...]) -> str:
+    def find_static_finding(self, program: str, kinds: tuple[str, ...]) -> str:
         """The first static finding of one of these kinds that blames ``program``, in words; empty without one."""
         for finding in self.context.static:
             if finding.program == program and finding.kind in kinds:
@@ -112,16 +114,16 @@ def _blame_tests(why: str, sure: bool = True, expectation: bool = False) -> Rout
     return RoutingDecision(verdict="fix_test", explanation=why, policy="rules", cause=cause, sure=sure)
 
 
-def _find_fault_in_loading(evidence: _Evidence) -> RoutingDecision | None:
+def _decide_by_load_failures(evidence: _Evidence) -> RoutingDecision | None:
     """The audit's verdict, and sources that cannot do anything."""
     report = evidence.report
     if evidence.context.audit_failed and "fix_code" not in evidence.context.verdicts:
         return _blame_tests("the audit finds fault with the tests alone")
     if evidence.context.audit_failed:
         return _blame_program("the tests pass but the audit of the task instances fails")
-    if found := evidence.find_static("simulation", _BROKEN_SOURCE):
+    if found := evidence.find_static_finding("simulation", _BROKEN_SOURCE):
         return _blame_program(found)
-    if found := evidence.find_static("tests", (*_BROKEN_SOURCE, "no_tests")):
+    if found := evidence.find_static_finding("tests", (*_BROKEN_SOURCE, "no_tests")):
         return _blame_tests(found)
     if report.cases:
         return None
@@ -130,7 +132,7 @@ def _find_fault_in_loading(evidence: _Evidence) -> RoutingDecision | None:
     return _blame_tests(why) if in_tests else _blame_program(why)
 
 
-def _find_fault_in_errors(evidence: _Evidence) -> RoutingDecision | None:
+def _decide_by_failed_cases(evidence: _Evidence) -> RoutingDecision | None:
     """Tests that change what they test, and what the program raised or ran into."""
     if evidence.failed and (meddling := _MEDDLING.search(evidence.context.tests)):
         return _blame_tests(f"the tests change what they test: {meddling[0][:80]}", sure=False)
@@ -144,7 +146,7 @@ def _find_fault_in_errors(evidence: _Evidence) -> RoutingDecision | None:
     return None
 
 
-def _find_fault_in_episodes(evidence: _Evidence) -> RoutingDecision | None:
+def _decide_by_oracle_episodes(evidence: _Evidence) -> RoutingDecision | None:
     """The oracle fell short by itself, or met goals only as loosely as they are published."""
     for case, episode in evidence.episodes:
         if episode.outcome == "success" and episode.strict < _STRICTLY_MET:
@@ -161,31 +163,31 @@ def _find_fault_in_episodes(evidence: _Evidence) -> RoutingDecision | None:
     return None
 
 
-def _find_fault_in_task_words(evidence: _Evidence) -> RoutingDecision | None:
+def _decide_by_task_words(evidence: _Evidence) -> RoutingDecision | None:
     """The program may run well and still not be that of the task: then a test that fails may well be right."""
-    if evidence.failed and (found := evidence.find_static("simulation", _OTHER_TASK)):
+    if evidence.failed and (found := evidence.find_static_finding("simulation", _OTHER_TASK)):
         return _blame_program(found)
     if not evidence.failed or evidence.solved is None:
         return None
     words = read_task_words(evidence.context.task, evidence.context.scene)
     if unmet := words.find_violations(evidence.solved.motions):
         return _blame_program(f"the goals are met, the task is not: {'; '.join(unmet)}")
-    doubt = next(_find_doubts(evidence, evidence.solved), "")
+    doubt = next(_list_doubts_about_program(evidence, evidence.solved), "")
     return _blame_program(doubt, sure=False) if doubt else None
 
 
-def _find_doubts(evidence: _Evidence, episode: Episode) -> Iterator[str]:
+def _list_doubts_about_program(evidence: _Evidence, episode: Episode) -> Iterator[str]:
     """What makes it likely that a program whose goals were met is wrong."""
     if not episode.actions:
         yield "the goals are met before the robot does anything"
-    for asset, places in _read_photo_places(evidence.context.scene).items():
+    for asset, places in _group_photo_positions_by_asset(evidence.context.scene).items():
         starts = [motion.start[:2] for motion in episode.motions if motion.asset == asset]
         if len(starts) > len(places):
             yield f"there are {len(starts)} of {asset}, the photo shows {len(places)}"
         elif any(min(math.dist(place, start) for place in places) > _SAME_PLACE for start in starts):
             yield f"{asset} does not begin where the photo shows it"
     yield from _find_repeated_moves(episode)
-    if found := evidence.find_static("simulation", ("reward_sum", "unknown_argument")):
+    if found := evidence.find_static_finding("simulation", ("reward_sum", "unknown_argument")):
         yield found
 
 
@@ -198,7 +200,7 @@ def _find_repeated_moves(episode: Episode) -> Iterator[str]:
             yield f"{goals} goals ask for {asset}, which the robot moves {count} times"
 
 
-def _read_photo_places(scene: str) -> dict[str, list[tuple[float, float]]]:
+def _group_photo_positions_by_asset(scene: str) -> dict[str, list[tuple[float, float]]]:
     """Where the photo shows the objects of each asset: x and y, metres."""
     places: dict[str, list[tuple[float, float]]] = {}
     for item in json.loads(scene or "{}").get("objects", ()):
@@ -206,7 +208,7 @@ def _read_photo_places(scene: str) -> dict[str, list[tuple[float, float]]]:
     return places
 
 
-def _blame_failing_tests(evidence: _Evidence) -> RoutingDecision:
+def _route_to_tests_by_default(evidence: _Evidence) -> RoutingDecision:
     """Nothing speaks against the program, so the tests are in error, or expect what the task does not say."""
     if not evidence.failed:
         message = f"the tests as a whole are {evidence.report.outcome}: {evidence.report.message}"

@@ -54,9 +54,9 @@ class WordedTask:
         return list(unmet) or list(self._find_mixed_groups(motions))
 
     def _find_unmet(self, relation: WordedRelation, motions: Sequence[ObjectMotion]) -> Iterator[str]:
-        instances = [_find_instances(name, motions) for name in relation.movers]
+        instances = [_select_motions_of_asset(name, motions) for name in relation.movers]
         movers = [found[0] for found in instances if len(found) == 1]
-        places = _find_instances(relation.place, motions)
+        places = _select_motions_of_asset(relation.place, motions)
         for mover in movers if places else ():
             yield from self._explain_unmet_placement(mover, relation, places)
         for lower, upper in pairwise(movers):
@@ -79,7 +79,7 @@ class WordedTask:
         """Where several places are of one asset: those that the words put together are together, others are not."""
         taken: dict[int, int] = {}
         for number, relation in enumerate(self.relations):
-            places = _find_instances(relation.place, motions)
+            places = _select_motions_of_asset(relation.place, motions)
             movers = [motion for motion in motions if motion.asset in relation.movers]
             if len(places) < 2 or len({mover.asset for mover in movers}) != len(movers):
                 continue
@@ -93,19 +93,19 @@ def read_task_words(task: TaskDefinition, scene: str) -> WordedTask:
     """What the description asks for, as far as it is understood; ``scene`` is the scene's JSON, which names objects."""
     objects: list[dict[str, Any]] = json.loads(scene or "{}").get("objects", [])
     words = {asset: _collect_asset_words(asset, objects) for asset in task.assets}
-    half_widths = {str(item["asset"]): _measure_half_width(item) for item in objects if "size" in item}
+    half_widths = {str(item["asset"]): _half_width_with_margin(item) for item in objects if "size" in item}
     description = task.description.lower()
     bottom_up = bool(_BOTTOM_UP.search(description))
     relations = [
         relation
         for clause in _CLAUSE_ENDS.split(description)
         if not _EXEMPTING.search(clause)
-        for relation in _find_relations(clause, words, bottom_up)
+        for relation in _parse_worded_relations(clause, words, bottom_up)
     ]
     return WordedTask(tuple(relations), half_widths)
 
 
-def _find_relations(clause: str, words: Mapping[str, set[str]], bottom_up: bool) -> Iterator[WordedRelation]:
+def _parse_worded_relations(clause: str, words: Mapping[str, set[str]], bottom_up: bool) -> Iterator[WordedRelation]:
     begin = 0
     for preposition in _PREPOSITIONS.finditer(clause):
         end = _PHRASE_ENDS.search(clause, preposition.end())
@@ -149,11 +149,11 @@ def _make_singular(word: str) -> str:
     return word[:-1] if word.endswith("s") and not word.endswith("ss") else word
 
 
-def _find_instances(asset: str, motions: Sequence[ObjectMotion]) -> list[ObjectMotion]:
+def _select_motions_of_asset(asset: str, motions: Sequence[ObjectMotion]) -> list[ObjectMotion]:
     return [motion for motion in motions if motion.asset == asset]
 
 
-def _measure_half_width(item: Mapping[str, Any]) -> float:
+def _half_width_with_margin(item: Mapping[str, Any]) -> float:
     return max(float(extent) for extent in item["size"][:2]) / 2 + 0.01
 
 

@@ -17,10 +17,10 @@ Cause = Literal["tests_error", "wrong_expectation", "wrong_program", "cannot_tel
 the task says, whether it raises, falls short or succeeds at something else; or the evidence does not tell."""
 
 
-class Routed(Frozen):
+class EarlierDecision(Frozen):
     """An earlier decision: the report that it was made on, and the verdict."""
 
-    failures: tuple[str, ...]  # `failures_without_run_details` of that report
+    failures: tuple[str, ...]  # `list_stable_failures` of that report
     verdict: Verdict  # which program was to be fixed
 
 
@@ -40,7 +40,7 @@ class RoutingContext:
     static: tuple[StaticFinding, ...] = ()  # what shows without a run
     images: tuple[str, ...] = ()  # the end of the robot's episode, relative to the run folder
     verdicts: tuple[Verdict, ...] = ("fix_code", "fix_test")  # what is left to try; others are not followed
-    earlier: tuple[Routed, ...] = ()  # the earlier decisions, oldest first
+    earlier: tuple[EarlierDecision, ...] = ()  # the earlier decisions, oldest first
 
 
 class RoutingDecision(Frozen):
@@ -61,7 +61,7 @@ class Policy(Protocol):
         ...
 
 
-def failures_without_run_details(report: TestReport) -> tuple[str, ...]:
+def list_stable_failures(report: TestReport) -> tuple[str, ...]:
     """What went wrong in ``report``, without what differs from run to run: seconds, printed text, tracebacks.
 
     Two reports with the same failures show that the fix between them changed nothing.

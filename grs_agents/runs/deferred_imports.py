@@ -43,7 +43,7 @@ def _defer(name: str, **known: Any) -> None:
     if spec is None or spec.loader is None:
         return
     module = module_from_spec(spec)
-    module.__class__ = _Unopened
+    module.__class__ = _UnexecutedModule
     vars(module).update(known)
     sys.modules[name] = module
     _closed.add(name)
@@ -52,7 +52,7 @@ def _defer(name: str, **known: Any) -> None:
         setattr(sys.modules[package], own, module)
 
 
-class _Unopened(ModuleType):
+class _UnexecutedModule(ModuleType):
     """A module that is executed when a name is asked for that it does not have yet."""
 
     def __getattr__(self, name: str) -> Any:
@@ -60,7 +60,7 @@ class _Unopened(ModuleType):
             # Each import asks whether a module is a package.
             if name == "__path__" or self.__name__ in _opening:
                 raise AttributeError(f"module {self.__name__!r} has no attribute {name!r} yet")
-            _open(self)
+            _execute_deferred_module(self)
         return getattr(self, name)
 
 
@@ -68,7 +68,7 @@ _closed: set[str] = set()
 _opening: set[str] = set()
 
 
-def _open(module: Any) -> None:
+def _execute_deferred_module(module: Any) -> None:
     """Execute a module, if that has not been done."""
     name: str = module.__name__
     with _LOCK:
@@ -89,21 +89,21 @@ class _DeferredClass:
     def __init__(self, module: str, name: str) -> None:
         self._place = (f"langsmith.{module}", name)
 
-    def _load(self) -> Any:
+    def _import_deferred_class(self) -> Any:
         module, name = self._place
         return getattr(importlib.import_module(module), name)
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
-        return self._load()(*arguments, **options)
+        return self._import_deferred_class()(*arguments, **options)
 
     def __instancecheck__(self, instance: object) -> bool:
-        return isinstance(instance, self._load())
+        return isinstance(instance, self._import_deferred_class())
 
     def __mro_entries__(self, bases: tuple[Any, ...]) -> tuple[Any, ...]:
-        return (self._load(),)
+        return (self._import_deferred_class(),)
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._load(), name)
+        return getattr(self._import_deferred_class(), name)
 
 
 class _DeferredRunTree(_DeferredClass):
@@ -114,32 +114,32 @@ class _DeferredRunTree(_DeferredClass):
 
     def model_dump(self, *arguments: Any, **options: Any) -> Any:
         """As the class's."""
-        return self._load().model_dump(*arguments, **options)
+        return self._import_deferred_class().model_dump(*arguments, **options)
 
 
 def _is_tracing_configured() -> bool:
     return any(name.startswith(("LANGSMITH_", "LANGCHAIN_")) for name in os.environ)
 
 
-def _find_used(module: str) -> Any:
+def _load_langsmith_if_tracing(module: str) -> Any:
     """The module of LangSmith's, where it is used; None where nobody traces."""
     found = sys.modules[f"langsmith.{module}"]
     if found.__name__ in _closed and not _is_tracing_configured():
         return None
-    _open(found)
+    _execute_deferred_module(found)
     return found
 
 
 def _get_tracing_context(*arguments: Any) -> Any:
-    helpers = _find_used("run_helpers")
+    helpers = _load_langsmith_if_tracing("run_helpers")
     return helpers.get_tracing_context(*arguments) if helpers else dict(_UNTRACED)
 
 
 def _set_tracing_context(context: dict[str, Any]) -> None:
-    if helpers := _find_used("run_helpers"):
+    if helpers := _load_langsmith_if_tracing("run_helpers"):
         vars(helpers)["_set_tracing_context"](context)
 
 
 def _tracing_is_enabled(*arguments: Any) -> Any:
-    utils = _find_used("utils")
+    utils = _load_langsmith_if_tracing("utils")
     return bool(utils) and utils.tracing_is_enabled(*arguments)

@@ -17,13 +17,13 @@ from grs_agents.agents import Agents, BudgetReached
 from grs_agents.config import Config
 from grs_agents.errors import ConfigError, GrsError, InputError
 from grs_agents.files import unwritable_error
-from grs_agents.nodes import Services, conclude_run
+from grs_agents.nodes import Services, conclude_with_best_version
 from grs_agents.policies import load_policy
-from grs_agents.questions import Question, read_question
+from grs_agents.questions import Question, parse_question
 from grs_agents.runs.checkpoint import FILE, check_checkpoint_file, check_restored_state
 from grs_agents.runs.hashes import write_hashes
-from grs_agents.runs.record import EXIT_STATUS, RunRecord, collect_run_counts, seconds_by_stage
-from grs_agents.runs.recording import compare_with_recording, write_cassette
+from grs_agents.runs.record import EXIT_STATUS, RunRecord, count_run_results, seconds_by_stage
+from grs_agents.runs.recording import add_recording_comparison, write_cassette
 from grs_agents.runs.run_opening import Order, load_graph, open_run
 from grs_agents.runs.sandbox_setup import open_sandbox
 from grs_agents.sandbox import Sandbox
@@ -67,7 +67,7 @@ def _execute_with_log(order: Order, views: Views, folder: Path, record: RunRecor
     state: State = {}
     try:
         with EventLog(folder / "events.jsonl") as log, views(folder, log):
-            log.subscribe(_block_nodes_on_interrupt)
+            log.subscribe(_raise_interrupt_at_node_start)
             record, problem = _run_graph_and_record(order, config, folder, log, record, state)
             if config.record:
                 write_cassette(Path(config.record), config, record, folder)
@@ -96,9 +96,9 @@ def _run_graph_and_record(
         else:
             record = _mark_record_with_verdict(order, record, state)
         if question is None and config.cassette and not config.record:
-            record = compare_with_recording(config.cassette, record, folder)
+            record = add_recording_comparison(config.cassette, record, folder)
     except GraphInterrupt as asked:  # for the graph around it, which keeps the checkpoints
-        waiting = _mark_record_waiting(record, read_question(asked.args[0][0].value))
+        waiting = _mark_record_waiting(record, parse_question(asked.args[0][0].value))
         _add_metrics_to_record(waiting, log, state).write(folder)
         raise
     except (Exception, KeyboardInterrupt) as error:
@@ -106,7 +106,7 @@ def _run_graph_and_record(
     return _add_metrics_to_record(record, log, state).write(folder), problem
 
 
-def _block_nodes_on_interrupt(event: Event) -> None:
+def _raise_interrupt_at_node_start(event: Event) -> None:
     """Let no node start once the run was asked to end, though the exception that said so was lost on its way."""
     if event.kind == "node_started" and interrupts.is_interrupt_requested():
         raise KeyboardInterrupt
@@ -166,7 +166,7 @@ def _invoke_graph(
     """
     with open_sandbox(config) as sandbox, _open_checkpointer(order, folder) as checkpointer:
         sandbox.warm_up()  # its imports overlap with comprehension
-        services = _make_services(config, folder, log, sandbox)
+        services = _make_node_services(config, folder, log, sandbox)
         graph = load_graph(config.graph).build().compile(checkpointer=checkpointer)
         drawn = graph.get_graph()
         log.append(
@@ -198,10 +198,10 @@ def _invoke_graph(
                 with suppress(sqlite3.Error):  # a full disk is reported by what it stopped
                     state.update(graph.get_state(settings).values)
             asked = graph.get_state(settings).interrupts
-            return read_question(asked[0].value) if asked else None
+            return parse_question(asked[0].value) if asked else None
         except BudgetReached as reached:
             state["problem"] = reached.message
-            state.update(conclude_run(cast(RunState, state), runtime=Runtime(context=services)))
+            state.update(conclude_with_best_version(cast(RunState, state), runtime=Runtime(context=services)))
     return None
 
 
@@ -212,7 +212,7 @@ def _command_with_reply(graph: Any, settings: dict[str, Any], order: Order, log:
     asked = graph.get_state(settings).interrupts
     if not asked or order.reply is None:
         return None
-    log.append(Note(level="info", text=f"{read_question(asked[0].value).text} {order.reply}"))
+    log.append(Note(level="info", text=f"{parse_question(asked[0].value).text} {order.reply}"))
     return Command(resume={asked[0].id: order.reply})
 
 
@@ -245,13 +245,13 @@ def _open_checkpointer(order: Order, folder: Path) -> Generator["BaseCheckpointS
         yield SqliteSaver(connection, serde=strict)
 
 
-def _make_services(config: Config, folder: Path, log: EventLog, sandbox: Sandbox) -> Services:
+def _make_node_services(config: Config, folder: Path, log: EventLog, sandbox: Sandbox) -> Services:
     """What the nodes work with."""
     visits = Counter(event.node for event in read_events(log.path) if event.kind == "node_started")
     return Services(
         config=config,
         log=log,
-        agents=Agents.from_log(config, log, folder),
+        agents=Agents.resume_from_log(config, log, folder),
         policy=load_policy(config.policy),
         sandbox=sandbox,
         folder=folder.resolve(),
@@ -267,7 +267,7 @@ def _add_metrics_to_record(record: RunRecord, log: EventLog, state: State) -> Ru
         history = read_events(log.path)
     with suppress(KeyError, TypeError, AttributeError):  # the state of a graph of the user's own
         update = {
-            "counts": collect_run_counts(history, state),
+            "counts": count_run_results(history, state),
             "rewards": tuple(state.get("audit", {}).get("rewards", ())),
             "sandbox": str(state.get("report", {}).get("backend", "")),
         }

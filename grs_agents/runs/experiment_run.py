@@ -18,7 +18,7 @@ from grs_agents.base import Frozen
 from grs_agents.config import Config, flatten_tree, load_config
 from grs_agents.files import write_json
 from grs_agents.metrics import Figure, figures_table, metrics_table, metrics_to_dicts
-from grs_agents.runs.kept_rows import open_kept_rows
+from grs_agents.runs.kept_rows import open_stored_rows
 from grs_agents.terminal import EscapingParser, make_console, print_json
 from grs_agents.version import __version__
 
@@ -85,7 +85,7 @@ class Experiment:
     config: Config
     settings: tuple[str, ...]
 
-    def make_rows(
+    def make_or_reuse_rows(
         self,
         kind: type[_Row],
         work: Mapping[str, Callable[[], _Row]],
@@ -107,7 +107,7 @@ class Experiment:
             InputError: ``--out`` holds rows of other options or another configuration.
         """
         depends = {key: value for key, value in vars(self.options).items() if key not in (*_OF_NO_ROW, *choosing)}
-        kept = open_kept_rows(self.options.out, kind, {"config": self.config, "options": depends})
+        kept = open_stored_rows(self.options.out, kind, {"config": self.config, "options": depends})
         rows = {name: kept.rows[name] for name in work if name in kept.rows}
         with show_progress(self.name, len(work), len(rows)) as advance:
 
@@ -117,12 +117,12 @@ class Experiment:
                     kept.keep(name, row)
                 advance(name, "" if show is None else show(row))
 
-            do_jobs([name for name in work if name not in rows], lambda name: work[name](), keep, workers)
+            run_jobs_in_threads([name for name in work if name not in rows], lambda name: work[name](), keep, workers)
         return [rows[name] for name in work]
 
     def measure(self, work: Mapping[str, Callable[[], Sequence[Figure]]]) -> list[Figure]:
         """The figures of each measurement, one after the other; those that are kept are not measured again."""
-        rows = self.make_rows(
+        rows = self.make_or_reuse_rows(
             _Measured, {name: lambda one=one: _Measured(figures=tuple(one())) for name, one in work.items()}
         )
         return [figure for row in rows for figure in row.figures]
@@ -178,7 +178,7 @@ _Job = TypeVar("_Job")
 _Outcome = TypeVar("_Outcome")
 
 
-def do_jobs(
+def run_jobs_in_threads(
     jobs: Sequence[_Job], work: Callable[[_Job], _Outcome], keep: Callable[[_Job, _Outcome], None], workers: int = 1
 ) -> None:
     """Do ``work`` for each job and hand the outcomes to ``keep``, in this thread, as they come.

@@ -43,13 +43,13 @@ class RunHashes(Frozen):
 def write_hashes(folder: Path) -> RunHashes:
     """Hash an ended run, whose files nobody writes any more. Raises InputError: a file cannot be read or written."""
     library = Library()
-    used = {name: _hash_asset(name, library) for name in _names_of_assets(folder) if name in library}
+    used = {name: _hash_asset(name, library) for name in _collect_asset_names(folder) if name in library}
     hashes = RunHashes(files=_hash_run_files(folder), library=used)
     write_text(folder / FILE, hashes.as_text())
     return hashes
 
 
-def rewrite_hashes(copy: Path, before: Mapping[str, bytes], left_out: Iterable[str]) -> None:
+def update_hashes_in_copy(copy: Path, before: Mapping[str, bytes], left_out: Iterable[str]) -> None:
     """Let the hashes in ``copy`` say what its files hold now that ``before`` were replaced and ``left_out`` are gone.
 
     A file that did not have its hash before gets no new one: a change of somebody else's stays one.
@@ -59,8 +59,8 @@ def rewrite_hashes(copy: Path, before: Mapping[str, bytes], left_out: Iterable[s
     hashes = _read_hashes(copy)
     files = {name: value for name, value in hashes.files.items() if name not in set(left_out)}
     for name, data in before.items():
-        if files.get(name) == _hash(data):
-            files[name] = _hash(read_bytes(copy / name))
+        if files.get(name) == _sha256_of_bytes(data):
+            files[name] = _sha256_of_bytes(read_bytes(copy / name))
     write_text(copy / FILE, hashes.model_copy(update={"files": files}).as_text())
 
 
@@ -77,10 +77,10 @@ def list_changed_files(folder: Path) -> tuple[str, ...]:
     except InputError as error:
         return (f"{FILE}: {error.message}",)
     changed = [] if read_bytes(folder / FILE) == hashes.as_text().encode() else [f"{FILE}: it was written anew"]
-    changed += _compare_hashes(hashes.files, _hash_run_files(folder))
+    changed += _describe_hash_differences(hashes.files, _hash_run_files(folder))
     library = Library()
     for asset, before in sorted(hashes.library.items()):
-        changed += _compare_hashes(before, dict(_hash_parts(asset, before, library)))
+        changed += _describe_hash_differences(before, dict(_hash_asset_parts(asset, before, library)))
     return tuple(changed)
 
 
@@ -93,7 +93,7 @@ def _read_hashes(folder: Path) -> RunHashes:
         raise InputError(f"it is damaged at {where}: {first['msg']}", "restore the file") from error
 
 
-def _compare_hashes(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
+def _describe_hash_differences(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
     for name in sorted({*before, *now}):
         if before.get(name) != now.get(name):
             what = "is missing" if name not in now else "was added" if name not in before else "was changed"
@@ -103,10 +103,10 @@ def _compare_hashes(before: Mapping[str, str], now: Mapping[str, str]) -> Iterat
 def _hash_run_files(folder: Path) -> dict[str, str]:
     files = (file for file in folder.rglob("*") if file.is_file() and file.suffix not in MADE_LATER)
     named = {file.relative_to(folder).as_posix(): file for file in files}
-    return {name: _hash(read_bytes(file)) for name, file in sorted(named.items()) if name not in _APART}
+    return {name: _sha256_of_bytes(read_bytes(file)) for name, file in sorted(named.items()) if name not in _APART}
 
 
-def _names_of_assets(folder: Path) -> set[str]:
+def _collect_asset_names(folder: Path) -> set[str]:
     """The assets that the instances of a run name; those of its own lie in its folder."""
     names: set[str] = set()
     for file in sorted((folder / "instances").glob("*.json")):
@@ -121,24 +121,24 @@ def _names_of_assets(folder: Path) -> set[str]:
 def _hash_asset(name: str, library: Library) -> dict[str, str]:
     model = library.load_object_model(name)
     parts = {part for shape in (*model.visuals, *model.colliders) for part in (shape.mesh, shape.texture) if part}
-    return dict(_hash_parts(name, (_entry(name), name, *sorted(parts)), library))
+    return dict(_hash_asset_parts(name, (_format_manifest_entry_name(name), name, *sorted(parts)), library))
 
 
-def _entry(name: str) -> str:
+def _format_manifest_entry_name(name: str) -> str:
     """How the manifest's entry of an asset is called among the hashes of its files."""
     return f"manifest.json, {name}"
 
 
-def _hash_parts(asset: str, parts: Iterable[str], library: Library) -> Iterator[tuple[str, str]]:
+def _hash_asset_parts(asset: str, parts: Iterable[str], library: Library) -> Iterator[tuple[str, str]]:
     """The hash of each part of ``asset`` that is there: its file, a mesh, a texture, or what the manifest says of it.
     Nothing is parsed, so that a damaged file is named and not what depends on it."""
     for part in parts:
         with suppress(InputError):
-            if part == _entry(asset):
-                yield part, _hash(library.asset(asset).model_dump_json().encode())
+            if part == _format_manifest_entry_name(asset):
+                yield part, _sha256_of_bytes(library.asset(asset).model_dump_json().encode())
             else:
-                yield part, _hash(read_bytes(library.mesh_or_texture_path(part)))
+                yield part, _sha256_of_bytes(read_bytes(library.mesh_or_texture_path(part)))
 
 
-def _hash(data: bytes) -> str:
+def _sha256_of_bytes(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()

@@ -17,7 +17,7 @@ _REMEDY: Final = "name another --out"
 _Row = TypeVar("_Row", bound=BaseModel)
 
 
-class KeptRows(Generic[_Row]):
+class StoredRows(Generic[_Row]):
     """The rows in ``rows.json`` of a folder, by name."""
 
     def __init__(self, file: Path, of: str, rows: dict[str, _Row]) -> None:
@@ -31,7 +31,7 @@ class KeptRows(Generic[_Row]):
             write_json(self.file, {"of": self.of, "rows": rows})
 
 
-def open_kept_rows(folder: Path, kind: type[_Row], of: Mapping[str, Any]) -> KeptRows[_Row]:
+def open_stored_rows(folder: Path, kind: type[_Row], of: Mapping[str, Any]) -> StoredRows[_Row]:
     """The rows that an earlier, interrupted experiment left in ``folder``.
 
     Args:
@@ -48,8 +48,8 @@ def open_kept_rows(folder: Path, kind: type[_Row], of: Mapping[str, Any]) -> Kep
     digest = hashlib.sha256(json.dumps([__version__, parts], sort_keys=True).encode()).hexdigest()
     file = folder / "rows.json"
     if not file.is_file():
-        return KeptRows(file, digest, {})
+        return StoredRows(file, digest, {})
     found = read_json(file, _REMEDY)
     if found.get("of") != digest:
         raise InputError(f"{file} holds rows of another version, configuration or other options", _REMEDY)
-    return KeptRows(file, digest, {name: kind.model_validate(row) for name, row in found["rows"].items()})
+    return StoredRows(file, digest, {name: kind.model_validate(row) for name, row in found["rows"].items()})

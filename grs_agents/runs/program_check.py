@@ -11,10 +11,10 @@ from pydantic import ValidationError
 
 from grs_agents.agents import Agents, TaskDefinition
 from grs_agents.audit import AuditReport
-from grs_agents.config import Config, Effective, validate_config
+from grs_agents.config import Config, EffectiveConfig, validate_config
 from grs_agents.errors import InputError
 from grs_agents.foreign import check_run_folder, read_json, read_text
-from grs_agents.nodes import AuditedPrograms, Services, audit_programs, setup_of_programs
+from grs_agents.nodes import AuditedPrograms, Services, audit_programs, program_tool_settings
 from grs_agents.perception import read_scene_description, resolve_scene_path
 from grs_agents.policies import load_policy
 from grs_agents.runs.execution import Views, execute_run
@@ -77,7 +77,7 @@ def check_user_program(
         report: TestReport | None = None
         if tests is not None:
             programs = {"simulation": simulation, "tests": tests, "simulation_name": order.name}
-            setup = setup_of_programs(scene, services)
+            setup = program_tool_settings(scene, services)
             report = services.run_tool("run_tests", seed=order.config.seed, **programs, **setup).report
         audited = AuditedPrograms(simulation, tests, report, task, original, scene, order.name)
         return CheckResult(report, audit_programs(audited, services))
@@ -97,8 +97,8 @@ def _read_task_file(file: Path) -> tuple[TaskDefinition, TaskDefinition | None]:
 
 
 @contextmanager
-def prepare_check(
-    program: Path, tests: Path | None, task: Path | None, scene: Path | None, chosen: Effective, views: Views
+def open_check_order(
+    program: Path, tests: Path | None, task: Path | None, scene: Path | None, chosen: EffectiveConfig, views: Views
 ) -> Generator[CheckOrder]:
     """What to check, while its folder for what is written exists.
 
@@ -113,22 +113,22 @@ def prepare_check(
     """
     if program.is_dir():
         run, program = program, program / "simulation.py"
-        tests = tests or _file_if_any(run / "test_simulation.py")
-        task, scene = task or _file_if_any(run / "task.json"), scene or run
+        tests = tests or _path_if_file_exists(run / "test_simulation.py")
+        task, scene = task or _path_if_file_exists(run / "task.json"), scene or run
     with tempfile.TemporaryDirectory(prefix="grs-check-") as folder:
         order = CheckOrder(program, tests, chosen.config, Path(folder) / "check", task, name=program.stem)
         if scene is not None:
             seen = _find_or_comprehend_scene(scene, chosen, Path(folder) / "scene", views)
-            around = {"scene": _file_if_any(seen), "assets": seen.parent.resolve() / "assets"}
+            around = {"scene": _path_if_file_exists(seen), "assets": seen.parent.resolve() / "assets"}
             order = replace(order, config=_config_matching_run(seen.parent, chosen), **around)
         yield order
 
 
-def _file_if_any(file: Path) -> Path | None:
+def _path_if_file_exists(file: Path) -> Path | None:
     return file if file.is_file() else None
 
 
-def _find_or_comprehend_scene(scene: Path, chosen: Effective, out: Path, views: Views) -> Path:
+def _find_or_comprehend_scene(scene: Path, chosen: EffectiveConfig, out: Path, views: Views) -> Path:
     """The file of a scene, beside which its assets lie: a run's, the one named, or that of a photo comprehended now."""
     if scene.suffix == ".json":
         read_scene_description(scene)
@@ -147,7 +147,7 @@ def _find_or_comprehend_scene(scene: Path, chosen: Effective, out: Path, views: 
     return out / _SCENE_FILE
 
 
-def _config_matching_run(folder: Path, chosen: Effective) -> Config:
+def _config_matching_run(folder: Path, chosen: EffectiveConfig) -> Config:
     """The configuration with the robot and the seed of the run in ``folder``, where the user names none."""
     recorded = read_record(folder).config if (folder / "run.json").is_file() else {}
     same = {key: recorded[key] for key in ("robot", "seed") if key in recorded and chosen.sources[key] == "default"}

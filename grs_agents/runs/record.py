@@ -101,7 +101,7 @@ def seconds_by_stage(events: Sequence[Event]) -> dict[str, float]:
     return {**rounded, "total": round(sum(seconds.values()), 3)}
 
 
-def collect_run_counts(events: Sequence[Event], state: Mapping[str, Any]) -> dict[str, int]:
+def count_run_results(events: Sequence[Event], state: Mapping[str, Any]) -> dict[str, int]:
     """What was seen, kept, made and spent."""
     replies = [event for event in events if event.kind == "reply"]
     kinds = Counter(event.node for event in events if event.kind == "node_ended")

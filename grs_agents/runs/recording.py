@@ -30,9 +30,7 @@ def write_cassette(file: Path, config: Config, record: RunRecord, folder: Path) 
     cassette = Cassette(
         version=__version__,
         scene=short_scene_name(Path(record.source)),
-        settings=select_repeatable_settings(
-            {key: value for key, value in present.items() if value != default.get(key)}
-        ),
+        settings=select_portable_settings({key: value for key, value in present.items() if value != default.get(key)}),
         status=record.status,
         reason=record.reason,
         files=_digest_run_files(folder),
@@ -43,7 +41,7 @@ def write_cassette(file: Path, config: Config, record: RunRecord, folder: Path) 
     write_bytes(resolve_output_file(file), make_scrubber(folder, keys).remove_secrets(text).encode())
 
 
-def compare_with_recording(name: str, record: RunRecord, folder: Path) -> RunRecord:
+def add_recording_comparison(name: str, record: RunRecord, folder: Path) -> RunRecord:
     """The record, whose reason tells whether the run ended as its recording: verdict, programs and task instances."""
     cassette, made = read_cassette(name), _digest_run_files(folder)
     differ = sorted({file for file, _ in made.items() ^ cassette.files.items()})
@@ -53,7 +51,7 @@ def compare_with_recording(name: str, record: RunRecord, folder: Path) -> RunRec
     return record.model_copy(update={"reason": f"{record.reason}; {how}"})
 
 
-def select_repeatable_settings(settings: dict[str, Any]) -> dict[str, Any]:
+def select_portable_settings(settings: dict[str, Any]) -> dict[str, Any]:
     """The settings that a recorded run brings along, which may come from anybody: no file, no code, no endpoint."""
     return {
         key: value
@@ -67,12 +65,12 @@ def select_repeatable_settings(settings: dict[str, Any]) -> dict[str, Any]:
 def _digest_run_files(folder: Path) -> dict[str, str]:
     """The files that a run is about, each with a digest that does not depend on the last digits of its numbers."""
     files = sorted(file for pattern in _MADE for file in folder.glob(pattern))
-    texts = {file: _NUMBER.sub(_round_number, file.read_text("utf-8")) for file in files}
+    texts = {file: _NUMBER.sub(_round_matched_number, file.read_text("utf-8")) for file in files}
     return {
         file.relative_to(folder).as_posix(): hashlib.sha256(text.encode()).hexdigest()[:16]
         for file, text in texts.items()
     }
 
 
-def _round_number(number: re.Match[str]) -> str:
+def _round_matched_number(number: re.Match[str]) -> str:
     return f"{round(float(number[0]), 4) + 0.0:.4f}"  # + 0.0 makes zero of minus zero

@@ -23,7 +23,7 @@ from grs_agents.foreign import path_exists
 from grs_agents.models import make_chat_model
 from grs_agents.perception import check_scene_source, short_scene_name
 from grs_agents.policies import load_policy
-from grs_agents.questions import check_reply
+from grs_agents.questions import require_reply_is_a_choice
 from grs_agents.runs.record import EXIT_STATUS, FILE, RunRecord, installed_versions, read_record
 from grs_agents.toolkit import load_tool
 
@@ -82,13 +82,13 @@ def lock_run_folder(folder: Path) -> Generator[None]:
     except OSError as error:
         raise unwritable_error(folder / LOCK, error) from error
     try:
-        _lock_descriptor(descriptor, folder)
+        _lock_open_file(descriptor, folder)
         yield
     finally:
         os.close(descriptor)
 
 
-def _lock_descriptor(descriptor: int, folder: Path) -> None:
+def _lock_open_file(descriptor: int, folder: Path) -> None:
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         os.ftruncate(descriptor, 0)
@@ -141,7 +141,7 @@ def _check_reply_is_awaited(order: Order, record: RunRecord) -> None:
         return
     if record.question is None:
         raise InputError(f"the run {order.out} is {record.status} and waits for no reply", "see `grs show`")
-    check_reply(record.question, order.reply)
+    require_reply_is_a_choice(record.question, order.reply)
 
 
 @contextmanager
@@ -158,7 +158,7 @@ def open_run(order: Order) -> Generator[tuple[Path, RunRecord, Config]]:
             yield folder, record, config
             return
         _check_reply_is_awaited(order, record)
-        check_configured_names(config, order.command, order.given)
+        require_configured_names_exist(config, order.command, order.given)
         with lock_run_folder(folder):
             record = read_record(folder)  # another process may have written it before it let go
             if record.status not in EXIT_STATUS:
@@ -174,7 +174,7 @@ def open_run(order: Order) -> Generator[tuple[Path, RunRecord, Config]]:
         return
     config = order.config
     check_scene_source(order.source)
-    check_configured_names(config, order.command, order.given)
+    require_configured_names_exist(config, order.command, order.given)
     folder = make_run_folder(short_scene_name(order.source), config.seed, order.out)
     record = RunRecord(
         id=folder.resolve().name,
@@ -191,7 +191,7 @@ def open_run(order: Order) -> Generator[tuple[Path, RunRecord, Config]]:
         yield folder, record, config
 
 
-def check_configured_names(config: Config, command: str, given: Mapping[str, Any]) -> None:
+def require_configured_names_exist(config: Config, command: str, given: Mapping[str, Any]) -> None:
     """See that every graph, policy, tool, prompt, recording and model that ``config`` names can be had."""
     graph = load_graph(config.graph)
     needs: Sequence[str] = getattr(graph, "NEEDS", ())
@@ -208,10 +208,10 @@ def check_configured_names(config: Config, command: str, given: Mapping[str, Any
         load_tool(name)
     for name in config.prompts.model_dump().values():
         content.content_path("prompts", name)
-    _check_models_or_recording(config)
+    _require_usable_models_or_recording(config)
 
 
-def _check_models_or_recording(config: Config) -> None:
+def _require_usable_models_or_recording(config: Config) -> None:
     """See that the models can be asked, or that the recording which stands for them can be read."""
     if config.record:
         check_output_path(Path(config.record))

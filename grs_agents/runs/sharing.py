@@ -13,8 +13,8 @@ from pathlib import Path
 
 from grs_agents.errors import GrsError, InputError
 from grs_agents.files import unwritable_error, write_bytes, write_file_or_stdout
-from grs_agents.foreign import read_bytes, read_npz_words
-from grs_agents.runs.hashes import rewrite_hashes
+from grs_agents.foreign import read_bytes, read_npz_strings
+from grs_agents.runs.hashes import update_hashes_in_copy
 from grs_agents.terminal import escape_control_chars
 
 REMOVED = "[removed]"
@@ -115,7 +115,7 @@ _STAMP = (1980, 1, 1, 0, 0, 0)
 
 
 @dataclass(frozen=True)
-class Shared:
+class PackedRun:
     """What was packed."""
 
     path: Path
@@ -125,7 +125,7 @@ class Shared:
     left_out: tuple[str, ...]  # files that were not packed
 
 
-def pack_run_as_zip(folder: Path, out: Path, scrubber: Scrubber, make: Callable[[Path], Sequence[Path]]) -> Shared:
+def pack_run_as_zip(folder: Path, out: Path, scrubber: Scrubber, make: Callable[[Path], Sequence[Path]]) -> PackedRun:
     """Pack a run."""
     changed: dict[str, bytes] = {}
     left_out: list[str] = []
@@ -140,15 +140,15 @@ def pack_run_as_zip(folder: Path, out: Path, scrubber: Scrubber, make: Callable[
             if data != before:
                 changed[name.as_posix()] = before or b""
             write_bytes(copy / name, data)
-        rewrite_hashes(copy, changed, left_out)
+        update_hashes_in_copy(copy, changed, left_out)
         make(copy)
-        packed = _zip_checked_folder(copy, scrubber)
+        packed = _zip_folder_without_leaks(copy, scrubber)
     try:
         write_file_or_stdout(out, packed.getvalue())
     except OSError as error:
         raise unwritable_error(out, error) from error
     with zipfile.ZipFile(packed) as archive:
-        return Shared(out, len(archive.namelist()), len(packed.getvalue()), tuple(changed), tuple(left_out))
+        return PackedRun(out, len(archive.namelist()), len(packed.getvalue()), tuple(changed), tuple(left_out))
 
 
 def _list_run_files(folder: Path) -> list[Path]:
@@ -170,12 +170,12 @@ def _clean_file_content(name: Path, data: bytes, scrubber: Scrubber) -> bytes | 
     try:
         if name.suffix == ".png":
             return strip_png_metadata(data)
-        return None if scrubber.describe_leak(" ".join(read_npz_words(data, str(name))).encode()) else data
+        return None if scrubber.describe_leak(" ".join(read_npz_strings(data, str(name))).encode()) else data
     except (ValueError, InputError):
         return None
 
 
-def _zip_checked_folder(copy: Path, scrubber: Scrubber) -> io.BytesIO:
+def _zip_folder_without_leaks(copy: Path, scrubber: Scrubber) -> io.BytesIO:
     """The folder as a zip file whose every member was searched once more."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -88,7 +88,7 @@ def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: 
     order = CheckOrder(
         simulation=folder / "simulation.py",
         tests=folder / "test_simulation.py",
-        config=_config_of_record(folder, record, local),
+        config=_build_config_from_record(folder, record, local),
         folder=temporary,
         task=folder / "task.json",
         scene=folder / "scene.json",
@@ -101,7 +101,7 @@ def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: 
         return
     audit, accepted = found.audit, found.accepted and found.tests is not None
     yield from _list_differences(recorded, audit.model_dump(mode="json"), f"{_AUDIT}:")
-    yield from _compare_instances(folder, temporary)
+    yield from _list_instance_differences(folder, temporary)
     if record.status == "accepted":
         made = (temporary / _INSTANCES).glob("*")
         lost = sorted(file.name for file in made if not (folder / _INSTANCES / file.name).is_file())
@@ -113,7 +113,7 @@ def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: 
         yield f"run.json: rewards: recorded {record.rewards}, recomputed {audit.rewards}"
 
 
-def _config_of_record(folder: Path, record: RunRecord, local: Config) -> Config:
+def _build_config_from_record(folder: Path, record: RunRecord, local: Config) -> Config:
     """The configuration of the run, with its copy of an arm's file, and what belongs to the machine as it is here."""
     own = {key: value for key, value in local.model_dump().items() if key in _OF_THIS_MACHINE}
     config = validate_config({**record.config, **own})
@@ -131,7 +131,7 @@ class _AgentsOfRecord(Agents):
         return super().chat_model_for_role(role)
 
 
-def _compare_instances(folder: Path, temporary: Path) -> Iterator[str]:
+def _list_instance_differences(folder: Path, temporary: Path) -> Iterator[str]:
     """What was drawn and recorded. A run that put its best version back has removed what was not of that version."""
     for file in sorted((folder / _INSTANCES).glob("*")):
         made = temporary / _INSTANCES / file.name
@@ -160,14 +160,14 @@ def _list_differences(recorded: Any, recomputed: Any, where: str) -> Iterator[st
         for key in dict.fromkeys((*before, *now)):
             yield from _list_differences(before.get(key), now.get(key), f"{where} {key}")
     elif isinstance(recorded, list) and isinstance(recomputed, list):
-        items, others = _by_key(cast("list[Any]", recorded)), _by_key(cast("list[Any]", recomputed))
+        items, others = _index_by_key(cast("list[Any]", recorded)), _index_by_key(cast("list[Any]", recomputed))
         for key in dict.fromkeys((*items, *others)):
             yield from _list_differences(items.get(key), others.get(key), f"{where} {key}")
     elif json.dumps(recorded) != json.dumps(recomputed):  # which tells 1 from True
-        yield f"{where}: recorded {_shorten(recorded)}, recomputed {_shorten(recomputed)}"
+        yield f"{where}: recorded {_format_shortened_value(recorded)}, recomputed {_format_shortened_value(recomputed)}"
 
 
-def _by_key(items: Sequence[Any]) -> dict[str, Any]:
+def _index_by_key(items: Sequence[Any]) -> dict[str, Any]:
     """The items by what tells them from each other, else by their number."""
     keyed: dict[str, Any] = {}
     for number, item in enumerate(items):
@@ -177,6 +177,6 @@ def _by_key(items: Sequence[Any]) -> dict[str, Any]:
     return keyed
 
 
-def _shorten(value: Any) -> str:
+def _format_shortened_value(value: Any) -> str:
     text = "nothing" if value is None else json.dumps(value, ensure_ascii=False)
     return text if len(text) <= _MOST_WORDS else f"{text[:_MOST_WORDS]}..."

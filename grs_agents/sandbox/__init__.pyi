@@ -5,7 +5,7 @@ from .harness.suite_runner import load_program as load_program
 from .harness.suite_runner import run_tests_inside as run_tests_inside
 from .harness.suite_runner import seed_everything as seed_everything
 from .host.batch_calls import BatchResult as BatchResult
-from .host.batch_calls import call_batch as call_batch
+from .host.batch_calls import call_tool_for_each_item as call_tool_for_each_item
 from .host.sandbox import Sandbox as Sandbox
 from .host.suite_discovery import ExpectedTests as ExpectedTests
 from .host.suite_discovery import discover_tests as discover_tests

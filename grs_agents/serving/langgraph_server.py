@@ -33,16 +33,16 @@ _waiting: dict[str, Path] = {}
 
 
 @contextmanager
-def _remember_where_it_waits(thread: str) -> Generator[Views]:
+def _remember_waiting_run_folder(thread: str) -> Generator[Views]:
     """The live views; the folder of a run that asks a person is kept for when its thread goes on."""
     folders: list[Path] = []
 
-    def attach(folder: Path, log: EventLog) -> AbstractContextManager[None]:
+    def attach_views_and_note_folder(folder: Path, log: EventLog) -> AbstractContextManager[None]:
         folders.append(folder)
         return attach_live_views(folder, log)
 
     try:
-        yield attach
+        yield attach_views_and_note_folder
     except GraphInterrupt:
         _waiting[thread] = folders[-1]
         raise
@@ -66,7 +66,7 @@ def build_served_graph(name: str) -> StateGraph[Answer, None, RunState, Answer]:
         order = Order(command, Path(state["scene_path"]), load_config(None, settings).config, given=given, nested=True)
         if waiting is not None:
             order = replace(order, out=waiting, resume=True)
-        with _remember_where_it_waits(thread) as views:
+        with _remember_waiting_run_folder(thread) as views:
             ended = execute_run(order, views)
         if ended.problem is not None:
             raise ended.problem

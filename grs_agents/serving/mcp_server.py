@@ -74,7 +74,7 @@ class GrsTools:
     def rollout(self, folder: Folder, seed: Seed) -> dict[str, Any]:
         """Let the scripted robot solve a task instance of a run: reward, actions, contacts."""
         instance, roots = _read_instance(folder, seed)
-        return self._call("rollout", instance=instance.model_dump(mode="json"), library_roots=roots)
+        return self._call_tool_by_name("rollout", instance=instance.model_dump(mode="json"), library_roots=roots)
 
     def render(self, folder: Folder, seed: Seed, moment: Moment = "start") -> Any:
         """Draw a task instance of a run as a picture, before or after the robot's work."""
@@ -84,7 +84,7 @@ class GrsTools:
         with tempfile.TemporaryDirectory(prefix="grs-mcp-") as temporary:
             output = Path(temporary) / "picture.png"
             request = {"instance": instance.model_dump(mode="json"), "library_roots": roots, "moment": moment}
-            drawn = self._call("render", output=str(output), **request)
+            drawn = self._call_tool_by_name("render", output=str(output), **request)
             if drawn["image"] is None:
                 raise GrsError(f"seed {seed} of {folder} cannot be drawn: {drawn['error']}", "see it with `rollout`")
             return Image(data=output.read_bytes(), format="png")
@@ -100,7 +100,7 @@ class GrsTools:
         record = shown.record.model_dump(mode="json", exclude={"config", "versions"})
         return {"run": record, "steps": [step_to_dict(one) for one in steps]}
 
-    def _call(self, tool: str, **request: Any) -> dict[str, Any]:
+    def _call_tool_by_name(self, tool: str, **request: Any) -> dict[str, Any]:
         called = load_tool(tool)
         library = open_library(request["library_roots"])
         context = ToolContext(sandbox=self.sandbox, library=library, limits=self.config.limits)
@@ -112,7 +112,7 @@ def _read_instance(folder: str, seed: int) -> tuple[TaskInstance, tuple[str, ...
     return task.read_instance(seed), tuple(map(str, task.library.roots))
 
 
-def _raising_tool_errors(tool: Callable[..., Any]) -> Callable[..., Any]:
+def _convert_grs_errors_to_tool_errors(tool: Callable[..., Any]) -> Callable[..., Any]:
     """The tool, whose GrsError is told to the client; the protocol's package keeps all other errors to itself."""
     from mcp.server.mcpserver.exceptions import ToolError
 
@@ -143,8 +143,8 @@ def build_mcp_server(config: Config) -> "MCPServer":
     tools = GrsTools(config, sandbox)
     server = MCPServer("grs", instructions=_INSTRUCTIONS, version=__version__, lifespan=live, log_level="WARNING")
     for tool in (tools.scene, tools.check, tools.rollout, tools.show):
-        server.add_tool(_raising_tool_errors(tool))
-    server.add_tool(_raising_tool_errors(tools.render), structured_output=False)
+        server.add_tool(_convert_grs_errors_to_tool_errors(tool))
+    server.add_tool(_convert_grs_errors_to_tool_errors(tools.render), structured_output=False)
     return server
 
 

@@ -38,7 +38,7 @@ from grs_agents.sim.instance import (
     upright,
 )
 from grs_agents.sim.instantiation import instantiate
-from grs_agents.sim.pick_trials import explain_unpickable_objects, find_objects_in_robot
+from grs_agents.sim.pick_trials import explain_unpickable_objects, find_objects_overlapping_robot
 from grs_agents.sim.probing import EpisodeMemory, EpisodeReplay, Probe
 from grs_agents.sim.rollouts import HAND_NOISE, InstanceTask, NoisyTrial, Rollout, rollout, run_oracle
 from grs_agents.sim.world import (
@@ -90,7 +90,7 @@ __all__ = [
     "describe_first_error",
     "describe_reached_limit",
     "explain_unpickable_objects",
-    "find_objects_in_robot",
+    "find_objects_overlapping_robot",
     "find_task_class",
     "hash_instance",
     "in_zone",

@@ -26,11 +26,11 @@ def explain_unpickable_objects(env: Environment) -> dict[int, str]:
         return {}
     oracle, view, saved = Oracle(env.task, env), SceneView(env, (), ()), env.physics.save_state()
     loose = [number for number in view.object_ids if env.is_object_movable(number)]
-    reasons = {number: _try_to_pick(number, oracle, view, env, saved) for number in loose}
+    reasons = {number: _try_pick_and_explain_failure(number, oracle, view, env, saved) for number in loose}
     return {number: why for number, why in reasons.items() if why}
 
 
-def _try_to_pick(number: int, oracle: Oracle, view: SceneView, env: Environment, saved: Any) -> str:
+def _try_pick_and_explain_failure(number: int, oracle: Oracle, view: SceneView, env: Environment, saved: Any) -> str:
     """What goes wrong, empty if nothing does; the state that was ``saved`` is that of the scene again."""
     labels = env.object_labels
     if carried := carried_object_ids(number, view):
@@ -47,10 +47,10 @@ def _try_to_pick(number: int, oracle: Oracle, view: SceneView, env: Environment,
     return "" if lifted.placed and lifted.grasped == number else lifted.note
 
 
-def find_objects_in_robot(env: Environment) -> set[int]:
+def find_objects_overlapping_robot(env: Environment) -> set[int]:
     """Ids of the objects that the robot touches before it has moved, or that its base stands in the middle of."""
     base = np.zeros((1, 2))  # what is fixed has no contacts with it
     around = {
         prism.owner for prism in env.collider_prisms() if margins_inside_outline(base, prism.outline, base)[0] >= 0
     }
-    return env.physics.objects_touching_robot() | around
+    return env.physics.unheld_objects_touching_robot() | around

@@ -48,7 +48,7 @@ class EpisodeMemory:
         self._decisions: dict[Any, tuple[Action | None, Stop | None]] = {}
         self._actions: dict[Any, tuple[PickPlaceResult, Any, int]] = {}  # what was used last comes last
 
-    def recall_or_act(self, env: Environment, pick: Pose, place: Pose, act: PickAndPlace) -> PickPlaceResult:
+    def run_or_replay_action(self, env: Environment, pick: Pose, place: Pose, act: PickAndPlace) -> PickPlaceResult:
         """What ``act(pick, place)`` does to the scene and returns."""
         physics = env.physics
         if physics.cup.held is not None or physics.observer is not None:
@@ -67,7 +67,7 @@ class EpisodeMemory:
             self._actions[key] = (result, physics.save_state(), before - physics.budget.left)
         return result
 
-    def recall_or_decide(self, trail: Any, env: Environment, decide: Callable[[], Action | None]) -> Action | None:
+    def memoize_decision(self, trail: Any, env: Environment, decide: Callable[[], Action | None]) -> Action | None:
         """What ``decide()`` makes of a scene that was come to by a ``trail`` of others."""
         if trail not in self._decisions:
             self._decisions[trail] = (decide(), env.recorder.stop)
@@ -92,7 +92,7 @@ class RememberingOracle(Oracle):
         if self._recorder is not env.recorder:
             self._recorder, self._trail = env.recorder, hash((repr(task.grs.stated), task.pos_eps, task.rot_eps))
         self._trail = hash((self._trail, _make_scene_key(env), len(task.goals), len(env.recorder.actions)))
-        return self._memory.recall_or_decide(self._trail, env, self._oracle.act)
+        return self._memory.memoize_decision(self._trail, env, self._oracle.act)
 
 
 def _make_scene_key(env: Environment) -> tuple[Any, ...]:
@@ -116,9 +116,9 @@ class EpisodeReplay:
     def finish_reset(self, env: Environment) -> None:
         """The program has set its scene up."""
 
-    def recall_or_act(self, env: Environment, pick: Pose, place: Pose, act: PickAndPlace) -> PickPlaceResult:
+    def run_or_replay_action(self, env: Environment, pick: Pose, place: Pose, act: PickAndPlace) -> PickPlaceResult:
         """An action of an environment."""
-        return self.memory.recall_or_act(env, pick, place, act)
+        return self.memory.run_or_replay_action(env, pick, place, act)
 
     def finish_step(self, env: Environment) -> None:
         """An action was scored."""
@@ -156,7 +156,7 @@ class Probe(EpisodeReplay):
         self.difference = ""  # how the last scene that was set up differs from the audited instance
         self.replaced = ""  # a part of the runtime that the tests have put something else in place of
         self.held: list[bool] = []  # of each episode: whether the audited instance's goals hold at its end
-        self._parts = [(kind, _methods_of(kind)) for kind in _TRUSTED]
+        self._parts = [(kind, _own_methods_by_name(kind)) for kind in _TRUSTED]
         self._drawn: tuple[Any, Any] | None = None
         self._rng: tuple[Environment, Any] | None = None
         self._env: Environment | None = None
@@ -188,7 +188,7 @@ class Probe(EpisodeReplay):
         """The program has set its scene up: compare it with the audited one, and put the mutant in its place."""
         self._seed_global_generators()
         self._env = env
-        self.difference = self._find_difference(env)
+        self.difference = self._describe_instance_differences(env)
         if self.mutant is not None and not self.difference:
             self._put_mutant_into_environment(self.mutant, env)
 
@@ -215,13 +215,13 @@ class Probe(EpisodeReplay):
             task.grs.stated = tuple(self.instance.goals)
             self.held.append(StrictScorer(task, env).measure_scene().strict >= _FULL)
 
-    def describe(self) -> dict[str, Any]:
+    def finish_and_report(self) -> dict[str, Any]:
         """What was seen, as JSON."""
         self.end_episode()
         held = bool(self.held) and all(self.held)
         return {"solved": self.solved, "difference": self.difference, "replaced": self.replaced, "held": held}
 
-    def _find_difference(self, env: Environment) -> str:
+    def _describe_instance_differences(self, env: Environment) -> str:
         try:
             drawn = describe_instance(env, cast(Task, env.task), self.instance.seed)
         except (AttributeError, TypeError, ValueError):
@@ -244,7 +244,7 @@ class Probe(EpisodeReplay):
     def _find_replaced_method(self, env: Environment | None) -> str:
         """The first method of the runtime that is no longer its own, for all or for this environment or its task."""
         for kind, parts in self._parts:
-            now = _methods_of(kind)
+            now = _own_methods_by_name(kind)
             if changed := [name for name in {**parts, **now} if now.get(name) is not parts.get(name)]:
                 return f"{kind.__name__}.{changed[0]}"
         for thing in (env, env.task) if env is not None else ():
@@ -254,7 +254,7 @@ class Probe(EpisodeReplay):
         return ""
 
 
-def _methods_of(kind: type) -> dict[str, Any]:
+def _own_methods_by_name(kind: type) -> dict[str, Any]:
     return {
         name: part for name, part in vars(kind).items() if callable(part) or isinstance(part, property | classmethod)
     }

@@ -130,7 +130,7 @@ def rollout(
     recorder: Recording | None = None
     try:
         env.reset(settle=False)
-        overlaps = _with_instance_ids(measure_overlaps(env), task)
+        overlaps = _map_overlaps_to_instance_ids(measure_overlaps(env), task)
         env.reset()
         initial = _object_poses(env, task)
         reachable = _reachable_object_ids(env, task)
@@ -148,7 +148,7 @@ def rollout(
         episode=episode,
         idle_reward=1.0,
         moved=_moved_asset_names(episode),
-        handled=_handled_object_ids(episode, task),
+        handled=_object_ids_per_action(episode, task),
         initial=initial,
         final=final,
         reachable=reachable,
@@ -160,9 +160,9 @@ def rollout(
         return done
     seconds = max(float(env.physics.data.time) - begin, LEAST_IDLE)
     if episode.outcome == "success":
-        done = done.model_copy(update=_measure_end(env, task))
-        done = done.model_copy(update={"trials": tuple(_try_with_noise(env, task, trials))})
-    return done.model_copy(update=_measure_idling(env, task, seconds))
+        done = done.model_copy(update=_measure_supports_and_neighbours(env, task))
+        done = done.model_copy(update={"trials": tuple(_run_noisy_trials(env, task, trials))})
+    return done.model_copy(update=_measure_idle_episode(env, task, seconds))
 
 
 def run_oracle(env: Environment, task: Task, noise: float = 0.0, rng: np.random.Generator | None = None) -> None:
@@ -189,7 +189,7 @@ def _displace_pose(pose: Pose, noise: float, rng: np.random.Generator) -> Pose:
     return (x + away * float(np.cos(angle)), y + away * float(np.sin(angle)), z), rotation
 
 
-def _try_with_noise(env: Environment, task: InstanceTask, count: int) -> Iterator[NoisyTrial]:
+def _run_noisy_trials(env: Environment, task: InstanceTask, count: int) -> Iterator[NoisyTrial]:
     """``count`` episodes with the least noise, and where these are several one with each larger one, until fewer than
     half succeed."""
     task.max_steps = _PICKS * task.instance.max_steps
@@ -209,7 +209,7 @@ def _try_with_noise(env: Environment, task: InstanceTask, count: int) -> Iterato
         count = min(1, count // 2) if noise == HAND_NOISE[0] else count
 
 
-def _measure_end(env: Environment, task: InstanceTask) -> dict[str, Any]:
+def _measure_supports_and_neighbours(env: Environment, task: InstanceTask) -> dict[str, Any]:
     """Fields of a ``Rollout`` about a solved scene: how it is held up, and what its goals' objects are at."""
     own = {number: key for key, number in task.ids.items()}
     supports = [one.model_copy(update={"object": own[one.object]}) for one in measure_supports(env)]
@@ -224,12 +224,12 @@ def _measure_end(env: Environment, task: InstanceTask) -> dict[str, Any]:
     return {"supports": tuple(supports), "neighbours": tuple(sorted(own[number] for number in neighbours))}
 
 
-def _with_instance_ids(overlaps: Sequence[Overlap], task: InstanceTask) -> tuple[Overlap, ...]:
+def _map_overlaps_to_instance_ids(overlaps: Sequence[Overlap], task: InstanceTask) -> tuple[Overlap, ...]:
     own = {number: key for key, number in task.ids.items()}
     return tuple(Overlap(first=own[one.first], second=own[one.second], depth=one.depth) for one in overlaps)
 
 
-def _measure_idling(env: Environment, task: Task, seconds: float) -> dict[str, Any]:
+def _measure_idle_episode(env: Environment, task: Task, seconds: float) -> dict[str, Any]:
     """Fields of a ``Rollout`` about doing nothing for so many simulated seconds."""
     idle: dict[str, Any] = {"idle_seconds": seconds}
     try:
@@ -240,7 +240,7 @@ def _measure_idling(env: Environment, task: Task, seconds: float) -> dict[str, A
                 break
     except GrsError:
         return idle  # the reward stays 1
-    scores = score_goals_by_last_word(task)
+    scores = score_goals_by_latest_mention(task)
     idle["idle_scores"] = tuple(scores)
     if env.physics.max_free_body_speed() <= _UNREST:
         # The published reward stops at the first goal that is open, though later ones may hold already.
@@ -249,7 +249,7 @@ def _measure_idling(env: Environment, task: Task, seconds: float) -> dict[str, A
     return idle
 
 
-def score_goals_by_last_word(task: Task) -> list[float]:
+def score_goals_by_latest_mention(task: Task) -> list[float]:
     """How far each goal holds now, 0..1; an object that a later goal speaks of too counts as it stands to that one."""
     last: dict[int, float] = {}
     means: list[float] = []
@@ -275,7 +275,7 @@ def _reachable_object_ids(env: Environment, task: InstanceTask) -> tuple[int, ..
     return tuple(ids)
 
 
-def _handled_object_ids(episode: Episode, task: InstanceTask) -> tuple[tuple[int, ...], ...]:
+def _object_ids_per_action(episode: Episode, task: InstanceTask) -> tuple[tuple[int, ...], ...]:
     own = {number: key for key, number in task.ids.items()}
     acted_on = ((action.object, *action.pushed) for action in episode.actions)
     return tuple(tuple(dict.fromkeys(own[number] for number in row if number in own)) for row in acted_on)

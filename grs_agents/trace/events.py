@@ -27,11 +27,11 @@ def _to_plain_python(value: Any) -> Any:
     return convert() if callable(convert) else repr(value)
 
 
-def _encode_tree(value: Any) -> Any:
+def _encode_json_tree(value: Any) -> Any:
     if isinstance(value, dict):
-        return {replace_surrogates(key): _encode_tree(item) for key, item in cast("dict[Any, Any]", value).items()}
+        return {replace_surrogates(key): _encode_json_tree(item) for key, item in cast("dict[Any, Any]", value).items()}
     if isinstance(value, list | tuple):
-        return [_encode_tree(item) for item in cast("list[Any]", value)]
+        return [_encode_json_tree(item) for item in cast("list[Any]", value)]
     if isinstance(value, float) and not math.isfinite(value):
         return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
     return replace_surrogates(value)
@@ -40,7 +40,7 @@ def _encode_tree(value: Any) -> Any:
 def to_plain_json(value: Any) -> Any:
     """``value`` as plain JSON data: tuples become lists, paths and NaN strings, models and arrays their content."""
     # before, since pydantic refuses keys that are not UTF-8; after, for what models and arrays held
-    return _encode_tree(to_jsonable_python(_encode_tree(value), fallback=_to_plain_python))
+    return _encode_json_tree(to_jsonable_python(_encode_json_tree(value), fallback=_to_plain_python))
 
 
 def summarise_value(value: Any, depth: int = 2) -> Any:
@@ -50,7 +50,7 @@ def summarise_value(value: Any, depth: int = 2) -> Any:
         return f"{len(value.splitlines())} lines, {len(value)} characters"
     if isinstance(value, list):
         items = cast("list[Any]", value)
-        short = depth > 0 and _is_short_list(items)
+        short = depth > 0 and _is_short_flat_list(items)
         return [summarise_value(item, 0) for item in items] if short else f"{len(items)} items"
     if isinstance(value, dict):
         fields = cast("dict[str, Any]", value)
@@ -60,7 +60,7 @@ def summarise_value(value: Any, depth: int = 2) -> Any:
     return value
 
 
-def _is_short_list(items: list[Any]) -> bool:
+def _is_short_flat_list(items: list[Any]) -> bool:
     return len(items) <= _FEW and not any(isinstance(item, list | dict) for item in items)
 
 
@@ -174,7 +174,7 @@ Summary = Annotated[JsonObject, AfterValidator(lambda value: _validate_json_fiel
 Report = Annotated[JsonObject, AfterValidator(lambda value: _validate_json_fields(value, CheckedReport))]
 
 
-class Stamped(Frozen):
+class BaseEvent(Frozen):
     """What all events have in common."""
 
     version: int = VERSION
@@ -184,7 +184,7 @@ class Stamped(Frozen):
     step: int | None = Field(default=None, description="the node_started event that it belongs to, by its sequence")
 
 
-class RunStarted(Stamped):
+class RunStarted(BaseEvent):
     """A run, or the resumption of one, begins. ``nodes`` and ``edges`` are its state machine where known."""
 
     kind: Literal["run_started"] = "run_started"
@@ -197,7 +197,7 @@ class RunStarted(Stamped):
     edges: tuple[tuple[str, str], ...] = ()
 
 
-class RunEnded(Stamped):
+class RunEnded(BaseEvent):
     """The run is over: accepted, rejected, failed or interrupted, and why."""
 
     kind: Literal["run_ended"] = "run_ended"
@@ -205,7 +205,7 @@ class RunEnded(Stamped):
     reason: Text = ""
 
 
-class NodeStarted(Stamped):
+class NodeStarted(BaseEvent):
     """A node of the state machine begins its ``visit``-th visit (from 1)."""
 
     kind: Literal["node_started"] = "node_started"
@@ -213,7 +213,7 @@ class NodeStarted(Stamped):
     visit: Count = 1
 
 
-class NodeEnded(Stamped):
+class NodeEnded(BaseEvent):
     """A node is done: wall ``seconds``, the state fields it changed, and the error that ended it, if any.
 
     ``values`` tells in brief what the fields became: what is long, such as a program, is in the node's other events.
@@ -227,7 +227,7 @@ class NodeEnded(Stamped):
     error: Text = ""
 
 
-class Prompt(Stamped):
+class Prompt(BaseEvent):
     """What an agent sent to its model; ``call`` joins it to its :class:`Reply`, of which there is one.
 
     ``text`` is the last message; ``digest`` is of the whole conversation: 32 digits of the role, the words and the
@@ -243,7 +243,7 @@ class Prompt(Stamped):
     digest: str = ""
 
 
-class Reply(Stamped):
+class Reply(BaseEvent):
     """What the model answered; ``error`` says why an answer could not be used, or why none came (``answered``).
 
     ``cached_tokens`` of the input were read from the provider's cache; ``cost`` is in US dollars, where the provider
@@ -265,7 +265,7 @@ class Reply(Stamped):
     answered: bool = True
 
 
-class ToolCall(Stamped):
+class ToolCall(BaseEvent):
     """A model called a tool: with which ``arguments``, what it was told, and whether the tool could do it."""
 
     kind: Literal["tool_call"] = "tool_call"
@@ -277,7 +277,7 @@ class ToolCall(Stamped):
     seconds: Seconds = 0.0
 
 
-class ProgramVersion(Stamped):
+class ProgramVersion(BaseEvent):
     """A version of one of the two programs: file ``path``, unified ``diff`` to ``parent``, and who wrote it."""
 
     kind: Literal["program_version"] = "program_version"
@@ -291,7 +291,7 @@ class ProgramVersion(Stamped):
     source: Text = Field(default="", description="where it came from, e.g. model or user")
 
 
-class TestsRun(Stamped):
+class TestsRun(BaseEvent):
     """The test program ran: the sandbox's whole ``TestReport`` as JSON."""
 
     __test__ = False  # not a test class of pytest's
@@ -299,7 +299,7 @@ class TestsRun(Stamped):
     report: Report
 
 
-class Decision(Stamped):
+class Decision(BaseEvent):
     """Who is to be fixed, by which policy, and why."""
 
     kind: Literal["decision"] = "decision"
@@ -308,7 +308,7 @@ class Decision(Stamped):
     policy: Text = ""
 
 
-class SceneStage(Stamped):
+class SceneStage(BaseEvent):
     """One stage of scene comprehension: numbers and names in ``summary``, pictures in ``files``.
 
     ``files`` may hold ``rgb``, ``depth`` (uint16 PNG), ``masks`` (label PNG, 0 = background), ``coverage`` (the photo
@@ -323,14 +323,14 @@ class SceneStage(Stamped):
     files: dict[str, str] = Field(default_factory=dict[str, str])
 
 
-class TaskDefined(Stamped):
+class TaskDefined(BaseEvent):
     """The task of the run: the paper's three fields as JSON."""
 
     kind: Literal["task_defined"] = "task_defined"
     task: JsonObject
 
 
-class Rollout(Stamped):
+class Rollout(BaseEvent):
     """The trusted oracle played one task instance; ``recording`` (.npz) and ``instance`` (.json) are files."""
 
     kind: Literal["rollout"] = "rollout"
@@ -344,7 +344,7 @@ class Rollout(Stamped):
     instance: str | None = None
 
 
-class Finding(Stamped):
+class Finding(BaseEvent):
     """The audit checked one thing: what was ``measured``, and what is asked (``bound``)."""
 
     kind: Literal["finding"] = "finding"
@@ -355,7 +355,7 @@ class Finding(Stamped):
 
     @model_validator(mode="before")
     @classmethod
-    def _read_version_3(cls, values: Any) -> Any:
+    def _convert_version_3_fields(cls, values: Any) -> Any:
         """Up to version 3 both were one text, ``detail``."""
         if isinstance(values, dict) and "detail" in values:
             fields = cast("dict[str, Any]", values)
@@ -368,7 +368,7 @@ class Finding(Stamped):
         return f"{self.measured}; {self.bound}" if self.bound else self.measured
 
 
-class Note(Stamped):
+class Note(BaseEvent):
     """Anything else a reader should know."""
 
     kind: Literal["note"] = "note"

@@ -39,12 +39,12 @@ def _parse_events(path: Path, data: bytes) -> tuple[list[Event], int]:
         except ValidationError as error:
             if last:
                 return events, length
-            raise _bad_line_error(path, number, line, error) from error
+            raise _make_unreadable_line_error(path, number, line, error) from error
         length += len(line) + (0 if last else 1)
     return events, length
 
 
-def _bad_line_error(path: Path, number: int, line: bytes, error: ValidationError) -> InputError:
+def _make_unreadable_line_error(path: Path, number: int, line: bytes, error: ValidationError) -> InputError:
     """Why a line is no event: of a later vocabulary than ours, or damaged."""
     with suppress(ValueError, TypeError, AttributeError, RecursionError):
         version = int(json.loads(line).get("version"))

@@ -41,7 +41,7 @@ def _suppress_error_events(progress: Callable[[Event], None]) -> Callable[[Event
     """An error is said once, at the end: a live table marks the node that failed, lines leave it out."""
     live = sys.stderr.isatty()
 
-    def show(event: Event) -> None:
+    def show_unless_error(event: Event) -> None:
         if isinstance(event, RunEnded) and event.status == "failed":
             return
         if isinstance(event, NodeEnded) and event.error:
@@ -50,4 +50,4 @@ def _suppress_error_events(progress: Callable[[Event], None]) -> Callable[[Event
             event = event.model_copy(update={"error": "see below"})
         progress(event)
 
-    return show
+    return show_unless_error

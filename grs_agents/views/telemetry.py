@@ -48,10 +48,10 @@ class SpanView:
             case trace.RunStarted():
                 self._end_open_spans()
                 shown = {"gen_ai.conversation.id": event.run_id, "grs.graph": event.graph, "grs.seed": event.seed}
-                self._run = self._start_span(f"invoke_agent {event.graph}", None, _agent_attributes("grs") | shown)
+                self._run = self._start_span(f"invoke_agent {event.graph}", None, _make_agent_attributes("grs") | shown)
             case trace.NodeStarted():
                 self._end_span(self._node)
-                shown = _agent_attributes(event.node) | {"grs.visit": event.visit, "grs.attempt": event.attempt}
+                shown = _make_agent_attributes(event.node) | {"grs.visit": event.visit, "grs.attempt": event.attempt}
                 self._node = self._start_span(f"invoke_agent {event.node}", self._run, shown)
             case trace.NodeEnded():
                 self._end_span(self._node, event.error)
@@ -143,7 +143,7 @@ class SpanView:
             span.add_event(f"grs.{event.kind}", values, timestamp=self._last)
 
 
-def _agent_attributes(name: str) -> dict[str, Any]:
+def _make_agent_attributes(name: str) -> dict[str, Any]:
     return {"gen_ai.operation.name": "invoke_agent", "gen_ai.agent.name": name}
 
 

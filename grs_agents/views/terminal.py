@@ -80,7 +80,7 @@ class Progress:
             line = to_terminal_line(format_event_line(event), 2000)
         elif isinstance(event, NodeEnded):
             step = next((row for row in reversed(self._steps.rows) if row.node == event.node), None)
-            detail = to_terminal_line(step.joined_details, 120) if step else ""
+            detail = to_terminal_line(step.details_as_text, 120) if step else ""
             line = f"{event.node}: {'failed' if event.error else 'done'} in {event.seconds:.1f} s  {detail}"
         elif isinstance(event, RunEnded):
             line = f"{event.status}: {to_terminal_line(event.reason)}"
@@ -95,7 +95,7 @@ class Progress:
             mark, style = step_mark_and_style(step)
             now = time.time() - step.started if step.status == "running" else step.seconds
             visit = f"x{step.visit}" if step.visit > 1 else ""
-            detail = Text(to_terminal_line(step.joined_details, 300), overflow="ellipsis", no_wrap=True, style="dim")
+            detail = Text(to_terminal_line(step.details_as_text, 300), overflow="ellipsis", no_wrap=True, style="dim")
             table.add_row(Text(mark, style=style), step.node, visit, f"{max(now, 0):.1f} s", detail)
         return Group(Text(to_terminal_line(self._title), style="bold"), table, self._render_footer())
 
@@ -155,7 +155,7 @@ def _add_step_rows(table: Table, step: Step, last: bool) -> None:
     stem, trunk = ("└─ ", "   ") if last else ("├─ ", "│  ")
     visit = f" ×{step.visit}" if step.visit > 1 else ""
     name = Text.assemble(stem, (mark, style), f" {step.node}{visit}")
-    detail = Text(to_terminal_line(step.joined_details, _LONG), style="red" if step.problem_summary else "")
+    detail = Text(to_terminal_line(step.details_as_text, _LONG), style="red" if step.problem_summary else "")
     table.add_row(str(step.number), name, *_format_step_totals([step]), detail)
     leaves = [*_model_call_leaves(step), *_program_leaves(step)]
     for leaf in leaves:
@@ -227,7 +227,7 @@ def step_to_dict(step: Step) -> dict[str, Any]:
         "input_tokens": step.input_tokens,
         "output_tokens": step.output_tokens,
         "cost": step.cost,
-        "detail": step.joined_details,
+        "detail": step.details_as_text,
         "first": step.events[0].sequence,
         "last": step.events[-1].sequence,
     }

@@ -37,7 +37,7 @@ def test_earlier_attempts_count_and_the_time_between_them_does_not(
     config = Config(budget=BudgetConfig.model_validate(budget))
     log = EventLog(tmp_path / "events.jsonl")
     log.append(start)
-    agents = Agents.from_log(config, log, tmp_path)
+    agents = Agents.resume_from_log(config, log, tmp_path)
     if reason:
         with pytest.raises(BudgetReached, match=reason):
             roles.decide_what_to_fix(agents, JUDGED, ("fix_code", "fix_test"))

@@ -10,13 +10,13 @@ import pytest
 
 from grs_agents.audit import (
     AuditReport,
-    ToldTask,
+    TaskInWords,
     audit_task,
     check_program,
-    check_tests_have_teeth,
-    find_answers_of_program,
-    make_mutants,
-    tell_task,
+    check_tests_fail_on_mutants,
+    describe_task_in_words,
+    find_expectations_taken_from_program,
+    make_instance_mutants,
 )
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
@@ -338,10 +338,10 @@ def two_zones(task: Trial, env: Environment) -> None:
 
 
 @pytest.fixture(scope="module")
-def told() -> ToldTask:
+def told() -> TaskInWords:
     library = Library()
     instance = instantiate(Trial(two_zones), 0, library)
-    return tell_task(instance, rollout(instance, library), library)
+    return describe_task_in_words(instance, rollout(instance, library), library)
 
 
 @pytest.mark.parametrize(
@@ -360,7 +360,7 @@ def told() -> ToldTask:
     ],
 )
 def test_words_that_people_would_take_otherwise_are_found(
-    told: ToldTask, words: str, other_texts: tuple[str, ...], verdict: str, why: str
+    told: TaskInWords, words: str, other_texts: tuple[str, ...], verdict: str, why: str
 ) -> None:
     found, reason = judge_words(words, told, other_texts)
     assert found == verdict and why in reason, reason
@@ -401,21 +401,21 @@ def test_a_program_that_draws_from_elsewhere_or_answers_for_the_runtime_is_found
 
 def test_tests_that_take_their_expectations_from_the_program_are_found() -> None:
     tests = "from task_code import MoveBlocks\n\ntask = MoveBlocks()\nplace = task.{}\n"
-    assert [line for line, _ in find_answers_of_program(tests.format("ends"), PROGRAM)] == [4]
-    assert not list(find_answers_of_program(tests.format("block"), PROGRAM))
-    assert not list(find_answers_of_program(tests.format("goals"), PROGRAM))
+    assert [line for line, _ in find_expectations_taken_from_program(tests.format("ends"), PROGRAM)] == [4]
+    assert not list(find_expectations_taken_from_program(tests.format("block"), PROGRAM))
+    assert not list(find_expectations_taken_from_program(tests.format("goals"), PROGRAM))
 
 
 def test_tests_that_never_look_where_things_end_have_no_teeth() -> None:
     """All faults of the instance are noticed, e.g. by comparing what was set up, but not that nothing was done."""
     library = Library()
     instance = instantiate(Trial(fair), 0, library)
-    mutants = make_mutants(instance, rollout(instance, library), library)
+    mutants = make_instance_mutants(instance, rollout(instance, library), library)
     [undone] = [one for one in mutants if one.kind == "undone"]
     runs = [SuiteOutcome("passed" if one is undone else "failed") for one in mutants]
-    finding = check_tests_have_teeth(mutants, runs)
+    finding = check_tests_fail_on_mutants(mutants, runs)
     assert not finding.passed and "never look" in finding.measured
-    assert check_tests_have_teeth(mutants, [SuiteOutcome("failed") for _ in mutants]).passed
+    assert check_tests_fail_on_mutants(mutants, [SuiteOutcome("failed") for _ in mutants]).passed
 
 
 @dataclass

@@ -1,6 +1,6 @@
 """How different the tasks of a batch are."""
 
-from grs_agents.batch import BatchRow, describe_diversity, mark_repeats
+from grs_agents.batch import BatchRow, describe_diversity, mark_repeated_tasks
 
 
 def row(run: str, task: str, goals: tuple[str, ...], scene: str = "s", status: str = "accepted") -> BatchRow:
@@ -10,7 +10,7 @@ def row(run: str, task: str, goals: tuple[str, ...], scene: str = "s", status: s
 
 
 def test_the_same_goals_or_name_make_the_same_task() -> None:
-    rows = mark_repeats(
+    rows = mark_repeated_tasks(
         [
             row("rejected", "pack-a", ("inside A -> C",), status="rejected"),
             row("first", "pack-a", ("inside A -> C",)),

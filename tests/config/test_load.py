@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.config import Config, Effective, load_config
+from grs_agents.config import Config, EffectiveConfig, load_config
 from grs_agents.errors import ConfigError, UnknownNameError
 
 
-def load(file: Path | None = None, *settings: str, **environment: str) -> Effective:
+def load(file: Path | None = None, *settings: str, **environment: str) -> EffectiveConfig:
     """Load with an explicit environment, so that the test machine's own never counts."""
     return load_config(file, settings, environment)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.demos import Demonstration, Format, WorkFolder, write_dataset
+from grs_agents.demos import AttemptStore, Demonstration, Format, write_dataset
 from grs_agents.task_folder import open_task_folder
 from tests.demos.block_tasks import ORDER
 from tests.needs import needs
@@ -15,7 +15,7 @@ from tests.needs import needs
 def write(kind: Format, blocks: Path, kept: Path, folder: Path) -> Path:
     work = shutil.copytree(kept, folder / "work")
     order = json.loads((work / "order.json").read_text(encoding="utf-8"))
-    write_dataset(WorkFolder(work, order), kind, folder / "out", open_task_folder(blocks))
+    write_dataset(AttemptStore(work, order), kind, folder / "out", open_task_folder(blocks))
     return folder / "out"
 
 

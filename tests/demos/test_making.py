@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.demos import DatasetSummary, Demonstration, WorkFolder, make_demonstrations, write_dataset
+from grs_agents.demos import AttemptStore, DatasetSummary, Demonstration, make_demonstrations, write_dataset
 from grs_agents.errors import GrsError, InputError
 from grs_agents.sim import hash_instance, parse_instance_json
 from grs_agents.sim.variation import Variation
@@ -16,7 +16,7 @@ QUICK = ORDER.model_copy(update={"cameras": ()})
 
 
 def interrupt_at(count: int):
-    def show(made: WorkFolder) -> None:
+    def show(made: AttemptStore) -> None:
         if made.count == count:
             raise KeyboardInterrupt
 
@@ -106,7 +106,7 @@ def test_what_was_interrupted_goes_on_where_it_stopped(blocks: Path, tmp_path: P
 
 
 def test_another_order_does_not_go_on(blocks: Path, tmp_path: Path) -> None:
-    WorkFolder(tmp_path, {"seed": 0})
+    AttemptStore(tmp_path, {"seed": 0})
     with pytest.raises(InputError, match="begun otherwise"):
         make_demonstrations(open_task_folder(blocks), QUICK, tmp_path, lambda _: None)
 

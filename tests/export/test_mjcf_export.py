@@ -17,7 +17,7 @@ from grs_agents.export import MjcfFolder, export_mjcf
 from grs_agents.library import Library
 from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.instance import hash_instance
-from grs_agents.sim.world import compile_world, reset_world_to_poses, spec_of
+from grs_agents.sim.world import compile_world, instance_to_spec, reset_world_to_poses
 from grs_agents.task_folder import open_task_folder
 from scripts.check_portable import LENS, follow, plan_commands, write_example
 from tests.cli.command import grs
@@ -69,7 +69,7 @@ def lift(made: MjcfFolder) -> float:
 def test_a_moved_folder_moves_as_the_trusted_world_does(export: Export) -> None:
     made = export()
     instance = open_task_folder(made.folder.parent / "task").read_instance(3)
-    world = compile_world(spec_of(instance, Library()))
+    world = compile_world(instance_to_spec(instance, Library()))
     reset_world_to_poses(world, instance.objects)
     model, data = load(made)
     world.data.qpos[:], world.data.qvel[:] = data.qpos, data.qvel

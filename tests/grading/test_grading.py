@@ -15,7 +15,7 @@ from grs_agents.grading import (
     demonstrate,
     evaluate_policy,
     grade_task,
-    halving_noise,
+    noise_at_half_success,
     random_decision,
 )
 from grs_agents.library import Library
@@ -83,8 +83,8 @@ def test_right_answers_of_two_kinds_are_told_apart_rather_than_averaged() -> Non
 
 
 def test_noise_at_which_success_halves_lies_between_the_levels_tried() -> None:
-    assert halving_noise([(0.0, 1.0), (0.005, 0.75), (0.01, 0.25)]) == pytest.approx(0.0075)
-    assert halving_noise([(0.0, 1.0), (0.01, 1.0)]) == 0.01
+    assert noise_at_half_success([(0.0, 1.0), (0.005, 0.75), (0.01, 0.25)]) == pytest.approx(0.0075)
+    assert noise_at_half_success([(0.0, 1.0), (0.01, 1.0)]) == 0.01
 
 
 def test_a_task_is_graded_by_parts_that_add_up(folder) -> None:

@@ -51,7 +51,7 @@ def test_negative_dimensions_are_refused(library: Library) -> None:
 
 def test_an_overlay_adds_and_wins(library: Library, tmp_path: Path) -> None:
     asset = write_proxy(tmp_path, "mug_1", primitive_proxy("cylinder", (0.08, 0.08, 0.1), (0.8, 0.1, 0.1)), "a red mug")
-    both = library.with_overlay(tmp_path)
+    both = library.copy_with_overlay_root(tmp_path)
     assert both.asset("proxy/mug_1.urdf") == asset
     assert both.asset_path("proxy/mug_1.urdf").is_relative_to(tmp_path)
     assert len(both.asset_names()) == len(library.asset_names()) + 1
@@ -59,12 +59,14 @@ def test_an_overlay_adds_and_wins(library: Library, tmp_path: Path) -> None:
     again = Library(*map(Path, map(str, both.roots)))
     assert again.asset_names() == both.asset_names()
     write_proxy(tmp_path, "mug_1", primitive_proxy("box", (0.1, 0.1, 0.1), (0.1, 0.1, 0.8)), "a blue box")
-    assert library.with_overlay(tmp_path).asset("proxy/mug_1.urdf").color == "blue"
-    assert library.with_overlay(tmp_path).with_overlay(library.roots[0]).roots[-1] == library.roots[0]
+    assert library.copy_with_overlay_root(tmp_path).asset("proxy/mug_1.urdf").color == "blue"
+    assert (
+        library.copy_with_overlay_root(tmp_path).copy_with_overlay_root(library.roots[0]).roots[-1] == library.roots[0]
+    )
 
 
 def test_files_are_found_in_every_root_and_nowhere_else(library: Library, tmp_path: Path) -> None:
-    both = library.with_overlay(tmp_path)
+    both = library.copy_with_overlay_root(tmp_path)
     assert both.mesh_or_texture_path("HOPE/meshes/Milk.obj").is_file()
     for name in ("HOPE/meshes/Beer.obj", "../../pyproject.toml"):
         with pytest.raises(InputError, match="does not exist"):

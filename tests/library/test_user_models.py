@@ -26,7 +26,7 @@ def library(tmp_path: Path) -> Library:
     (tmp_path / "mine" / "shelf.urdf").write_text(URDF)
     (tmp_path / "mine" / "brick.xml").write_text(MJCF)
     (tmp_path / "broken.urdf").write_text("<robot")
-    return Library().with_overlay(tmp_path)
+    return Library().copy_with_overlay_root(tmp_path)
 
 
 def test_links_that_are_glued_are_one_object(library: Library) -> None:

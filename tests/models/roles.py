@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from grs_agents.audit import ToldTask
+from grs_agents.audit import TaskInWords
 from grs_agents.models.offline import OfflineChatModel
 from tests.models.conftest import Json, render
 
@@ -95,7 +95,7 @@ def verdict_on(
     return rest.removesuffix("\n```"), explanation
 
 
-def judge(words: str, told: ToldTask, other_texts: Sequence[str] = ()) -> tuple[str, str]:
+def judge(words: str, told: TaskInWords, other_texts: Sequence[str] = ()) -> tuple[str, str]:
     """The verdict on a task's words and what else is said of it, and the reason."""
     rows = "\n".join(as_text(row).replace("\n", " ") for row in told.objects)
     values = {"words": words, "other_texts": "\n".join(other_texts), "objects": rows, "goals": "\n".join(told.goals)}

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from grs_agents.audit import ToldTask, tell_task
+from grs_agents.audit import TaskInWords, describe_task_in_words
 from grs_agents.library import Library
 from grs_agents.sim import TaskInstance, rollout
 from tests.models.conftest import Json
@@ -50,7 +50,7 @@ def goal(asked: Json) -> Json:
 
 
 @cache
-def tell(name: str) -> ToldTask:
+def tell(name: str) -> TaskInWords:
     """One of the tasks, solved and told."""
     asked = TASKS[name]
     objects: list[Json] = [
@@ -62,7 +62,7 @@ def tell(name: str) -> ToldTask:
     instance, library = TaskInstance.model_validate({**plain, "objects": objects, "goals": goals}), Library()
     done = rollout(instance, library)
     assert done.episode.outcome == "success", done.episode.detail
-    return tell_task(instance, done, library)
+    return describe_task_in_words(instance, done, library)
 
 
 HONEST = [

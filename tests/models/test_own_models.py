@@ -9,7 +9,7 @@ from langchain_core.messages import HumanMessage
 from grs_agents.agents import Agents, JudgedPrograms, TaskDefinition, roles
 from grs_agents.config import Config, ModelConfig, load_config
 from grs_agents.errors import ConfigError, UnknownNameError
-from grs_agents.models import Answer, ProviderFailure, invoke_with_retries, make_chat_model, retries_for
+from grs_agents.models import Answer, ProviderFailure, invoke_with_retries, make_chat_model, make_retries
 from grs_agents.trace import EventLog, Note, Reply, read_events
 from tests.models.conftest import Scripted
 from tests.needs import needs
@@ -25,7 +25,7 @@ def model(value: Any, *settings: str) -> ModelConfig:
 
 
 def ask(config: ModelConfig) -> Answer:
-    return invoke_with_retries(make_chat_model(config, seed=0), [HumanMessage("hi")], retries_for(config))
+    return invoke_with_retries(make_chat_model(config, seed=0), [HumanMessage("hi")], make_retries(config))
 
 
 def test_a_class_by_its_dotted_path_is_made_with_its_arguments() -> None:
@@ -85,7 +85,7 @@ def test_the_next_model_is_asked_where_one_fails_for_good(server: tuple[Scripted
     config = model('["openai:a", "offline"]', f"models.base_url={url}")
     made = make_chat_model(config, seed=0)
     for _ in range(2):
-        answer = invoke_with_retries(made, [HumanMessage("hi")], retries_for(config))
+        answer = invoke_with_retries(made, [HumanMessage("hi")], make_retries(config))
         assert answer.model == "offline" and "# Role:" in answer.text
     assert len(script.requests) == 1
 
@@ -96,7 +96,7 @@ def test_a_refusal_is_passed_on_to_the_next_but_that_model_is_asked_again(server
     script.complete(None, "stop", refusal="I cannot")
     script.complete("hello")
     made = make_chat_model(config := model('["openai:a", "offline"]', f"models.base_url={url}"), seed=0)
-    answers = [invoke_with_retries(made, [HumanMessage("hi")], retries_for(config)) for _ in range(2)]
+    answers = [invoke_with_retries(made, [HumanMessage("hi")], make_retries(config)) for _ in range(2)]
     assert [answer.model for answer in answers] == ["offline", "openai:a"]
     assert "I cannot" in answers[0].failed[0]
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from grs_agents.nodes import withhold_doubtful_asset
+from grs_agents.nodes import drop_asset_below_confidence
 from grs_agents.perception import DEFAULT, MatchEvidence
 
 LEAST = DEFAULT.matching.least
@@ -12,11 +12,11 @@ NAMED = MatchEvidence(match="asset", asset="HOPE/Milk.urdf", method="match_featu
 @pytest.mark.parametrize("sure", [None, LEAST, 1.0])
 def test_a_likely_asset_stays(sure: float | None) -> None:
     answer = NAMED.model_copy(update={"confidence": sure})
-    assert withhold_doubtful_asset(answer) == answer
+    assert drop_asset_below_confidence(answer) == answer
 
 
 def test_a_doubtful_asset_gives_way_to_a_proxy() -> None:
-    found = withhold_doubtful_asset(NAMED.model_copy(update={"confidence": LEAST - 0.01, "scores": {"a": 0.6}}))
+    found = drop_asset_below_confidence(NAMED.model_copy(update={"confidence": LEAST - 0.01, "scores": {"a": 0.6}}))
     assert (found.match, found.asset, found.runner_up) == ("no_asset", None, "HOPE/Milk.urdf")
     assert found.confidence == pytest.approx(1.01 - LEAST)
     assert (found.method, found.scores) == ("match_features", {"a": 0.6})
@@ -25,4 +25,4 @@ def test_a_doubtful_asset_gives_way_to_a_proxy() -> None:
 
 def test_what_is_no_asset_stays_what_it_is() -> None:
     answer = MatchEvidence(match="no_asset", confidence=0.55)
-    assert withhold_doubtful_asset(answer) == answer
+    assert drop_asset_below_confidence(answer) == answer

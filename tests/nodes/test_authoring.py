@@ -58,7 +58,7 @@ def test_an_author_without_a_usable_reply_ends_the_run_with_a_reason(
     assert set(update) == {"problem"}
     assert f"the {role} model gave no usable reply in 2 tries" in update["problem"]
     assert nodes.next_step_after_author(with_(state, **update)) == "stop"
-    ended = run(nodes.conclude_run, with_(state, **update), services)
+    ended = run(nodes.conclude_with_best_version, with_(state, **update), services)
     assert ended == {"status": "rejected", "reason": update["problem"]}
     assert not (services.folder / "history").exists()
 

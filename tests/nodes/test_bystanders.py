@@ -8,7 +8,7 @@ import pytest
 
 from grs_agents import nodes
 from grs_agents.library import Library
-from grs_agents.nodes import Services, bystanders_of_run, photo_objects, prepare_scene_for_tasks, scene_for_prompt
+from grs_agents.nodes import Services, configured_bystanders, photo_objects, prepare_scene_for_tasks, scene_for_prompt
 from grs_agents.perception import SceneDescription
 from grs_agents.sim import TaskInstance
 from grs_agents.state import RunState
@@ -137,5 +137,5 @@ def test_the_tests_run_among_all_that_the_photo_shows(state: RunState, make_serv
 
 def test_without_a_photo_nothing_stands_around(state: RunState, make_services: Make) -> None:
     services = make_services()
-    assert bystanders_of_run(None, services) == ()
-    assert len(bystanders_of_run(SceneDescription.model_validate(state["scene"]), services)) == 3
+    assert configured_bystanders(None, services) == ()
+    assert len(configured_bystanders(SceneDescription.model_validate(state["scene"]), services)) == 3

@@ -26,7 +26,7 @@ def test_two_authors_compete_in_a_graph(state: RunState, make_services: Make) ->
     graph.add_edge(START, "generate_task")
     nodes.add_competing_authors(graph, "generate_task", then="chosen")
     graph.add_node("chosen", nodes.hide_image)
-    graph.add_node("conclude", nodes.conclude_run)
+    graph.add_node("conclude", nodes.conclude_with_best_version)
     begin = with_(state, task=..., simulation=..., simulation_version=..., tests=..., tests_version=...)
     end = cast(dict[str, Any], graph.compile().invoke(begin, context=services))
     assert {draft["author"] for draft in end["drafts"]} == {"simulation", "rival"}
@@ -68,7 +68,7 @@ def test_events_of_nodes_side_by_side_are_told_apart() -> None:
         NodeEnded(node="b", seconds=2.0, step=1, sequence=5),
     ]
     rows: list[Step] = group_events_into_steps(list(events))
-    assert [(row.node, row.status, row.joined_details, row.seconds) for row in rows] == [
+    assert [(row.node, row.status, row.details_as_text, row.seconds) for row in rows] == [
         ("a", "done", "of a", 1.0),
         ("b", "done", "of b", 2.0),
     ]

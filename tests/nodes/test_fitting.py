@@ -11,7 +11,7 @@ from grs_agents import content
 from grs_agents.agents import Description
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.nodes import MatchedCandidate, Services, place_object, replace_misfit_assets
+from grs_agents.nodes import MatchedCandidate, Services, place_asset_or_proxy, replace_misfit_assets
 from grs_agents.perception import (
     CandidateRecord,
     MatchEvidence,
@@ -48,7 +48,7 @@ def seen(tmp_path: Path) -> tuple[Photo, CandidateRecord]:
 
 def matched(asset: str, record: CandidateRecord, services: Services, photo: Photo) -> SceneObject:
     reply = MatchEvidence(match="asset", asset=asset, reason="white", scores={asset: 0.8}, confidence=0.8)
-    return place_object(MatchedCandidate(record, WORDS, reply), services, [], photo)
+    return place_asset_or_proxy(MatchedCandidate(record, WORDS, reply), services, [], photo)
 
 
 def test_what_is_of_its_size_stays(seen: tuple[Photo, CandidateRecord], tmp_path: Path) -> None:

@@ -105,7 +105,7 @@ def test_a_run_that_is_not_accepted_leaves_the_best_version_in_place(state: RunS
     [line, best] = nodes.describe_fix_history(judged)
     assert "version 2 (+1 -1 lines): tests 1/2, strict 0.00 -> tests 0/2, strict 0.00" in line
     assert "program version 1 with tests version 1" in best
-    ended = run(nodes.conclude_run, judged, services)
+    ended = run(nodes.conclude_with_best_version, judged, services)
     assert ended["status"] == "rejected" and "left in place is program version 1" in ended["reason"]
     assert ended["simulation"] == SIMULATION == (services.folder / "simulation.py").read_text()
     assert (services.folder / "test_simulation.py").read_text() == WRONG_TESTS + GOOD_TEST

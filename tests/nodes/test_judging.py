@@ -57,7 +57,7 @@ def test_the_router_model_decides_and_its_reason_is_kept(state: RunState, make_s
     assert (update["decision"]["verdict"], update["decision"]["explanation"]) == (verdict, "One is not two.")
     [decision] = kinds(services, "decision")
     assert (decision.verdict, decision.explanation) == (verdict, "One is not two.")
-    assert nodes.next_step_after_route(with_(state, **update)) == verdict
+    assert nodes.read_routing_verdict(with_(state, **update)) == verdict
     [prompt] = kinds(services, "prompt")
     assert all(part in prompt.text for part in ("1 != 2", SIMULATION.strip(), TESTS.strip(), '"blue_block_1"'))
 
@@ -115,7 +115,7 @@ def test_the_audit_rejects_by_name(state: RunState, make_services: Make, change:
     ],
 )
 def test_the_end_says_why(state: RunState, make_services: Make, changes: Any, status: str, told: list[str]) -> None:
-    update = run(nodes.conclude_run, with_(state, fixes=1, **changes), make_services())
+    update = run(nodes.conclude_with_best_version, with_(state, fixes=1, **changes), make_services())
     assert update["status"] == status
     assert all(part in update["reason"] for part in told), update["reason"]
 

@@ -13,8 +13,8 @@ from grs_agents.nodes import (
     MatchedCandidate,
     Photo,
     Services,
-    drop_reason,
-    place_object,
+    explain_why_no_scene_object,
+    place_asset_or_proxy,
 )
 from grs_agents.perception import CandidateRecord, MatchEvidence
 from grs_agents.perception.settling import PlacedObject
@@ -53,7 +53,7 @@ def services(tmp_path: Path) -> Services:
 
 def test_a_match_stands_where_the_photo_shows_it(services: Services, photo: Photo) -> None:
     reply = MatchEvidence(match="asset", asset="HOPE/Milk.urdf", reason="size and colour", confidence=0.9)
-    found = place_object(MatchedCandidate(RECORD, WORDS, reply), services, [], photo)
+    found = place_asset_or_proxy(MatchedCandidate(RECORD, WORDS, reply), services, [], photo)
     assert (found.name, found.asset, found.matched, found.reachable) == ("milk_1", "HOPE/Milk.urdf", True, True)
     assert found.position == pytest.approx((0.5, 0.1, 0.095), abs=0.002)
     assert found.evidence == "size and colour"
@@ -62,17 +62,19 @@ def test_a_match_stands_where_the_photo_shows_it(services: Services, photo: Phot
 
 def test_what_nothing_matches_becomes_a_proxy(services: Services, photo: Photo) -> None:
     reply = MatchEvidence(match="no_asset", reason="nothing alike")
-    found = place_object(MatchedCandidate(RECORD, WORDS, reply), services, ["white_carton_1"], photo)
+    found = place_asset_or_proxy(MatchedCandidate(RECORD, WORDS, reply), services, ["white_carton_1"], photo)
     assert (found.name, found.asset, found.matched) == ("white_carton_2", "proxy/white_carton_2.urdf", False)
     assert found.size == pytest.approx((0.073, 0.072, 0.19))
-    library = Library().with_overlay(services.folder / "assets")
+    library = Library().copy_with_overlay_root(services.folder / "assets")
     assert library.asset(found.asset).description == "a white carton"
 
 
 def test_what_is_no_object_is_dropped_with_a_reason() -> None:
     glare = WORDS.model_copy(update={"is_object": False, "description": "a glare"})
-    assert "glare" in drop_reason(MatchedCandidate(RECORD, glare, None))
-    assert "shadow" in drop_reason(MatchedCandidate(RECORD, WORDS, MatchEvidence(match="no_object", reason="a shadow")))
+    assert "glare" in explain_why_no_scene_object(MatchedCandidate(RECORD, glare, None))
+    assert "shadow" in explain_why_no_scene_object(
+        MatchedCandidate(RECORD, WORDS, MatchEvidence(match="no_object", reason="a shadow"))
+    )
     lacking = MatchedCandidate(RECORD, WORDS, MatchEvidence(match="no_asset"))
-    assert drop_reason(lacking) == ""
-    assert "match.proxies" in drop_reason(lacking, proxies=False)
+    assert explain_why_no_scene_object(lacking) == ""
+    assert "match.proxies" in explain_why_no_scene_object(lacking, proxies=False)

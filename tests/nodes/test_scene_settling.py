@@ -11,7 +11,7 @@ import pytest
 
 from grs_agents.agents import Description
 from grs_agents.library import Library
-from grs_agents.nodes import MatchedCandidate, Photo, Services, SettledScene, place_object, settle_scene
+from grs_agents.nodes import MatchedCandidate, Photo, Services, SettledScene, place_asset_or_proxy, settle_scene
 from grs_agents.perception import (
     CandidateRecord,
     MatchEvidence,
@@ -20,7 +20,7 @@ from grs_agents.perception import (
     add_residual_candidates,
     load_mask,
     measure_candidates,
-    pixels_above_table,
+    raised_pixel_mask,
     register_objects,
     save_candidates,
     save_frame,
@@ -56,7 +56,7 @@ class OfRun:
     @property
     def library(self) -> Library:
         """The shipped assets, with the proxies of the run."""
-        return LIBRARY.with_overlay(self.folder / "assets") if (self.folder / "assets").is_dir() else LIBRARY
+        return LIBRARY.copy_with_overlay_root(self.folder / "assets") if (self.folder / "assets").is_dir() else LIBRARY
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Seen:
     def thing(self, record: CandidateRecord, asset: str | None, taken: list[str]) -> SceneObject:
         """An object with an asset, or with a proxy."""
         reply = MatchEvidence(match="asset" if asset else "no_asset", asset=asset, confidence=0.99)
-        return place_object(MatchedCandidate(record, WORDS, reply), self.services, taken, self.photo)
+        return place_asset_or_proxy(MatchedCandidate(record, WORDS, reply), self.services, taken, self.photo)
 
 
 @pytest.fixture
@@ -89,7 +89,7 @@ def seen(tmp_path: Path) -> Seen:
 
 def stood(seen: Seen, objects: list[SceneObject]) -> SettledScene:
     return settle_scene(
-        objects, [seen.lower, seen.upper, seen.block], seen.photo, pixels_above_table(*seen.photo), seen.services
+        objects, [seen.lower, seen.upper, seen.block], seen.photo, raised_pixel_mask(*seen.photo), seen.services
     )
 
 
@@ -127,7 +127,7 @@ def test_what_falls_off_another_thing_is_held(tmp_path: Path) -> None:
     high = high.model_copy(update={"upright": UprightBox(center=beam.pose[0], size=(0.029, 0.25, 0.05), yaw=0.0)})
     seen = Seen(cast(Services, OfRun(tmp_path)), (frame, table), low, high, high)
     things = [seen.thing(low, None, []), seen.thing(high, None, ["red_thing_1"])]
-    found = settle_scene(things, [low, high], seen.photo, pixels_above_table(*seen.photo), seen.services)
+    found = settle_scene(things, [low, high], seen.photo, raised_pixel_mask(*seen.photo), seen.services)
     assert not found.dropped
     assert [one.held for one in found.objects] == [False, True]
     assert all(one.drift is not None and one.drift < 0.01 for one in found.objects)

@@ -107,7 +107,7 @@ def test_an_arm_of_ones_own_moves_with_the_run(make_services: Make, tmp_path: Pa
     read = folder.read_instance(0)
     assert read == instance.model_copy(update={"robot": str(moved.resolve() / "robot" / "gantry.xml")})
     assert hash_instance(read) == hash_instance(instance)
-    folder.copy_own_files(out)
+    folder.copy_assets_and_robot(out)
     assert (out / "robot" / "gantry.xml").read_text() == GANTRY
 
 

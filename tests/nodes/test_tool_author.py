@@ -115,7 +115,7 @@ def test_the_offline_model_checks_its_draft_and_is_accepted(known_scene: Path, t
     [version] = [event for event in events if isinstance(event, ProgramVersion) and event.program == "simulation"]
     assert (ended.folder / version.path).read_text().strip() == checked.arguments["program"].strip()
     steps = {step.node: step for step in group_events_into_steps(events)}
-    assert "check: accepted" in steps["generate_sim"].joined_details
+    assert "check: accepted" in steps["generate_sim"].details_as_text
     assert any("calls check" in section.heading for section in iter_step_sections(steps["generate_sim"]))
 
 

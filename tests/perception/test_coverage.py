@@ -13,7 +13,7 @@ from grs_agents.perception import (
     describe_coverage,
     find_table,
     measure_coverage,
-    pixels_above_table,
+    raised_pixel_mask,
     read_scene,
     segment_objects_on_table,
 )
@@ -42,17 +42,17 @@ def segments_of(seen: Seen, things: tuple[int, ...]) -> Mask:
 
 def test_what_rises_is_what_stands_on_the_table(seen: Seen) -> None:
     frame, table, owner, _ = seen
-    above, things = pixels_above_table(frame, table), np.isin(owner, room.THINGS)
+    above, things = raised_pixel_mask(frame, table), np.isin(owner, room.THINGS)
     assert np.count_nonzero(above & things) > 0.96 * np.count_nonzero(things)
     assert np.count_nonzero(above & ~things) < 0.02 * np.count_nonzero(things)
-    assert not (pixels_above_table(frame, table, left_out=owner == THING) & (owner == THING)).any()
+    assert not (raised_pixel_mask(frame, table, left_out=owner == THING) & (owner == THING)).any()
 
 
 @pytest.mark.parametrize("things", [(), (THING,), (OTHER,), room.THINGS])
 def test_the_share_is_the_true_one(seen: Seen, things: tuple[int, ...]) -> None:
     frame, table, owner, _ = seen
     mask, true = segments_of(seen, things), np.isin(owner, room.THINGS)
-    found = measure_coverage(frame, table, pixels_above_table(frame, table), mask)
+    found = measure_coverage(frame, table, raised_pixel_mask(frame, table), mask)
     assert found.share == pytest.approx(np.count_nonzero(mask & true) / np.count_nonzero(true), abs=0.03)
     missing = [number for number in room.THINGS if number not in things]
     assert sum(region.share > 0.1 for _, region in found.regions) == len(missing)
@@ -61,7 +61,7 @@ def test_the_share_is_the_true_one(seen: Seen, things: tuple[int, ...]) -> None:
 def test_what_no_object_owns_is_told_with_place_and_reason(seen: Seen, tmp_path: Path) -> None:
     frame, table, owner, _ = seen
     rejected: list[tuple[Mask, str]] = [(owner == THING, "described as no object: a stain")]
-    found = measure_coverage(frame, table, pixels_above_table(frame, table), segments_of(seen, (OTHER,)), rejected)
+    found = measure_coverage(frame, table, raised_pixel_mask(frame, table), segments_of(seen, (OTHER,)), rejected)
     coverage = found.write(frame, tmp_path)
     largest = coverage.unowned[0]
     assert largest.reason == "dropped: described as no object: a stain"
@@ -78,9 +78,9 @@ def test_a_side_without_depth_still_rises(seen: Seen) -> None:
     inside = cv2.erode((owner == THING).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
     depth = np.where(inside, 0, frame.depth).astype(np.float32)
     blind = RGBDFrame(frame.rgb, depth, frame.camera, frame.source)
-    assert pixels_above_table(blind, table)[inside].all()
+    assert raised_pixel_mask(blind, table)[inside].all()
     found = measure_coverage(
-        blind, table, pixels_above_table(blind, table), (owner == OTHER) | (owner == THING) & ~inside
+        blind, table, raised_pixel_mask(blind, table), (owner == OTHER) | (owner == THING) & ~inside
     )
     assert found.regions[0][1].reason == "no depth"
 
@@ -96,5 +96,5 @@ def test_the_share_is_right_within_three_points_on_real_photos(name: str) -> Non
     truth = np.asarray(cv2.imread(str(REAL_SCENES / name / "labels.png"), cv2.IMREAD_UNCHANGED)) > 0
     labels = segment_objects_on_table(frame, table)
     owned = (labels > 0) & (labels != 1)
-    found = measure_coverage(frame, table, pixels_above_table(frame, table), owned)
+    found = measure_coverage(frame, table, raised_pixel_mask(frame, table), owned)
     assert found.share == pytest.approx(np.count_nonzero(owned & truth) / np.count_nonzero(truth), abs=0.03)

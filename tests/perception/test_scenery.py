@@ -9,11 +9,11 @@ from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.perception import (
     RGBDFrame,
-    check_joints,
     find_table,
-    leave_out_scenery,
     measure_candidates,
+    require_joints_within_limits,
     robot_pixel_mask,
+    separate_scenery_from_objects,
 )
 from grs_agents.sim.arms import get_arm
 from grs_agents.sim.rendering import VisibleScene, render_along_rays
@@ -57,9 +57,9 @@ def test_without_joints_or_calibration_nothing_is_known_of_the_arm() -> None:
 
 @pytest.mark.parametrize("joints", [HOME[:5], (*HOME, 0.0), (*HOME[:5], 90.0)])
 def test_joints_that_the_arm_cannot_have_are_refused(joints: tuple[float, ...]) -> None:
-    check_joints(HOME, "ur5e")
+    require_joints_within_limits(HOME, "ur5e")
     with pytest.raises(InputError, match="joint") as caught:
-        check_joints(joints, "ur5e")
+        require_joints_within_limits(joints, "ur5e")
     assert "leave joints out" in caught.value.remedy
 
 
@@ -70,7 +70,9 @@ def sorted_out(boxes: np.ndarray, parts: list[tuple[int, ...]]) -> tuple[list[in
     labels = np.zeros(owner.shape, np.int32)
     for number, part in enumerate(parts, 1):
         labels[np.isin(owner, part)] = number
-    found = leave_out_scenery(measure_candidates(frame, table, labels), np.zeros(owner.shape, bool), frame, table)
+    found = separate_scenery_from_objects(
+        measure_candidates(frame, table, labels), np.zeros(owner.shape, bool), frame, table
+    )
     kept = [int(np.bincount(labels[one.mask]).argmax()) for one in found.objects]
     assert [one.id for one in found.objects] == list(range(1, len(kept) + 1))
     assert not any((one.mask & found.left_out).any() for one in found.objects)

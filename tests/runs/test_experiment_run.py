@@ -40,23 +40,23 @@ def test_an_interrupted_experiment_goes_on_where_it_was(tmp_path: Path, workers:
 
     work: dict[str, Callable[[], Row]] = {str(number): partial(square, number) for number in range(3)}
     with pytest.raises(KeyboardInterrupt):
-        start(tmp_path).make_rows(Row, {name: work[name] for name in ("0", "1")}, workers=1)
+        start(tmp_path).make_or_reuse_rows(Row, {name: work[name] for name in ("0", "1")}, workers=1)
     for _ in range(2):
-        rows = start(tmp_path).make_rows(Row, work, workers=workers, show=str)
+        rows = start(tmp_path).make_or_reuse_rows(Row, work, workers=workers, show=str)
         assert [row.value for row in rows] == [0, 1, 4]
     assert sorted(made) == [0, 1, 1, 2, 2]  # the row with an error is tried again, the others stay
 
 
 def test_rows_of_other_options_are_refused_unless_those_only_choose(tmp_path: Path) -> None:
     work: dict[str, Callable[[], Row]] = {"one": lambda: Row(value=1)}
-    start(tmp_path, "--seed", "1").make_rows(Row, work)
-    start(tmp_path, "--seed", "1", "--json").make_rows(Row, work)
+    start(tmp_path, "--seed", "1").make_or_reuse_rows(Row, work)
+    start(tmp_path, "--seed", "1", "--json").make_or_reuse_rows(Row, work)
     for other in (("--seed", "2"), ("--seed", "1", "--set", "policy=rules"), ("--seed", "1", "--numbers", "4")):
         with pytest.raises(InputError, match="other options"):
-            start(tmp_path, *other).make_rows(Row, work)
+            start(tmp_path, *other).make_or_reuse_rows(Row, work)
     chosen = tmp_path / "chosen"
     for seed in ("1", "2"):
-        start(chosen, "--seed", seed).make_rows(Row, work, choosing=("seed",))
+        start(chosen, "--seed", seed).make_or_reuse_rows(Row, work, choosing=("seed",))
 
 
 def test_the_configuration_reaches_processes_of_their_own(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from grs_agents.config import Config
 from grs_agents.errors import InputError
-from grs_agents.runs import RunRecord, collect_run_counts, installed_versions, read_record, seconds_by_stage
+from grs_agents.runs import RunRecord, count_run_results, installed_versions, read_record, seconds_by_stage
 from grs_agents.trace import NodeEnded, Reply
 
 EVENTS = [
@@ -41,14 +41,14 @@ def test_counts() -> None:
         "task": {"assets-used": ["a"]},
         "audit": {"rollouts": [{"moved": ["a", "b"]}, {"moved": ["a"]}]},
     }
-    found = collect_run_counts(EVENTS, state)
+    found = count_run_results(EVENTS, state)
     assert (found["candidates"], found["objects"], found["objects_matched"]) == (3, 2, 1)
     assert (found["code_fixes"], found["test_fixes"], found["model_calls"]) == (1, 0, 1)
     assert (found["input_tokens"], found["objects_moved"]) == (7, 1)
 
 
 def test_a_run_that_saw_nothing_counts_nothing() -> None:
-    assert set(collect_run_counts([], {}).values()) == {0}
+    assert set(count_run_results([], {}).values()) == {0}
 
 
 def test_a_record_reads_back(tmp_path: Path) -> None:

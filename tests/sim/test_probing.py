@@ -13,7 +13,7 @@ from grs_agents.sim import (
     instantiate,
     run_oracle,
 )
-from grs_agents.sim.world import state_mass_and_friction
+from grs_agents.sim.world import fill_in_masses_and_frictions
 
 FLAT = (0.0, 0.0, 0.0, 1.0)
 
@@ -46,21 +46,21 @@ def play(instance: TaskInstance, probe: Probe | None = None) -> Environment:
 
 def test_an_episode_from_memory_is_the_same() -> None:
     library = Library()
-    instance = state_mass_and_friction(instantiate(TwoBlocks(), 3, library), library)  # as it is audited
+    instance = fill_in_masses_and_frictions(instantiate(TwoBlocks(), 3, library), library)  # as it is audited
     plain, memory = play(instance), EpisodeMemory()
     for _ in range(2):
         probe = Probe(instance, None, 1, False, memory)
         env = play(instance, probe)
         assert env.objects == plain.objects
         assert env.current_episode == plain.current_episode
-        assert probe.describe() == {"solved": 1, "difference": "", "replaced": "", "held": False}
+        assert probe.finish_and_report() == {"solved": 1, "difference": "", "replaced": "", "held": False}
 
 
 def test_another_scene_is_told_from_the_audited_one() -> None:
     instance, other = (instantiate(TwoBlocks(), seed, Library()) for seed in (3, 4))
     probe = Probe(other, None, 1, False, EpisodeMemory())
     play(instance, probe)
-    assert probe.describe() == {"solved": 0, "difference": "objects", "replaced": "", "held": False}
+    assert probe.finish_and_report() == {"solved": 0, "difference": "objects", "replaced": "", "held": False}
 
 
 def test_tests_that_play_the_same_episode_simulate_it_once() -> None:

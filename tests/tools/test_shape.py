@@ -20,7 +20,7 @@ from grs_agents.nodes import Photo, Services, reconstruct_proxy
 from grs_agents.perception import Aabb, CandidateRecord, Mask, UprightBox
 from grs_agents.perception.proxies import Proxy, write_proxy
 from grs_agents.perception.settling import PlacedObject
-from grs_agents.perception.shapes import Hull, MeshFile, ObjectView, TexturedMesh, fit_mesh_file, view_object
+from grs_agents.perception.shapes import Hull, MeshFile, ObjectView, TexturedMesh, fit_mesh_file, make_object_view
 from grs_agents.toolkit import ToolContext, load_tool
 from tests.perception.settling.photo import photo_of
 
@@ -71,7 +71,7 @@ def seen(tmp_path: Path) -> tuple[Photo, Mask, ObjectView]:
     write_proxy(tmp_path, "angle", Proxy(look, (Hull(vertices[:8]), Hull(vertices[8:])), False, RED), "a thing")
     turn = (0.0, 0.0, float(np.sin(0.2)), float(np.cos(0.2)))
     frame, table, mask = photo_of([PlacedObject("proxy/angle.urdf", (BOX.center, turn))], Library(tmp_path))
-    return (frame, table), mask, view_object(frame, table, mask, BOX, 0.001)
+    return (frame, table), mask, make_object_view(frame, table, mask, BOX, 0.001)
 
 
 def mesh_file(folder: Path, view: ObjectView, frame: Literal["object", "camera"], suffix: str) -> MeshFile:

@@ -42,10 +42,10 @@ def check_xml_safety(text: str | bytes, fault: Fault, max_depth: int = 64, refus
     """Check XML of any length before a reader sees it: no document types, no entities, not too deep."""
     parser, depth = expat.ParserCreate(), 0
 
-    def refuse(*_: object) -> None:
+    def refuse_document_type(*_: object) -> None:
         raise fault("document types and entities are refused", "remove <!DOCTYPE ...>")
 
-    def enter(tag: str, _: dict[str, str]) -> None:
+    def count_and_check_tag_depth(tag: str, _: dict[str, str]) -> None:
         nonlocal depth
         depth += 1
         if tag.rpartition(":")[2] == refused_tag:
@@ -57,8 +57,8 @@ def check_xml_safety(text: str | bytes, fault: Fault, max_depth: int = 64, refus
         nonlocal depth
         depth -= 1
 
-    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
-    parser.StartElementHandler, parser.EndElementHandler = enter, leave
+    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse_document_type
+    parser.StartElementHandler, parser.EndElementHandler = count_and_check_tag_depth, leave
     try:
         parser.Parse(text, True)
     except (expat.ExpatError, ValueError) as error:

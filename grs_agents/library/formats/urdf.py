@@ -42,8 +42,8 @@ def format_urdf_text(
         inertia: principal moments (kg m^2) about the object frame's axes.
         folder: library-relative folder of the URDF, which its file names are written relative to.
     """
-    lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={_quote(name)}>"]
-    lines += [f"  <link name={_quote(name)}>", "    <contact>"]
+    lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={_quote_xml_attribute(name)}>"]
+    lines += [f"  <link name={_quote_xml_attribute(name)}>", "    <contact>"]
     lines += [f'      <lateral_friction value="{friction:.6g}"/>', "    </contact>"]
     if mass > 0:
         xx, yy, zz = (f"{moment:.6g}" for moment in inertia)
@@ -65,7 +65,9 @@ def _format_shape_element(tag: str, shape: Shape, folder: str, index: int) -> li
         if shape.color:
             lines += [f'        <color rgba="{format_numbers(shape.color)}"/>']
         if shape.texture:
-            lines += [f"        <texture filename={_quote(posixpath.relpath(shape.texture, folder or '.'))}/>"]
+            lines += [
+                f"        <texture filename={_quote_xml_attribute(posixpath.relpath(shape.texture, folder or '.'))}/>"
+            ]
         lines += ["      </material>"]
     return [*lines, f"    </{tag}>"]
 
@@ -78,10 +80,10 @@ def _format_geometry_xml(shape: Shape, folder: str) -> str:
     if shape.kind == "sphere":
         return f'<sphere radius="{shape.size[0]:.6g}"/>'
     file = posixpath.relpath(shape.mesh or "", folder or ".")
-    return f'<mesh filename={_quote(file)} scale="{format_numbers(shape.size)}"/>'
+    return f'<mesh filename={_quote_xml_attribute(file)} scale="{format_numbers(shape.size)}"/>'
 
 
-def _quote(text: str) -> str:
+def _quote_xml_attribute(text: str) -> str:
     from xml.sax.saxutils import quoteattr  # which imports all that HTTP needs
 
     return quoteattr(text)
@@ -95,7 +97,7 @@ def format_numbers(numbers: Sequence[float]) -> str:
 MAX_LINKS = 100
 
 
-def link_placements(source: ModelFile) -> Iterator[tuple[Element, Placement]]:
+def iterate_links_with_placements(source: ModelFile) -> Iterator[tuple[Element, Placement]]:
     """Every link of the one tree of fixed joints, with its place in the root link's frame."""
     robot = source.top
     links = {link.get("name", ""): link for link in robot.findall("link")}
@@ -108,7 +110,7 @@ def link_placements(source: ModelFile) -> Iterator[tuple[Element, Placement]]:
         remedy = f"give a <robot> of one tree of 1 to {MAX_LINKS} links, each named and joined once"
         raise source.make_error(found, remedy)
     for name, link in links.items():
-        yield link, _place_in_root(source, name, links, parents)
+        yield link, _compute_link_placement_in_root(source, name, links, parents)
 
 
 def _require_fixed_joints(source: ModelFile) -> list[Element]:
@@ -126,7 +128,9 @@ def _link_name_of_joint(joint: Element, role: str) -> str:
     return "" if element is None else element.get("link", "")
 
 
-def _place_in_root(source: ModelFile, name: str, links: dict[str, Element], parents: dict[str, Element]) -> Placement:
+def _compute_link_placement_in_root(
+    source: ModelFile, name: str, links: dict[str, Element], parents: dict[str, Element]
+) -> Placement:
     placement, seen = IDENTITY_PLACEMENT, {name}
     while name in parents:
         joint = parents[name]
@@ -173,7 +177,7 @@ class _Reader:
         visuals: list[Shape] = []
         colliders: list[Shape] = []
         mass, frictions = 0.0, list[float]()
-        for link, placement in link_placements(self.source):
+        for link, placement in iterate_links_with_placements(self.source):
             visuals += [transform_shape(shape, placement) for shape in self._read_shapes(link, "visual")]
             colliders += [transform_shape(shape, placement) for shape in self._read_shapes(link, "collision")]
             mass += self._parse_nonnegative_value(link.find("inertial/mass"), 0.0)

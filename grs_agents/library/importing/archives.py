@@ -43,7 +43,7 @@ def unpack_archive(archive: Path, target: Path, limits: ImportLimits) -> None:
                 _write_members(_open_zip_members(zipped, archive), target, archive, room)
         else:
             with tarfile.open(archive) as tarred:
-                _write_members(_open_tar_members(tarred, archive), target, archive, room)
+                _write_members(_iterate_wanted_tar_members(tarred, archive), target, archive, room)
     except _ARCHIVE_ERRORS as error:
         raise RefusedError(f"{archive.name} cannot be unpacked: {str(error)[:120]}", "pack it again") from error
 
@@ -59,7 +59,7 @@ def _open_zip_members(zipped: zipfile.ZipFile, archive: Path) -> Iterable[Member
     return ((entry.filename, zipped.open(entry)) for entry in entries if _is_wanted_file(entry.filename, archive))
 
 
-def _open_tar_members(tarred: tarfile.TarFile, archive: Path) -> Iterable[Member]:
+def _iterate_wanted_tar_members(tarred: tarfile.TarFile, archive: Path) -> Iterable[Member]:
     for number, entry in enumerate(tarred):
         if number >= _MAX_FILES:
             raise _too_many_files_error(archive)

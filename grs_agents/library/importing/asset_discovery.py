@@ -36,9 +36,9 @@ def find_source_items(folder: SourceFolder) -> list[SourceItem]:
     items: list[SourceItem] = []
     known = (_find_hope_items(names), _find_gso_items(names), _find_ycb_items(names))
     for layout in (*known, _find_urdf_and_mjcf_items(folder, names, claimed)):
-        items += [item for item in layout if not _is_claimed(item.file, claimed)]
+        items += [item for item in layout if not _belongs_to_claimed_item(item.file, claimed)]
         claimed |= {item.file for item in items}
-        claimed |= {f"{_home_folder_of_item(item)}/" for item in items if item.kind in ("gso", "ycb", "hope")}
+        claimed |= {f"{_folder_owned_by_item(item)}/" for item in items if item.kind in ("gso", "ycb", "hope")}
     items += list(_find_loose_mesh_items(names, claimed))
     return _assign_unique_names(sorted(items, key=lambda item: item.file))
 
@@ -70,7 +70,7 @@ def _list_visible_files(root: Path) -> Iterator[str]:
             yield relative.as_posix()
 
 
-def _is_claimed(file: str, claimed: set[str]) -> bool:
+def _belongs_to_claimed_item(file: str, claimed: set[str]) -> bool:
     return file in claimed or any(f"{parent}/" in claimed for parent in PurePosixPath(file).parents)
 
 
@@ -78,7 +78,7 @@ def _lower_suffix(file: str) -> str:
     return PurePosixPath(file).suffix.lower()
 
 
-def _home_folder_of_item(item: SourceItem) -> str:
+def _folder_owned_by_item(item: SourceItem) -> str:
     """The folder that belongs to an item of a known layout; that of the whole set for HOPE with its copies."""
     parts = PurePosixPath(item.file).parts
     if item.kind == "hope":
@@ -136,7 +136,7 @@ def _find_urdf_and_mjcf_items(folder: SourceFolder, names: list[str], claimed: s
     descriptions = [name for name in names if _lower_suffix(name) in DESCRIPTIONS]
     homes = Counter(PurePosixPath(name).parent.as_posix() for name in descriptions)
     for name in descriptions:
-        text = None if _is_claimed(name, claimed) else _read_urdf_or_mjcf_text(folder.root / name)
+        text = None if _belongs_to_claimed_item(name, claimed) else _read_urdf_or_mjcf_text(folder.root / name)
         if text is None:
             continue
         parts = _find_mentioned_files(text, name, names)
@@ -166,7 +166,7 @@ def _find_loose_mesh_items(names: list[str], claimed: set[str]) -> Iterator[Sour
     """Meshes that belong to nothing else: one of each name, in the format that says most."""
     loose: dict[str, list[str]] = {}
     for name in names:
-        if _lower_suffix(name) in SUFFIXES and not _is_claimed(name, claimed):
+        if _lower_suffix(name) in SUFFIXES and not _belongs_to_claimed_item(name, claimed):
             loose.setdefault(PurePosixPath(name).with_suffix("").as_posix(), []).append(name)
     for stem, files in loose.items():
         pure = PurePosixPath(stem)

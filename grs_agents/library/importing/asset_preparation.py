@@ -20,9 +20,9 @@ from grs_agents.library.importing.mesh_appearance import (
     describe_color_and_size,
     find_shipped_hope_asset,
     is_hollow,
+    look_up_ycb_mass_kg,
     main_color_names,
     surface_color_histogram,
-    ycb_mass,
 )
 from grs_agents.library.importing.mesh_reader import read_mesh
 from grs_agents.library.importing.mesh_simplification import simplify_textured_mesh
@@ -87,7 +87,7 @@ def prepare_asset(job: ImportJob) -> tuple[Asset, TexturedMesh, list[Collider]]:
     volume = mesh_volume(solid.vertices, solid.faces) if watertight else sum(map(collider_volume, colliders))
     physics = _estimate_physics(reading, category, volume)
     result = run_drop_test(colliders, physics.mass.value, physics.friction.value)
-    notes += [] if result.is_stable else [f"it does not rest as it stands: {result}"]
+    notes += [] if result.is_stable else [f"it does not rest as it stands_with_axis_up: {result}"]
     shape, hollow = (*sorted(size), mesh_area(solid.vertices, solid.faces), volume), is_hollow(solid)
     solid, more = simplify_textured_mesh(solid, options.faces, options.texture)
     names = main_color_names(solid)
@@ -130,7 +130,7 @@ def _read_source_model(job: ImportJob) -> SourceModel:
             reading.mass = Quantity(value=known.mass, provenance="catalogue", deviation=0.15)
     if item.kind in ("ycb", "gso"):
         reading = replace(reading, unit="m", up="z")
-    if item.kind == "ycb" and (mass := ycb_mass(item.name)) is not None:
+    if item.kind == "ycb" and (mass := look_up_ycb_mass_kg(item.name)) is not None:
         reading.mass = Quantity(value=mass, provenance="measured", deviation=0.02)
     return reading
 
@@ -189,13 +189,13 @@ def choose_up_axis_by_height(extents: Floats, height: float, usual: Up, notes: l
 
 
 def _choose_stable_up_axis(vertices: Floats, notes: list[str]) -> Up:
-    """z, unless the object falls over with z up and stands with y up."""
+    """z, unless the object falls over with z up and stands_with_axis_up with y up."""
     hull = compute_convex_hull(vertices, MAX_VERTICES)
 
-    def stands(up: Up) -> bool:
+    def stands_with_axis_up(up: Up) -> bool:
         return run_drop_test([ConvexHull(hull.vertices @ UP_TO_Z[up].T, hull.faces)], 0.3, 0.6).is_stable
 
-    if stands("z") or not stands("y"):
+    if stands_with_axis_up("z") or not stands_with_axis_up("y"):
         return "z"
     notes.append("y was taken to point up: it falls over with z up")
     return "y"
@@ -204,10 +204,12 @@ def _choose_stable_up_axis(vertices: Floats, notes: list[str]) -> Up:
 def _center_mesh_and_solids(solid: TexturedMesh, colliders: Sequence[Collider]) -> tuple[TexturedMesh, list[Collider]]:
     """Mesh and colliders about the centre of the mesh's bounds."""
     middle = (solid.vertices.min(axis=0) + solid.vertices.max(axis=0)) / 2
-    return replace(solid, vertices=solid.vertices - middle), [_move_solid(collider, middle) for collider in colliders]
+    return replace(solid, vertices=solid.vertices - middle), [
+        _subtract_center_from_collider(collider, middle) for collider in colliders
+    ]
 
 
-def _move_solid(collider: Collider, middle: Floats) -> Collider:
+def _subtract_center_from_collider(collider: Collider, middle: Floats) -> Collider:
     if isinstance(collider, ConvexHull):
         return ConvexHull(collider.vertices - middle, collider.faces)
     x, y, z = (float(value) for value in np.asarray(collider.position) - middle)

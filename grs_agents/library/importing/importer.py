@@ -63,7 +63,7 @@ class ImportRun:
             report(outcomes[-1], False)
         try:
             for outcome, known in self._import_items_in_parallel(source, journal, imported):
-                result = outcome if known else self._drop_if_duplicate(outcome, imported, removed)
+                result = outcome if known else self._discard_duplicate_import(outcome, imported, removed)
                 if result.asset is not None:
                     new.append(result.asset)
                     imported.add_asset(result.asset)
@@ -131,7 +131,9 @@ class ImportRun:
         files = outcome.asset.origin.files if outcome.asset is not None and outcome.asset.origin is not None else {}
         return all((self.root / name).is_file() for name in files)
 
-    def _drop_if_duplicate(self, outcome: ImportOutcome, imported: ImportedAssets, removed: set[str]) -> ImportOutcome:
+    def _discard_duplicate_import(
+        self, outcome: ImportOutcome, imported: ImportedAssets, removed: set[str]
+    ) -> ImportOutcome:
         """The outcome, or, where a copy has been made, that it is one; the copy's files are removed."""
         if outcome.asset is None or outcome.asset.origin is None:
             return outcome

@@ -43,7 +43,7 @@ def category_from_name(name: str) -> str:
     return next((word for word in reversed(words) if word in _CATEGORIES), "object")
 
 
-def ycb_mass(name: str) -> float | None:
+def look_up_ycb_mass_kg(name: str) -> float | None:
     """kg of a YCB object by its name (``006_mustard_bottle``), None where it is not known."""
     grams = _YCB_GRAMS.get(name[:3])
     return None if grams is None else grams / 1000

@@ -15,7 +15,7 @@ _MARGIN: Final = 1
 """Texels between the faces of a square, and around it."""
 
 
-def bake_texture(old: TexturedMesh, vertices: Floats, faces: Ints, edge: int) -> TexturedMesh:
+def transfer_texture_to_mesh(old: TexturedMesh, vertices: Floats, faces: Ints, edge: int) -> TexturedMesh:
     """The new mesh, painted in a texture of ``edge`` px as the old one is at the nearest places."""
     columns = int(np.ceil(np.sqrt(-(-len(faces) // 2))))
     cell = max(2 * _MARGIN + 3, edge // columns)
@@ -97,4 +97,4 @@ def simplify_textured_mesh(solid: TexturedMesh, most: int, edge: int) -> tuple[T
     vertices, faces = simplify_mesh(solid.vertices, solid.faces, most)
     if len(faces) >= count:
         return solid, [f'{count} faces: fewer need pip install "grs-agents[assets]"']
-    return bake_texture(solid, vertices, faces, edge), [f"{count} faces became {len(faces)}"]
+    return transfer_texture_to_mesh(solid, vertices, faces, edge), [f"{count} faces became {len(faces)}"]

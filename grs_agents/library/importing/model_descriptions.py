@@ -39,13 +39,13 @@ def read_urdf_or_mjcf(folder: SourceFolder, item: SourceItem, options: ImportOpt
     """What a URDF or MJCF file says, in metres with z up."""
     path, is_mjcf = folder.resolve_file(item.file), item.kind == "mjcf"
 
-    def fault(message: str, remedy: str) -> InputError:
+    def make_refused_error(message: str, remedy: str) -> InputError:
         return RefusedError(f"{item.file}: {message}", remedy)
 
     with tempfile.TemporaryDirectory(prefix="grs-import-") as name:
         stage = _Stage(Path(name), folder, item.file, options)
         try:
-            top = parse_xml_safely(read_text(path), fault)
+            top = parse_xml_safely(read_text(path), make_refused_error)
             (_stage_mjcf_meshes if is_mjcf else _stage_urdf_meshes)(top, stage)
             target = stage.home / ("object.xml" if is_mjcf else "object.urdf")
             target.write_bytes(ElementTree.tostring(top))
@@ -101,7 +101,7 @@ def _stage_urdf_meshes(top: Element, stage: _Stage) -> None:
 
 
 def _stage_mjcf_meshes(top: Element, stage: _Stage) -> None:
-    mesh_folder, texture_folder = _pop_mesh_texture_folders(top)
+    mesh_folder, texture_folder = _remove_mesh_texture_folders(top)
     pictures = _texture_file_by_mesh(top)
     for mesh in top.findall("asset/mesh"):
         file = mesh.get("file", "")
@@ -116,7 +116,7 @@ def _stage_mjcf_meshes(top: Element, stage: _Stage) -> None:
                 geom.attrib.setdefault("mass", "0")  # weighed from its volume later
 
 
-def _pop_mesh_texture_folders(top: Element) -> tuple[str, str]:
+def _remove_mesh_texture_folders(top: Element) -> tuple[str, str]:
     """The folders of an MJCF file's meshes and textures, as prefixes; they are removed from it."""
     folders = {"meshdir": "", "texturedir": "", "assetdir": ""}
     for compiler in top.findall("compiler"):

@@ -65,7 +65,9 @@ _WELD = 1e-6
 def merge_mesh_parts(parts: Sequence[MeshPart], edge: int) -> TexturedMesh:
     """All parts as one welded mesh with one picture of at most ``edge`` px: theirs, then a palette of plain colours."""
     textured = [part.image is not None and part.uvs is not None for part in parts]
-    palette, swatches = _build_palette([part for part, has_image in zip(parts, textured, strict=True) if not has_image])
+    palette, swatches = _build_color_swatches(
+        [part for part, has_image in zip(parts, textured, strict=True) if not has_image]
+    )
     part_uvs: list[Floats] = []
     pictures: list[Image] = []
     for part in parts:
@@ -104,7 +106,7 @@ def weld_vertices(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     return vertices[used][first], number[faces]
 
 
-def _build_palette(parts: Sequence[MeshPart]) -> tuple[Image, Ints]:
+def _build_color_swatches(parts: Sequence[MeshPart]) -> tuple[Image, Ints]:
     """A picture of swatches, 16 in a row, and the number of the swatch of each face."""
     if not parts:
         return np.zeros((0, 0, 3), np.uint8), np.zeros(0, np.int64)

@@ -11,7 +11,7 @@ from grs_agents.models.offline.object_selection import (
     find_plan_for_family,
     is_clear_of_others,
     rank_movable_objects,
-    relocate_misplaced_objects,
+    relocate_unreachable_objects,
 )
 from grs_agents.models.offline.plan import Family, Plan, is_reachable_object
 from grs_agents.models.offline.program_writer import class_name_for_task, write_program
@@ -51,13 +51,13 @@ def draw_random_task(objects: Sequence[SceneObject], rng: np.random.Generator) -
         allowed: list[Family] = families if least == 2 else ["place"]
         for movable, family in product(rank_movable_objects(objects), allowed):
             plan = find_plan_for_family(family, movable, request, rng, least)
-            task = None if plan is None else describe_plan_as_task(plan)
+            task = None if plan is None else convert_plan_to_task_json(plan)
             if task is not None and is_plannable(task, objects):
                 return task
     return None
 
 
-def describe_plan_as_task(plan: Plan) -> Json:
+def convert_plan_to_task_json(plan: Plan) -> Json:
     """The three fields of a task that asks for ``plan``."""
     name, description = task_name(plan), task_description(plan)
     return {"task-name": name, "task-description": description, "assets-used": list(plan.asset_names)}
@@ -66,7 +66,7 @@ def describe_plan_as_task(plan: Plan) -> Json:
 def is_plannable(task: Json, objects: Sequence[SceneObject]) -> bool:
     """Whether the words of ``task``, which tell one plan, can be followed with these objects and mean that plan."""
     try:
-        plans = plan_task(task, objects)
+        plans = make_plans_for_task(task, objects)
     except UnplannableTaskError:
         return False
     return [task_description(plan) for plan in plans] == [task["task-description"]]
@@ -78,23 +78,23 @@ def revise_task(prompt: PromptText) -> str:
     evidence = parse_report_evidence(prompt.section_body("test report"))
     hindering = {asset for oracle in evidence.shortfalls for asset in oracle.objects}
     try:
-        clauses = parse_clauses(task, _objects_for_assets(objects, task.get("assets-used", [])))
+        clauses = parse_clauses(task, _select_objects_by_asset(objects, task.get("assets-used", [])))
     except UnplannableTaskError as error:
         return f"I cannot revise this task: {error}."
-    for plan, given_up in _list_revisions(clauses, hindering, objects):
-        revised = describe_plan_as_task(plan)
+    for plan, given_up in _iterate_revised_plans(clauses, hindering, objects):
+        revised = convert_plan_to_task_json(plan)
         if revised["assets-used"] != task["assets-used"] and is_plannable(revised, objects):
             return _format_task({**revised, "given-up": f"{given_up}: the task could not be done as it was."})
     return "I cannot revise this task: no family does it with fewer objects."
 
 
-def _list_revisions(
+def _iterate_revised_plans(
     clauses: Sequence[Clause], hindering: Set[str], objects: Sequence[SceneObject]
 ) -> Iterator[tuple[Plan, str]]:
     """Plans of the family of the first clause: for all objects, then without one, the ``hindering`` first."""
     moved, taken = [obj for clause in clauses for obj in clause.moved], [obj.footprint_rect for obj in objects]
     for left_out in [None, *sorted(moved, key=lambda obj: obj.asset not in hindering)]:
-        rest = relocate_misplaced_objects([obj for obj in moved if obj is not left_out], objects)
+        rest = relocate_unreachable_objects([obj for obj in moved if obj is not left_out], objects)
         request = parse_task_request(clauses[0].text, taken=taken)
         plan = FAMILIES[clauses[0].family](rest, request) if len(rest) > 1 else None
         if plan is not None:
@@ -105,14 +105,14 @@ def author_simulation(prompt: PromptText) -> str:
     """Reply to the ``simulation`` prompt: a program for this task with these objects, or a sentence that refuses it."""
     task = prompt.section_json("task")
     try:
-        plans = plan_task(task, parse_scene_objects(prompt.section_json("scene")))
+        plans = make_plans_for_task(task, parse_scene_objects(prompt.section_json("scene")))
     except UnplannableTaskError as error:
         return f"I cannot write this program: {error}."
     name, description = str(task.get("task-name", "")), str(task.get("task-description", ""))
     return f"```python\n{write_program(plans, class_name_for_task(name), description)}```"
 
 
-def plan_task(task: Json, objects: Sequence[SceneObject], margin: float = 1.0) -> list[Plan]:
+def make_plans_for_task(task: Json, objects: Sequence[SceneObject], margin: float = 1.0) -> list[Plan]:
     """Plans for a task that anyone may have written, one for each of its clauses, which use just the task's assets.
 
     Args:
@@ -124,11 +124,11 @@ def plan_task(task: Json, objects: Sequence[SceneObject], margin: float = 1.0) -
         UnplannableTaskError: the words ask for what no family does, or no family can do it with these objects.
     """
     assets = [str(asset) for asset in task.get("assets-used", [])]
-    clauses = parse_clauses(task, _objects_for_assets(objects, assets))
+    clauses = parse_clauses(task, _select_objects_by_asset(objects, assets))
     unlike = ""
     options = (_candidate_object_sets(clause.moved, clause.text) for clause in clauses)
     for chosen in islice(product(*options), _MOST_READINGS):
-        plans = _plan_clauses(clauses, chosen, objects, margin)
+        plans = _make_plan_per_clause(clauses, chosen, objects, margin)
         used = {asset for plan in plans for asset in plan.asset_names}
         if plans and used == {*assets}:
             return plans
@@ -141,12 +141,12 @@ _MOST_READINGS = 50
 """How many ways of choosing among objects that are called alike are tried."""
 
 
-def _plan_clauses(
+def _make_plan_per_clause(
     clauses: Sequence[Clause], chosen: Sequence[Sequence[SceneObject]], scene: Sequence[SceneObject], margin: float
 ) -> list[Plan]:
     """A plan for each clause with the objects chosen for it, each on what all others leave free; none if one fails."""
     supports = [clause.support for clause in clauses if clause.support]
-    ready = _place_objects(list(chain.from_iterable(chosen)), supports, scene)
+    ready = _relocate_objects_for_picking(list(chain.from_iterable(chosen)), supports, scene)
     taken = [obj.footprint_rect for obj in (*ready.values(), *scene)]
     plans: list[Plan] = []
     for clause, objects in zip(clauses, chosen, strict=True) if ready else ():
@@ -160,16 +160,16 @@ def _plan_clauses(
     return plans if len({*places}) == len(places) else []
 
 
-def _place_objects(
+def _relocate_objects_for_picking(
     objects: Sequence[SceneObject], supports: Sequence[SceneObject], scene: Sequence[SceneObject]
 ) -> dict[str, SceneObject]:
     """The objects by their names, each where the arm can pick it; none of them if that, or a support, cannot be."""
-    ready = {obj.name: obj for obj in relocate_misplaced_objects(objects, scene)}
+    ready = {obj.name: obj for obj in relocate_unreachable_objects(objects, scene)}
     usable = all(is_reachable_object(obj) and obj.name not in ready for obj in supports)
     return ready if usable and len(ready) == len(objects) <= MAX_OBJECTS else {}
 
 
-def _objects_for_assets(objects: Sequence[SceneObject], assets: Sequence[str]) -> list[SceneObject]:
+def _select_objects_by_asset(objects: Sequence[SceneObject], assets: Sequence[str]) -> list[SceneObject]:
     """The objects that stand for ``assets``, in their order."""
     return sorted((obj for obj in objects if obj.asset in assets), key=lambda obj: assets.index(obj.asset))
 

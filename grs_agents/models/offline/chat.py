@@ -25,7 +25,7 @@ from grs_agents.models.offline.describer_and_matcher import (
     match_asset,
 )
 from grs_agents.models.offline.judging import judge_words
-from grs_agents.models.offline.mistakes import Program, make_mistake
+from grs_agents.models.offline.mistakes import Program, introduce_suitable_mistake
 from grs_agents.models.offline.prompt_text import PromptText, parse_prompt, parse_scene_objects
 from grs_agents.models.offline.router import decide_what_to_fix
 from grs_agents.models.offline.unittest_author import author_tests, fix_tests
@@ -94,7 +94,7 @@ class OfflineChatModel(BaseChatModel):
         **kwargs: Any,
     ) -> ChatResult:
         text = self._reply_until_stop(messages, stop)
-        calls = _calls_check(messages, text, kwargs.get("tools", ()))
+        calls = _make_check_tool_call(messages, text, kwargs.get("tools", ()))
         metadata = {**self._response_metadata(), "finish_reason": "stop"}
         message = AIMessage(
             "" if calls else text,
@@ -141,7 +141,7 @@ class OfflineChatModel(BaseChatModel):
                 continue
             prompt = parse_prompt(str(message.text))
             if prompt is not None and prompt.role in ROLES:
-                rng = self._rng_for_text(_text_that_chooses(prompt, str(message.text)))
+                rng = self._rng_for_text(_select_text_that_seeds_rng(prompt, str(message.text)))
                 reply = ROLES[prompt.role](prompt, extract_message_images(message), rng)
                 return self._add_mistake(reply, prompt.role, rng)
         return _HELP + ", ".join(ROLES)
@@ -152,7 +152,7 @@ class OfflineChatModel(BaseChatModel):
         program = _AUTHORED.get(role)
         if program is None or block is None or rng.random() >= self.faulty:
             return reply
-        source, _ = make_mistake(block[1], program, random.Random(int(rng.integers(2**31))))
+        source, _ = introduce_suitable_mistake(block[1], program, random.Random(int(rng.integers(2**31))))
         return f"```python\n{source}```"
 
     def _rng_for_text(self, text: str) -> np.random.Generator:
@@ -160,7 +160,7 @@ class OfflineChatModel(BaseChatModel):
         return np.random.default_rng([self.seed, int.from_bytes(digest[:8], "big")])
 
 
-def _text_that_chooses(prompt: PromptText, text: str) -> str:
+def _select_text_that_seeds_rng(prompt: PromptText, text: str) -> str:
     """What choices follow from, beside the seed: for a task the things on the table, so that neither the words of the
     prompt nor a millimetre change it; else the whole prompt."""
     if prompt.role != "task":
@@ -168,7 +168,7 @@ def _text_that_chooses(prompt: PromptText, text: str) -> str:
     return "\n".join(sorted(obj.asset for obj in parse_scene_objects(prompt.section_json("scene"))))
 
 
-def _calls_check(messages: list[BaseMessage], reply: str, tools: Sequence[str]) -> list[ToolCall]:
+def _make_check_tool_call(messages: list[BaseMessage], reply: str, tools: Sequence[str]) -> list[ToolCall]:
     """The call of ``check`` with the draft in ``reply``, where there is such a tool and it was not called yet."""
     block = _PYTHON.fullmatch(reply)
     if block is None or "check" not in tools or any(isinstance(message, ToolMessage) for message in messages):

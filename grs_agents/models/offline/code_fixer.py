@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass, replace
 
 from grs_agents.models.offline import program_edits
-from grs_agents.models.offline.authors import plan_task
+from grs_agents.models.offline.authors import make_plans_for_task
 from grs_agents.models.offline.plan import Plan
 from grs_agents.models.offline.program_writer import write_program
 from grs_agents.models.offline.prompt_text import PromptText, parse_scene_objects
@@ -17,13 +17,13 @@ def fix_code(prompt: PromptText) -> str:
     Where the program is what its author would write, the next way to do the same takes its place.
     """
     try:
-        return f"```python\n{_write_next_variant(prompt, prompt.section_body('program').strip())}\n```"
+        return f"```python\n{_write_next_program_variant(prompt, prompt.section_body('program').strip())}\n```"
     except UnplannableTaskError as error:
         return f"I cannot mend this program: {error}."
 
 
 @dataclass(frozen=True)
-class Variant:
+class PlanningVariant:
     """One way to plan the task."""
 
     spots: bool = False  # give each object a spot of its own
@@ -32,15 +32,15 @@ class Variant:
 
 
 _VARIANTS = (
-    Variant(),
-    Variant(spots=True),
-    Variant(still=True),
-    Variant(margin=1.5),
-    Variant(spots=True, margin=1.5, still=True),
+    PlanningVariant(),
+    PlanningVariant(spots=True),
+    PlanningVariant(still=True),
+    PlanningVariant(margin=1.5),
+    PlanningVariant(spots=True, margin=1.5, still=True),
 )
 
 
-def _write_next_variant(prompt: PromptText, source: str) -> str:
+def _write_next_program_variant(prompt: PromptText, source: str) -> str:
     """The first way to write the task, or that which follows on ``source``."""
     task, objects = prompt.section_json("task"), parse_scene_objects(prompt.section_json("scene"))
     imported = re.search(r"^from task_code import (\w+)", prompt.section_body("tests"), re.MULTILINE)
@@ -48,12 +48,12 @@ def _write_next_variant(prompt: PromptText, source: str) -> str:
     texts: list[str] = []
     for variant in _VARIANTS:
         try:
-            plans = plan_task(task, objects, variant.margin)
+            plans = make_plans_for_task(task, objects, variant.margin)
         except UnplannableTaskError:
-            if variant == Variant():
+            if variant == PlanningVariant():
                 raise
             continue
-        plans = list(map(_keep_targets_still, plans)) if variant.still else plans
+        plans = list(map(_fix_target_positions, plans)) if variant.still else plans
         text = write_program(plans, title, str(task.get("task-description", "")), variant.spots).strip()
         if text not in texts:
             texts.append(text)
@@ -61,5 +61,5 @@ def _write_next_variant(prompt: PromptText, source: str) -> str:
     return texts[(tried + 1) % len(texts)]
 
 
-def _keep_targets_still(plan: Plan) -> Plan:
+def _fix_target_positions(plan: Plan) -> Plan:
     return replace(plan, targets=tuple(replace(target, moves=False) for target in plan.targets))

@@ -50,15 +50,15 @@ def describe_segments(prompt: PromptText, pictures: Sequence[bytes]) -> str:
 
 def _describe_segment(measured: Json, pictures: Sequence[bytes]) -> Json:
     """One segment, in the form that the prompt asks for."""
-    size = _measured_size(measured)
+    size = _parse_measured_size(measured)
     names = _object_color_names(measured, pictures)
-    shape = _measured_shape(measured)
+    shape = _parse_measured_shape(measured)
     category = _guess_category(shape, size) if size else "object"
     is_object = size is None or _is_plausible_object(size, measured)
     what = category if category != "object" else shape
     extent = " x ".join(f"{100 * edge:.0f}" for edge in size) + " cm" if size else "unknown size"
     second = f" with some {' and '.join(names[1:])}" if len(names) > 1 else ""
-    description = f"A {_tall_or_flat_word(size)}{names[0]} {what}{second}, {shape}-shaped, about {extent}."
+    description = f"A {_choose_tall_or_flat_word(size)}{names[0]} {what}{second}, {shape}-shaped, about {extent}."
     if not is_object:
         description = f"A {names[0]} segment of {extent}, too thin or too large to be an object."
     return {
@@ -76,11 +76,11 @@ def _describe_segment(measured: Json, pictures: Sequence[bytes]) -> Json:
 def match_asset(prompt: PromptText) -> str:
     """Reply to the ``match_asset`` prompt: the asset of the same size, colour and shape, if there is exactly one."""
     candidate = prompt.section_json("candidate")
-    size = _measured_size(candidate)
+    size = _parse_measured_size(candidate)
     if candidate.get("is_object") is False or (size is not None and not _is_plausible_object(size, candidate)):
         return _format_json_block({"match": "no_object", "asset": None, "reason": "the segment is no plausible object"})
     wording = " ".join(str(candidate.get(key, "")) for key in ("description", "category", "shape", "color"))
-    scores = sorted(_score_matching_assets(size, wording, prompt.section_json_rows("assets"))) if size else []
+    scores = sorted(_score_asset_differences(size, wording, prompt.section_json_rows("assets"))) if size else []
     if not scores:
         return _format_json_block(
             {"match": "no_asset", "asset": None, "reason": "no asset of this size, shape and colour"}
@@ -92,12 +92,14 @@ def match_asset(prompt: PromptText) -> str:
     return _format_json_block({"match": "asset", "asset": scores[0][1], "reason": reason})
 
 
-def _score_matching_assets(size: Sequence[float], wording: str, assets: Sequence[Json]) -> Iterator[tuple[float, str]]:
+def _score_asset_differences(
+    size: Sequence[float], wording: str, assets: Sequence[Json]
+) -> Iterator[tuple[float, str]]:
     """How much each asset differs that may be what was measured and described, and its name."""
     for asset in assets:
         extent = parse_finite_floats(asset.get("size"), 3)
         if extent and _has_same_roundness(wording, asset):
-            difference = _size_difference(size, extent) + _color_difference(wording, asset)
+            difference = _score_size_difference(size, extent) + _score_color_difference(wording, asset)
             if difference <= MAX_DIFFERENCE:
                 yield difference, str(asset.get("name"))
 
@@ -141,11 +143,11 @@ def _object_color_names(measured: Json, pictures: Sequence[bytes]) -> list[str]:
     return dominant_color_names(cast(Image, image), mean) if image is not None else ["gray"]
 
 
-def _measured_size(measured: Json) -> tuple[float, ...] | None:
+def _parse_measured_size(measured: Json) -> tuple[float, ...] | None:
     return parse_finite_floats(measured.get("size_m"), 3)
 
 
-def _measured_shape(measured: Json) -> str:
+def _parse_measured_shape(measured: Json) -> str:
     shape = str(measured.get("outline") or "box").lower()
     return shape if shape in (*_ROUND, "box") else "box"
 
@@ -170,7 +172,7 @@ def _guess_category(shape: str, size: Sequence[float]) -> str:
     return "carton" if height >= 2 * across and height > 0.12 else "box"
 
 
-def _tall_or_flat_word(size: Sequence[float] | None) -> str:
+def _choose_tall_or_flat_word(size: Sequence[float] | None) -> str:
     if size is None:
         return ""
     across = max(size[:2])
@@ -185,7 +187,7 @@ def _has_same_roundness(wording: str, asset: Json) -> bool:
     return bool({*split_words(wording)} & _ROUND) == bool(kind & _ROUND)
 
 
-def _size_difference(measured: Sequence[float], extent: Sequence[float]) -> float:
+def _score_size_difference(measured: Sequence[float], extent: Sequence[float]) -> float:
     """How far the extents disagree, 1 being the most that is allowed; an asset may stand on any of its sides."""
     across = sorted(measured[:2])
     best = 10.0
@@ -198,7 +200,7 @@ def _size_difference(measured: Sequence[float], extent: Sequence[float]) -> floa
     return best
 
 
-def _color_difference(wording: str, asset: Json) -> float:
+def _score_color_difference(wording: str, asset: Json) -> float:
     """How far the colours disagree: 0 where all that stand out are shared, 2 where none is."""
     own = _colors_named_in_text(f"{asset.get('color', '')} {asset.get('description', '')}")
     seen = _colors_named_in_text(wording)
@@ -236,7 +238,7 @@ def describe_asset(prompt: PromptText) -> str:
     name = re.split(r"[\s_-]+", str(facts.get("file_name", "")).lower())
     spoken = [word for word in name if word.isalpha()]
     category = next((word for word in reversed(spoken) if word in _CATEGORIES), "object")
-    paint = f"{_tall_or_flat_word(parse_finite_floats(facts.get('size_m'), 3))}{' and '.join(colors[:2])}"
+    paint = f"{_choose_tall_or_flat_word(parse_finite_floats(facts.get('size_m'), 3))}{' and '.join(colors[:2])}"
     article = "An" if paint[0] in "aeiou" else "A"
     hollow = ", hollow" if facts.get("hollow") is True else ""
     text = f"{article} {paint} {' '.join(spoken) or category}{hollow} (told from its name and measurements, not seen)."

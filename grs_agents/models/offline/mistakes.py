@@ -23,7 +23,7 @@ class Mistake:
     repeatable: bool = True  # whether the source with it does the same in every run
 
 
-def make_mistake(source: str, program: Program, generator: random.Random) -> tuple[str, str]:
+def introduce_suitable_mistake(source: str, program: Program, generator: random.Random) -> tuple[str, str]:
     """``source`` with one repeatable mistake that suits it, and the mistake's name; unchanged and "" if none does."""
     order = [mistake for mistake in MISTAKES if mistake.program == program and mistake.repeatable]
     generator.shuffle(order)
@@ -34,7 +34,7 @@ def make_mistake(source: str, program: Program, generator: random.Random) -> tup
     return source, ""
 
 
-def _replace_one_match(pattern: str, *replacements: str) -> Edit:
+def _make_replace_one(pattern: str, *replacements: str) -> Edit:
     """Replace one place that fits ``pattern`` by one of ``replacements``, both drawn."""
 
     def apply(source: str, generator: random.Random) -> str | None:
@@ -47,7 +47,7 @@ def _replace_one_match(pattern: str, *replacements: str) -> Edit:
     return apply
 
 
-def _replace_all_matches(*pairs: tuple[str, str]) -> Edit:
+def _make_replace_all(*pairs: tuple[str, str]) -> Edit:
     """Replace all that fits the pattern of one of ``pairs``, drawn among those that occur."""
 
     def apply(source: str, generator: random.Random) -> str | None:
@@ -58,7 +58,7 @@ def _replace_all_matches(*pairs: tuple[str, str]) -> Edit:
     return apply
 
 
-def _name_class_wrongly(source: str, generator: random.Random) -> str | None:
+def _rename_task_class(source: str, generator: random.Random) -> str | None:
     """Another class name than the tests import, or than the program defines."""
     imported = re.search(r"from task_code import (\w+)", source)
     name = imported[1] if imported else program_edits.find_task_class_name(source)
@@ -67,7 +67,7 @@ def _name_class_wrongly(source: str, generator: random.Random) -> str | None:
     return program_edits.replace_identifier(source, name, wrong)
 
 
-def _start_inside_another(source: str, generator: random.Random) -> str | None:
+def _place_object_onto_another(source: str, generator: random.Random) -> str | None:
     """An object that starts where another one stands."""
     poses = [call.args[1] for call in _find_object_additions(source).values() if len(call.args) > 1]
     places = [pose.elts[0] for pose in poses if isinstance(pose, ast.Tuple)]
@@ -77,7 +77,7 @@ def _start_inside_another(source: str, generator: random.Random) -> str | None:
     return program_edits.replace_nodes(source, [(moved, _source_text_of(source, other))])
 
 
-def _leave_object_out(source: str, generator: random.Random) -> str | None:
+def _remove_one_object(source: str, generator: random.Random) -> str | None:
     """An object that is neither added nor spoken of, while others are left."""
     additions = _find_object_additions(source)
     names = generator.sample(list(additions), len(additions))
@@ -88,12 +88,12 @@ def _leave_object_out(source: str, generator: random.Random) -> str | None:
     return None
 
 
-def _forget_last_goal(source: str, generator: random.Random) -> str | None:
+def _remove_last_goal(source: str, generator: random.Random) -> str | None:
     """A task of which the last part is not asked for; the rest makes up the whole reward."""
-    rows = _find_move_rows(source)
+    rows = _find_rows_of_moves_list(source)
     if len(rows) > 1:
         return program_edits.replace_nodes(source, [(node, "") for node in rows[-1:]])
-    goals = [node for node in _find_call_statements(source) if _called_method(node.value) == "add_goal"]
+    goals = [node for node in _find_call_statements(source) if _name_of_called_method(node.value) == "add_goal"]
     if len(goals) < 2:
         return None
     changed = program_edits.replace_nodes(source, [(node, "") for node in goals[-1:]])
@@ -102,7 +102,7 @@ def _forget_last_goal(source: str, generator: random.Random) -> str | None:
 
 def _add_contradicting_goal(source: str, generator: random.Random) -> str | None:
     """An object that has to be in two places in the end."""
-    rows = [row for row in _find_move_rows(source) if len(row.elts) > 3]
+    rows = [row for row in _find_rows_of_moves_list(source) if len(row.elts) > 3]
     if not rows:
         return _add_last_object_to_first_goal(source)
     row = generator.choice(rows)
@@ -112,7 +112,7 @@ def _add_contradicting_goal(source: str, generator: random.Random) -> str | None
 
 
 def _add_last_object_to_first_goal(source: str) -> str | None:
-    goals = [node.value for node in _find_call_statements(source) if _called_method(node.value) == "add_goal"]
+    goals = [node.value for node in _find_call_statements(source) if _name_of_called_method(node.value) == "add_goal"]
     lists = [part for goal in goals for part in ast.walk(goal) if isinstance(part, ast.List) and part.elts]
     if len(goals) < 2 or len(lists) < 2:
         return None
@@ -129,7 +129,7 @@ def _shrink_container(source: str, generator: random.Random) -> str | None:
     return changed if changed != source else None
 
 
-def _expect_another_place(source: str, generator: random.Random) -> str | None:
+def _change_expected_position(source: str, generator: random.Random) -> str | None:
     """An expected position that the task does not name."""
     numbers = list(re.finditer(r"(?<=abs\([a-z] - )0\.\d+|(?<=\[\"pose1\"\]\[0\]\)\[:2\])", source))
     if not numbers:
@@ -139,7 +139,7 @@ def _expect_another_place(source: str, generator: random.Random) -> str | None:
     return source[: number.start()] + wrong + source[number.end() :]
 
 
-def _expect_another_count(source: str, generator: random.Random) -> str | None:
+def _change_expected_step_count(source: str, generator: random.Random) -> str | None:
     """A number of actions that the task does not need."""
     count = re.search(r"(?<=assertEqual\()(steps|len\(\w+\)), ([^,]+)", source)
     if count is None:
@@ -150,11 +150,11 @@ def _expect_another_count(source: str, generator: random.Random) -> str | None:
 
 def _remove_assertions(source: str, generator: random.Random) -> str | None:
     """Tests that print what they should assert."""
-    checks = [node for node in _find_call_statements(source) if _called_method(node.value).startswith("assert")]
+    checks = [node for node in _find_call_statements(source) if _name_of_called_method(node.value).startswith("assert")]
     return program_edits.replace_nodes(source, [(node, 'print("checked")') for node in checks]) if checks else None
 
 
-def _count_goals(source: str, generator: random.Random) -> str | None:
+def _add_goal_count_assertion(source: str, generator: random.Random) -> str | None:
     """A test of how the program is built."""
     wanted = generator.choice((1, 7))
     claim = rf'\1self.assertEqual(len(self.task.goals), {wanted}, "number of goals")\n\g<0>'
@@ -162,7 +162,7 @@ def _count_goals(source: str, generator: random.Random) -> str | None:
     return changed if changed != source else None
 
 
-def _make_oracle_before_reset(source: str, generator: random.Random) -> str | None:
+def _move_oracle_before_reset(source: str, generator: random.Random) -> str | None:
     """An oracle that is asked for before the scene is there."""
     agent = re.search(r"^ +agent = self\.task\.oracle\(self\.env\)\n", source, re.MULTILINE)
     reset = re.search(r"^( +)(?:self\.)?obs = self\.env\.reset\(\)\n", source, re.MULTILINE)
@@ -182,7 +182,7 @@ def _find_object_additions(source: str) -> dict[str, ast.Call]:
         if (
             isinstance(node, ast.Assign)
             and isinstance(node.value, ast.Call)
-            and _called_method(node.value) == "add_object"
+            and _name_of_called_method(node.value) == "add_object"
         ):
             target, fixed = node.targets[0], len(node.value.args) > 2
             if isinstance(target, ast.Name) and not fixed:
@@ -190,7 +190,7 @@ def _find_object_additions(source: str) -> dict[str, ast.Call]:
     return found
 
 
-def _find_move_rows(source: str) -> list[ast.Tuple]:
+def _find_rows_of_moves_list(source: str) -> list[ast.Tuple]:
     """The rows of the list ``moves`` of a program of the offline model's own; none in others."""
     for node in ast.walk(program_edits.parse_syntax_tree(source) or ast.Module([], [])):
         if (
@@ -208,7 +208,7 @@ def _find_call_statements(source: str) -> list[ast.Expr]:
     return [node for node in nodes if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)]
 
 
-def _called_method(node: ast.expr) -> str:
+def _name_of_called_method(node: ast.expr) -> str:
     """The name of the method that is called; empty for anything else."""
     return node.func.attr if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) else ""
 
@@ -219,51 +219,49 @@ def _source_text_of(source: str, node: ast.AST) -> str:
 
 _ENDLESS = r"\g<0>\1pose = (None, None)\n\1while pose[0] is None:\n\1    pose = (None, None)\n"
 _PROGRAM_MISTAKES: dict[str, Edit] = {
-    "wrong-asset-name": _replace_one_match(r'(?<=add_object\(")([\w/-]+)\.urdf', r"\1Can.urdf", r"\1_1.urdf"),
-    "ignored-argument": _replace_all_matches((r"\bstep_max_reward=", "max_reward=")),
-    "wrong-argument": _replace_all_matches((r"\btarg_poses=", "target_poses="), (r', "fixed"\)', ", fixed=True)")),
-    "wrong-method": _replace_all_matches(
+    "wrong-asset-name": _make_replace_one(r'(?<=add_object\(")([\w/-]+)\.urdf', r"\1Can.urdf", r"\1_1.urdf"),
+    "ignored-argument": _make_replace_all((r"\bstep_max_reward=", "max_reward=")),
+    "wrong-argument": _make_replace_all((r"\btarg_poses=", "target_poses="), (r', "fixed"\)', ", fixed=True)")),
+    "wrong-method": _make_replace_all(
         (r"env\.add_object\b", "env.add_objects"),
         (r"utils\.multiply\b", "utils.compose"),
         (r"\.add_goal\b", ".add_goals"),
     ),
-    "missing-import": _replace_all_matches(
+    "missing-import": _make_replace_all(
         (r"^import numpy as np\n", ""), (r"^(from grs_agents\.sim import \w+), .*$", r"\1")
     ),
-    "syntax": _replace_one_match(r"^(class \w+\(Task\)|    def reset\(self, env\)):", r"\1"),
-    "no-base-call": _replace_one_match(r"^ +super\(\)\.__init__\(\)\n", ""),
-    "wrong-class-name": _name_class_wrongly,
-    "endless-loop": _replace_one_match(r"^( +)super\(\)\.reset\(env\)\n", _ENDLESS),
-    "too-few-steps": _replace_one_match(r"(?<=max_steps = )\d+", "1", "2"),
-    "overlap-at-start": _start_inside_another,
-    "target-out-of-reach": _replace_one_match(
+    "syntax": _make_replace_one(r"^(class \w+\(Task\)|    def reset\(self, env\)):", r"\1"),
+    "no-base-call": _make_replace_one(r"^ +super\(\)\.__init__\(\)\n", ""),
+    "wrong-class-name": _rename_task_class,
+    "endless-loop": _make_replace_one(r"^( +)super\(\)\.reset\(env\)\n", _ENDLESS),
+    "too-few-steps": _make_replace_one(r"(?<=max_steps = )\d+", "1", "2"),
+    "overlap-at-start": _place_object_onto_another,
+    "target-out-of-reach": _make_replace_one(
         r"self\.find_place\(env, (\w+_size).*\)$", r"((0.95, 0.45, \1[2] / 2), (0, 0, 0, 1))"
     ),
     "container-too-small": _shrink_container,
-    "object-left-out": _leave_object_out,
-    "goal-missing": _forget_last_goal,
+    "object-left-out": _remove_one_object,
+    "goal-missing": _remove_last_goal,
     "goals-contradict": _add_contradicting_goal,
-    "rewards-below-one": _replace_all_matches((r"(step_max_reward=)", r"\g<1>0.75 * ")),
+    "rewards-below-one": _make_replace_all((r"(step_max_reward=)", r"\g<1>0.75 * ")),
 }
 _TEST_MISTAKES: dict[str, Edit] = {
-    "wrong-class-name": _name_class_wrongly,
-    "missing-import": _replace_all_matches((r"^import numpy as np\n", ""), (r"^from grs_agents\.sim import .*\n", "")),
-    "wrong-method": _replace_all_matches(
-        (r"env\.get_object_pose\b", "env.get_pose"), (r"agent\.act\b", "agent.action")
-    ),
-    "info-misused": _replace_all_matches((r"(self\.env\.info)\b(?!\[)", r"\1[0]")),
-    "wrong-count": _expect_another_count,
-    "wrong-place": _expect_another_place,
+    "wrong-class-name": _rename_task_class,
+    "missing-import": _make_replace_all((r"^import numpy as np\n", ""), (r"^from grs_agents\.sim import .*\n", "")),
+    "wrong-method": _make_replace_all((r"env\.get_object_pose\b", "env.get_pose"), (r"agent\.act\b", "agent.action")),
+    "info-misused": _make_replace_all((r"(self\.env\.info)\b(?!\[)", r"\1[0]")),
+    "wrong-count": _change_expected_step_count,
+    "wrong-place": _change_expected_position,
     "asserts-nothing": _remove_assertions,
-    "reward-not-summed": _replace_all_matches((r"total \+= reward", "total = reward")),
-    "reward-scale": _replace_all_matches(
+    "reward-not-summed": _make_replace_all((r"total \+= reward", "total = reward")),
+    "reward-scale": _make_replace_all(
         (r"(assertAlmostEqual\(total, )1(?:\.0)?", r"\g<1>3.0"), (r"(assertAlmostEqual\(total, )1(?:\.0)?", r"\g<1>100")
     ),
-    "counts-goals": _count_goals,
-    "too-tight-tolerance": _replace_one_match(r"(?<=delta=)0\.0[2-9]\d*|(?<=\(nearest, )0\.\d+", "0.00001"),
-    "stops-early": _replace_all_matches((r"range\(self\.task\.max_steps\)", "range(1)")),
-    "oracle-before-reset": _make_oracle_before_reset,
-    "flaky": _replace_one_match(r"^( +)return total,", r"\1import os\n\n\1total += os.urandom(1)[0] % 2\n\g<0>"),
+    "counts-goals": _add_goal_count_assertion,
+    "too-tight-tolerance": _make_replace_one(r"(?<=delta=)0\.0[2-9]\d*|(?<=\(nearest, )0\.\d+", "0.00001"),
+    "stops-early": _make_replace_all((r"range\(self\.task\.max_steps\)", "range(1)")),
+    "oracle-before-reset": _move_oracle_before_reset,
+    "flaky": _make_replace_one(r"^( +)return total,", r"\1import os\n\n\1total += os.urandom(1)[0] % 2\n\g<0>"),
 }
 MISTAKES: tuple[Mistake, ...] = (
     *(Mistake(name, "simulation", edit) for name, edit in _PROGRAM_MISTAKES.items()),

@@ -11,10 +11,10 @@ from grs_agents.models.offline.plan import (
     Family,
     Plan,
     Table,
+    is_hard_to_topple,
     is_pickable_object,
     is_reachable_object,
-    is_steady_object,
-    select_non_overlapping_objects,
+    select_objects_without_overlap,
 )
 from grs_agents.models.offline.prompt_text import CUP_ROOM, SceneObject
 from grs_agents.models.offline.task_families import FAMILIES, TaskRequest
@@ -47,29 +47,29 @@ def rank_movable_objects(objects: Sequence[SceneObject]) -> list[list[SceneObjec
     the easiest to pick are put on a free part of the table, before all those whose name no other has.
     """
     called = Counter(obj.label for obj in objects)
-    ranked = _rank_by_ease(objects)
+    ranked = _list_groups_easiest_first(objects)
     return [*([obj for obj in group if called[obj.label] == 1] for group in ranked), *ranked]
 
 
-def _rank_by_ease(objects: Sequence[SceneObject]) -> list[list[SceneObject]]:
+def _list_groups_easiest_first(objects: Sequence[SceneObject]) -> list[list[SceneObject]]:
     loose = [obj for obj in objects if is_uncovered_object(obj, objects)]
     usable = [obj for obj in filter(is_pickable_object, loose) if is_reachable_object(obj)]
     if len(usable) < 2:
         called = Counter(obj.label for obj in objects)
         rest = [obj for obj in loose if obj not in usable]
         others = sorted(rest, key=lambda obj: (called[obj.label] > 1, _rate_difficulty(obj)))
-        return [relocate_misplaced_objects([*usable, *others][:2], objects), usable]
-    sure = [obj for obj in usable if is_steady_object(obj) and obj.is_flat_topped]
-    return [*_filter_by_clearance(sure, objects), *_filter_by_clearance(usable, objects), usable]
+        return [relocate_unreachable_objects([*usable, *others][:2], objects), usable]
+    sure = [obj for obj in usable if is_hard_to_topple(obj) and obj.is_flat_topped]
+    return [*_group_by_clearance_gap(sure, objects), *_group_by_clearance_gap(usable, objects), usable]
 
 
-def _filter_by_clearance(group: Sequence[SceneObject], objects: Sequence[SceneObject]) -> list[list[SceneObject]]:
+def _group_by_clearance_gap(group: Sequence[SceneObject], objects: Sequence[SceneObject]) -> list[list[SceneObject]]:
     return [[obj for obj in group if is_clear_of_others(obj, objects, gap)] for gap in _GAPS]
 
 
 def _rate_difficulty(obj: SceneObject) -> tuple[bool, bool, bool, float]:
     size = max(obj.size[:2]) + 0.5 * obj.size[2]
-    return not is_pickable_object(obj), not obj.reachable, not is_steady_object(obj), size
+    return not is_pickable_object(obj), not obj.reachable, not is_hard_to_topple(obj), size
 
 
 def is_uncovered_object(obj: SceneObject, objects: Sequence[SceneObject]) -> bool:
@@ -85,7 +85,7 @@ def is_clear_of_others(obj: SceneObject, objects: Sequence[SceneObject], gap: fl
     return not any(other is not obj and obj.footprint_rect.overlaps(other.footprint_rect, gap) for other in objects)
 
 
-def relocate_misplaced_objects(objects: Sequence[SceneObject], scene: Sequence[SceneObject]) -> list[SceneObject]:
+def relocate_unreachable_objects(objects: Sequence[SceneObject], scene: Sequence[SceneObject]) -> list[SceneObject]:
     """``objects`` of ``scene``, those that are held or out of reach put on a free part of the table if there is one."""
     table = Table([obj.footprint_rect for obj in scene])
     placed: list[SceneObject] = []
@@ -97,7 +97,7 @@ def relocate_misplaced_objects(objects: Sequence[SceneObject], scene: Sequence[S
     return placed
 
 
-def candidate_object_sets(
+def list_candidate_object_sets(
     family: Family, objects: Sequence[SceneObject], rng: np.random.Generator
 ) -> list[list[SceneObject]]:
     """Selections of objects for a family, the most interesting first; each is worth a try."""
@@ -111,13 +111,13 @@ def candidate_object_sets(
     if family == "clear":
         return _find_object_clusters(shuffled, most)
     if family == "sort":
-        return [select_non_overlapping_objects(group, most) for group in _select_kinds_or_colors(shuffled)]
-    return _list_groups_and_pairs(shuffled, int(rng.integers(least, most + 1)))
+        return [select_objects_without_overlap(group, most) for group in _list_objects_of_few_kinds(shuffled)]
+    return _list_small_object_groups(shuffled, int(rng.integers(least, most + 1)))
 
 
-def _list_groups_and_pairs(objects: Sequence[SceneObject], count: int) -> list[list[SceneObject]]:
+def _list_small_object_groups(objects: Sequence[SceneObject], count: int) -> list[list[SceneObject]]:
     """The first ``count`` of the objects and fewer of them, then any two, the smallest first, then one."""
-    free = select_non_overlapping_objects(objects, count)
+    free = select_objects_without_overlap(objects, count)
     pairs = sorted(combinations(objects, 2), key=lambda pair: sum(obj.size[0] * obj.size[1] for obj in pair))
     return [*(free[:size] for size in range(len(free), 1, -1)), *map(list, pairs), free[:1]]
 
@@ -126,7 +126,7 @@ def find_plan_for_family(
     family: Family, objects: Sequence[SceneObject], request: TaskRequest, rng: np.random.Generator, least: int = 2
 ) -> Plan | None:
     """The first selection of ``objects`` that ``family`` can use and that moves at least ``least`` of them."""
-    for chosen in candidate_object_sets(family, objects, rng):
+    for chosen in list_candidate_object_sets(family, objects, rng):
         plan = FAMILIES[family](chosen, request) if len(chosen) >= least else None
         if plan is not None:
             return plan
@@ -141,7 +141,7 @@ def _find_stackable_chains(objects: Sequence[SceneObject]) -> list[list[SceneObj
         for obj in order[start:]:
             fits = not chain or all(b >= a - 0.004 for a, b in zip(obj.size[:2], chain[-1].size[:2], strict=True))
             low = obj.size[2] <= 2.0 * min(obj.size[:2])
-            if fits and low and len(select_non_overlapping_objects([*chain, obj], len(chain) + 1)) > len(chain):
+            if fits and low and len(select_objects_without_overlap([*chain, obj], len(chain) + 1)) > len(chain):
                 chain.append(obj)
         if len(chain) >= 2 and all(obj.is_flat_topped for obj in chain[:-1]):
             chains.append(chain)
@@ -154,11 +154,11 @@ def _find_object_clusters(objects: Sequence[SceneObject], most: int) -> list[lis
     for seed in objects:
         pairs = [(math.dist(obj.position[:2], seed.position[:2]), obj) for obj in objects]
         near = [obj for distance, obj in sorted(pairs, key=lambda pair: pair[0]) if distance < 0.28]
-        clusters.append(select_non_overlapping_objects(near, most))
+        clusters.append(select_objects_without_overlap(near, most))
     return [cluster for cluster in clusters if len(cluster) >= 2]
 
 
-def _select_kinds_or_colors(objects: Sequence[SceneObject]) -> list[list[SceneObject]]:
+def _list_objects_of_few_kinds(objects: Sequence[SceneObject]) -> list[list[SceneObject]]:
     selections: list[list[SceneObject]] = []
     for labels in ([obj.category for obj in objects], [obj.color for obj in objects]):
         names = list(dict.fromkeys(labels))

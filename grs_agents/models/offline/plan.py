@@ -102,7 +102,7 @@ class Rows:
     depth: float  # extent of the whole along y
 
 
-def list_arrangements(footprints: Sequence[tuple[float, float]], gap: float) -> list[Rows]:
+def list_row_arrangements(footprints: Sequence[tuple[float, float]], gap: float) -> list[Rows]:
     """``footprints`` (x, y extents) laid out in one row, two rows and so on, the most compact whole first."""
     options = [arrange_in_rows(footprints, count, gap) for count in range(1, len(footprints) + 1)]
     return sorted(options, key=lambda option: math.hypot(option.width, option.depth))
@@ -135,10 +135,10 @@ class Table:
     def reserve_free_place(self, width: float, depth: float) -> tuple[float, float] | None:
         """The free centre for a rectangle that is easiest to reach, then taken; None where there is none."""
         best: tuple[float, tuple[float, float]] | None = None
-        for x in _grid_coordinates(X_RANGE[0] + width / 2, X_RANGE[1] - width / 2):
-            for y in _grid_coordinates(Y_RANGE[0] + depth / 2, Y_RANGE[1] - depth / 2):
+        for x in _iterate_grid_coordinates(X_RANGE[0] + width / 2, X_RANGE[1] - width / 2):
+            for y in _iterate_grid_coordinates(Y_RANGE[0] + depth / 2, Y_RANGE[1] - depth / 2):
                 rect = Rect(x, y, width, depth)
-                low, high = rect.base_distance_range()
+                low, high = rect.distance_range_from_base()
                 if low < NEAR - 0.05 or high > FAR + 0.03 or any(rect.overlaps(other, GAP) for other in self.taken):
                     continue
                 effort = abs(math.hypot(x, y) - 0.52)
@@ -150,12 +150,12 @@ class Table:
         return best[1]
 
 
-def _grid_coordinates(low: float, high: float) -> Iterable[float]:
+def _iterate_grid_coordinates(low: float, high: float) -> Iterable[float]:
     count = math.floor((high - low) / STEP + 1e-9) + 1
     return (round(low + STEP * index, 4) for index in range(max(0, count)))
 
 
-def select_non_overlapping_objects(objects: Iterable[SceneObject], limit: int, gap: float = 0.004) -> list[SceneObject]:
+def select_objects_without_overlap(objects: Iterable[SceneObject], limit: int, gap: float = 0.004) -> list[SceneObject]:
     """The first objects, at most ``limit``, of which no two overlap."""
     chosen: list[SceneObject] = []
     for obj in objects:
@@ -171,7 +171,7 @@ def is_pickable_object(obj: SceneObject) -> bool:
     return not obj.hollow and footprint >= 0.018 and obj.size[2] >= 0.008 and small_enough
 
 
-def is_steady_object(obj: SceneObject) -> bool:
+def is_hard_to_topple(obj: SceneObject) -> bool:
     """Whether it stands without toppling at a touch."""
     return obj.size[2] <= 4.0 * min(obj.size[:2])
 

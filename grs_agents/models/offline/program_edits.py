@@ -35,7 +35,7 @@ def scale_target_sizes(source: str, factor: float) -> str | None:
     """``source`` with the x and y extents of its containers and zones scaled; None where it states none."""
     edits: list[tuple[ast.expr, str]] = []
     for node in _find_assignments(source):
-        name, value = _assigned_name(node.targets[0]), node.value
+        name, value = _name_of_assigned_target(node.targets[0]), node.value
         if not name.endswith("_size") or not isinstance(value, ast.Tuple) or len(value.elts) != 3:
             continue
         for element in value.elts[:2]:
@@ -61,14 +61,14 @@ def remove_variable(source: str, name: str) -> str | None:
     edits: list[tuple[ast.expr, str]] = []
     for node in ast.walk(tree):
         if isinstance(node, ast.List) and name in _collect_identifiers(node):
-            edits.append((node, _list_without(source, node, name)))
-    gone = [(node, "") for node in _find_assignments(source) if name in map(_assigned_name, node.targets)]
+            edits.append((node, _format_list_without_name(source, node, name)))
+    gone = [(node, "") for node in _find_assignments(source) if name in map(_name_of_assigned_target, node.targets)]
     changed = replace_nodes(source, [*edits, *gone])
     left = _collect_identifiers(parse_syntax_tree(changed) or tree)
     return None if name in left or "[]" in [text for _, text in edits] else changed
 
 
-def _list_without(source: str, node: ast.List, name: str) -> str:
+def _format_list_without_name(source: str, node: ast.List, name: str) -> str:
     """The text of a list without the entries that use ``name``, one a line where ``node`` has them so."""
     kept = [part for part in node.elts if name not in _collect_identifiers(part)]
     texts = [ast.get_source_segment(source, part) or "" for part in kept]
@@ -83,7 +83,7 @@ def _find_assignments(source: str) -> list[ast.Assign]:
     return [node for node in ast.walk(tree) if isinstance(node, ast.Assign)] if tree else []
 
 
-def _assigned_name(target: ast.expr) -> str:
+def _name_of_assigned_target(target: ast.expr) -> str:
     """The variable or attribute that is assigned to; empty for anything else."""
     return target.id if isinstance(target, ast.Name) else target.attr if isinstance(target, ast.Attribute) else ""
 

@@ -121,7 +121,7 @@ class Rect:
             and abs(self.y - other.y) < (self.depth + other.depth) / 2 + gap
         )
 
-    def base_distance_range(self) -> tuple[float, float]:
+    def distance_range_from_base(self) -> tuple[float, float]:
         """The least and the greatest distance of its corners and edges from the robot's base."""
         low = math.hypot(max(0.0, abs(self.x) - self.width / 2), max(0.0, abs(self.y) - self.depth / 2))
         return low, math.hypot(abs(self.x) + self.width / 2, abs(self.y) + self.depth / 2)
@@ -183,7 +183,7 @@ class SceneObject:
 
 def parse_scene_objects(scene: Json) -> list[SceneObject]:
     """The objects of a scene section; entries without a name, asset, position or size are left out."""
-    entries = [cast(Json, entry) for entry in _list_or_empty(scene.get("objects")) if isinstance(entry, dict)]
+    entries = [cast(Json, entry) for entry in _to_list_or_empty(scene.get("objects")) if isinstance(entry, dict)]
     return [obj for obj in map(_parse_scene_object, entries) if obj is not None]
 
 
@@ -216,12 +216,12 @@ def _has_hollow_name(asset: str, category: str) -> bool:
 
 def parse_finite_floats(value: Any, count: int) -> tuple[float, ...] | None:
     """``value`` as a tuple of ``count`` finite floats, or None."""
-    items = _list_or_empty(value)
+    items = _to_list_or_empty(value)
     if len(items) != count or not all(isinstance(item, int | float) for item in items):
         return None
     floats = tuple(float(item) for item in items)
     return floats if all(math.isfinite(item) for item in floats) else None
 
 
-def _list_or_empty(value: Any) -> list[Any]:
+def _to_list_or_empty(value: Any) -> list[Any]:
     return list(cast("list[Any] | tuple[Any, ...]", value)) if isinstance(value, list | tuple) else []

@@ -21,7 +21,7 @@ _SOLVED = 0.99
 
 
 @dataclass(frozen=True)
-class Case:
+class FailedTestCase:
     """One test that did not pass."""
 
     id: str
@@ -42,7 +42,7 @@ class Oracle:
     moved: tuple[str, ...]  # asset names of what was moved
 
     @property
-    def has_solved(self) -> bool:
+    def has_solved_task(self) -> bool:
         """Whether everything that the program asks for was reached, for a reward of 1."""
         return self.outcome == "success" and self.strict >= _SOLVED and abs(self.published - 1) <= 1 - _SOLVED
 
@@ -53,7 +53,7 @@ class Evidence:
 
     text: str  # the whole of it
     static: tuple[tuple[str, str], ...]  # (program, message) of what was found without running it
-    cases: tuple[Case, ...]  # the tests that did not pass
+    cases: tuple[FailedTestCase, ...]  # the tests that did not pass
     oracles: tuple[Oracle, ...]  # each distinct episode
     errors: tuple[tuple[str, str], ...]  # (type, message) of each exception, in order
     where: str  # the program that an import of it ended in; empty where tests ran
@@ -62,7 +62,7 @@ class Evidence:
     @property
     def shortfalls(self) -> tuple[Oracle, ...]:
         """The episodes in which the oracle itself fell short."""
-        return tuple(oracle for oracle in self.oracles if not oracle.has_solved and oracle.outcome != "stopped")
+        return tuple(oracle for oracle in self.oracles if not oracle.has_solved_task and oracle.outcome != "stopped")
 
 
 def parse_report_evidence(text: str) -> Evidence:
@@ -72,7 +72,7 @@ def parse_report_evidence(text: str) -> Evidence:
     return Evidence(
         text=text,
         static=tuple((found["program"], found["message"]) for found in map(_STATIC.match, lines) if found),
-        cases=tuple(_make_case(found) for found in map(_CASE.match, lines) if found),
+        cases=tuple(_make_failed_case(found) for found in map(_CASE.match, lines) if found),
         oracles=tuple(
             map(_parse_episode, re.findall(r"^== oracle episode.*\n((?:(?!== ).*\n?)*)", text, re.MULTILINE))
         ),
@@ -82,8 +82,8 @@ def parse_report_evidence(text: str) -> Evidence:
     )
 
 
-def _make_case(found: re.Match[str]) -> Case:
-    return Case(*(found[name] or "" for name in ("id", "outcome", "where", "message")))
+def _make_failed_case(found: re.Match[str]) -> FailedTestCase:
+    return FailedTestCase(*(found[name] or "" for name in ("id", "outcome", "where", "message")))
 
 
 def _parse_episode(section: str) -> Oracle:

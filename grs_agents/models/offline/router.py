@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from grs_agents.models.offline import program_edits
 from grs_agents.models.offline.prompt_text import PromptText, parse_scene_objects
-from grs_agents.models.offline.report_evidence import Case, Evidence, parse_report_evidence
+from grs_agents.models.offline.report_evidence import Evidence, FailedTestCase, parse_report_evidence
 from grs_agents.models.offline.task_reading import UnplannableTaskError, parse_clauses
 
 _NO_CHECK = frozenset({"no_assertion", "skipped", "expected_failure"})
@@ -13,15 +13,15 @@ _NO_CHECK = frozenset({"no_assertion", "skipped", "expected_failure"})
 
 def decide_what_to_fix(prompt: PromptText) -> str:
     """Reply to the ``route`` prompt: an explanation, then the verdict in a fenced block."""
-    evidence = _blame_program_for_its_class(parse_report_evidence(prompt.section_body("test report")), prompt)
-    verdict, explanation = judge_evidence(evidence, _find_neglected_assets(prompt, evidence))
+    evidence = _blame_program_for_missing_attributes(parse_report_evidence(prompt.section_body("test report")), prompt)
+    verdict, explanation = decide_verdict_from_evidence(evidence, _find_neglected_assets(prompt, evidence))
     allowed = re.findall(r"\bfix_\w+", prompt.section_body("verdicts")) or [verdict]
     if verdict not in allowed:
         verdict, explanation = allowed[0], f"{explanation} As {verdict} was tried in vain, the other program is next."
     return f"{explanation}\n\n```\n{verdict}\n```"
 
 
-def judge_evidence(evidence: Evidence, neglected: tuple[str, ...] = ()) -> tuple[str, str]:
+def decide_verdict_from_evidence(evidence: Evidence, neglected: tuple[str, ...] = ()) -> tuple[str, str]:
     """The verdict and why.
 
     Against the tests speaks what is wrong in them as they stand, and what they miss where the oracle solved the
@@ -31,12 +31,10 @@ def judge_evidence(evidence: Evidence, neglected: tuple[str, ...] = ()) -> tuple
         evidence: what was found out.
         neglected: the assets that the task's words move and the program does not.
     """
-    return (
-        _blame_by_static_checks(evidence) or _find_fault_in_errors(evidence) or _blame_by_episode(evidence, neglected)
-    )
+    return _decide_by_static_checks(evidence) or _decide_by_errors(evidence) or _decide_by_episode(evidence, neglected)
 
 
-def _blame_by_static_checks(evidence: Evidence) -> tuple[str, str] | None:
+def _decide_by_static_checks(evidence: Evidence) -> tuple[str, str] | None:
     against = dict(reversed(evidence.static))
     for program, verdict in (("simulation", "fix_code"), ("tests", "fix_test")):
         if program in against:
@@ -46,7 +44,7 @@ def _blame_by_static_checks(evidence: Evidence) -> tuple[str, str] | None:
     return None
 
 
-def _find_fault_in_errors(evidence: Evidence) -> tuple[str, str] | None:
+def _decide_by_errors(evidence: Evidence) -> tuple[str, str] | None:
     case = next((case for case in evidence.cases if case.where or case.outcome in _NO_CHECK), None)
     if case is None:
         return None
@@ -54,7 +52,7 @@ def _find_fault_in_errors(evidence: Evidence) -> tuple[str, str] | None:
     return verdict, f"{case.id} ended as {case.outcome}: {case.message or 'it checks nothing'}."
 
 
-def _blame_by_episode(evidence: Evidence, neglected: tuple[str, ...]) -> tuple[str, str]:
+def _decide_by_episode(evidence: Evidence, neglected: tuple[str, ...]) -> tuple[str, str]:
     if evidence.findings and all(check.startswith("tests_") for check in evidence.findings):
         about = "; ".join(f"{check}: {detail}" for check, detail in evidence.findings.items())
         return "fix_test", f"The audit finds fault with the tests alone: {about}."
@@ -75,13 +73,13 @@ def _blame_by_episode(evidence: Evidence, neglected: tuple[str, ...]) -> tuple[s
     return "fix_code", f"The audit fails: {findings or 'see the report'}."
 
 
-def _blame_program_for_its_class(evidence: Evidence, prompt: PromptText) -> Evidence:
+def _blame_program_for_missing_attributes(evidence: Evidence, prompt: PromptText) -> Evidence:
     """The evidence with errors of the tests blamed on the program where its class lacks what the tests do not name.
 
     So it is where ``__init__`` does not call the base: the first who uses the object is in the tests, or below them.
     """
     title, tests = program_edits.find_task_class_name(prompt.section_body("program")), prompt.section_body("tests")
-    cases: list[Case] = []
+    cases: list[FailedTestCase] = []
     for case in evidence.cases:
         lacking = re.search(rf"'{title}' object has no attribute '(\w+)'", case.message)
         blamed = lacking is not None and lacking[1] not in tests
@@ -99,7 +97,7 @@ def _find_neglected_assets(prompt: PromptText, evidence: Evidence) -> tuple[str,
     except UnplannableTaskError:
         wanted = set[str]()
     moved = {asset for oracle in evidence.oracles for asset in oracle.moved}
-    solved = any(oracle.has_solved for oracle in evidence.oracles)
+    solved = any(oracle.has_solved_task for oracle in evidence.oracles)
     return tuple(sorted((assets - used) | (wanted - moved if solved else set[str]())))
 
 

@@ -20,7 +20,7 @@ class StatedMove:
     turned: float  # by how much that thing is turned about z against the frame of place and extents, rad
 
 
-def read_stated_moves(source: str) -> list[StatedMove]:
+def parse_stated_moves(source: str) -> list[StatedMove]:
     """The moves in their order; none in a program that is written another way."""
     tree = program_edits.parse_syntax_tree(source) or ast.Module([], [])
     values = {ast.unparse(node.targets[0]): node.value for node in ast.walk(tree) if isinstance(node, ast.Assign)}
@@ -28,14 +28,14 @@ def read_stated_moves(source: str) -> list[StatedMove]:
     if not isinstance(rows, ast.List):
         return []
     is_zone = "metric='zone'" in [ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.keyword)]
-    moves = [_read_row(row, values, added, is_zone) for row in rows.elts if isinstance(row, ast.Tuple)]
+    moves = [_parse_move_row(row, values, added, is_zone) for row in rows.elts if isinstance(row, ast.Tuple)]
     return [move for move in moves if move is not None]
 
 
 def _find_added_objects(tree: ast.Module) -> list[tuple[str, str, str]]:
     """The variable, asset and pose of each ``env.add_object`` in order, as source; no variable for fixed things."""
     calls = sorted(
-        (node for node in ast.walk(tree) if isinstance(node, ast.Assign | ast.Expr) and _is_adding(node.value)),
+        (node for node in ast.walk(tree) if isinstance(node, ast.Assign | ast.Expr) and _is_adding_object(node.value)),
         key=lambda node: node.lineno,
     )
     added: list[tuple[str, str, str]] = []
@@ -46,11 +46,11 @@ def _find_added_objects(tree: ast.Module) -> list[tuple[str, str, str]]:
     return added
 
 
-def _is_adding(node: ast.expr) -> bool:
+def _is_adding_object(node: ast.expr) -> bool:
     return isinstance(node, ast.Call) and ast.unparse(node.func) == "env.add_object" and len(node.args) > 1
 
 
-def _read_row(
+def _parse_move_row(
     row: ast.Tuple, values: dict[str, ast.expr], added: list[tuple[str, str, str]], is_zone: bool
 ) -> StatedMove | None:
     """A row ``(variable, label, place, pose, size, offset, rotation)``; None where it is another one."""
@@ -62,32 +62,32 @@ def _read_row(
     if asset is None:
         return None
     alike = [name for name, other, _ in added if other == asset]
-    support = _find_support(ast.unparse(pose), added)
+    support = _find_support_at_pose(ast.unparse(pose), added)
     # A size by its name is that of the whole zone; one in numbers is that of the object's own spot, as its place is.
-    extents = _read_numbers(values.get(size.id)) if is_zone and isinstance(size, ast.Name) else None
-    place = _find_place(_read_numbers(values.get(ast.unparse(pose))), _read_numbers(offset), support)
+    extents = _parse_literal(values.get(size.id)) if is_zone and isinstance(size, ast.Name) else None
+    place = _compute_move_target(_parse_literal(values.get(ast.unparse(pose))), _parse_literal(offset), support)
     extent = (extents[0], extents[1]) if extents else None
-    return StatedMove(asset, alike.index(variable), support, place, extent, _find_turn(support, added))
+    return StatedMove(asset, alike.index(variable), support, place, extent, _find_yaw_of_support(support, added))
 
 
-def _find_support(pose: str, added: list[tuple[str, str, str]]) -> int | None:
+def _find_support_at_pose(pose: str, added: list[tuple[str, str, str]]) -> int | None:
     """Which of the fixed things stands at a pose, from 0."""
     fixed = [where for variable, _, where in added if not variable]
     return next((index for index, where in enumerate(fixed) if where.lstrip("(").startswith(pose)), None)
 
 
-def _find_turn(support: int | None, added: list[tuple[str, str, str]]) -> float:
+def _find_yaw_of_support(support: int | None, added: list[tuple[str, str, str]]) -> float:
     """The yaw of a fixed thing whose pose has a rotation of its own; 0 where it lies as its place does."""
     where = [where for variable, _, where in added if not variable][support] if support is not None else ""
     pose = ast.parse(where or "None", mode="eval").body
-    rotation = _read_numbers(pose.elts[1]) if isinstance(pose, ast.Tuple) and len(pose.elts) == 2 else None
+    rotation = _parse_literal(pose.elts[1]) if isinstance(pose, ast.Tuple) and len(pose.elts) == 2 else None
     if rotation is None:
         return 0.0
     x, y, z, w = rotation
     return round(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)), 4)
 
 
-def _find_place(origin: Any, offset: Any, support: int | None) -> tuple[float, float] | None:
+def _compute_move_target(origin: Any, offset: Any, support: int | None) -> tuple[float, float] | None:
     """Where a move goes: from the thing that it goes to, else from the robot; None where that is drawn at random."""
     if offset is None or (support is None and origin is None):
         return None
@@ -95,7 +95,7 @@ def _find_place(origin: Any, offset: Any, support: int | None) -> tuple[float, f
     return x + offset[0], y + offset[1]
 
 
-def _read_numbers(node: ast.expr | None) -> Any:
+def _parse_literal(node: ast.expr | None) -> Any:
     """The numbers of a literal; None for what is computed."""
     try:
         return None if node is None else ast.literal_eval(node)

@@ -15,7 +15,7 @@ from grs_agents.models.offline.plan import (
     Table,
     Target,
     arrange_in_rows,
-    list_arrangements,
+    list_row_arrangements,
 )
 from grs_agents.models.offline.prompt_text import COLORS, GAP, Rect, SceneObject, Vector, make_identifier
 
@@ -37,10 +37,10 @@ class TaskRequest:
 
 def plan_pack_task(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     """Everything into one container: one of the scene's where one fits, else a new one."""
-    options = _list_arrangements(objects, request)
+    options = _list_arrangements_of_objects(objects, request)
     for container, rows in product(request.containers, options):
         if _is_fitting_container(container, objects, rows):
-            target = _target_of_object(container)
+            target = _make_target_from_object(container)
             return Plan("pack", (target,), _make_moves_to_rows(objects, target, rows, 0.01))
     for rows in options:
         if new := _place_new_container(objects, request, rows.width, rows.depth):
@@ -55,7 +55,7 @@ def _is_fitting_container(container: SceneObject, objects: Sequence[SceneObject]
     return inside and free and square and container.size[2] <= 0.12
 
 
-def _target_of_object(obj: SceneObject) -> Target:
+def _make_target_from_object(obj: SceneObject) -> Target:
     """An object of the scene as a place where it stands."""
     return Target(make_identifier(obj.name), "object", obj.size, obj.position[:2], obj.color, False, obj)
 
@@ -82,7 +82,7 @@ def plan_stack_task(objects: Sequence[SceneObject], request: TaskRequest) -> Pla
     side = _round_up_to_cm(max(order[0].size[:2]) + 0.03 * request.margin)
     table = _make_table_with_objects(objects, request)
     zone = None if base else _place_new_zone(f"{request.color}_zone", side, side, request.color, table)
-    target = _target_of_object(base[0]) if base else zone
+    target = _make_target_from_object(base[0]) if base else zone
     if target is None:
         return None
     moves: list[Move] = []
@@ -180,7 +180,7 @@ def plan_clear_task(objects: Sequence[SceneObject], request: TaskRequest) -> Pla
     spot = Target(f"{request.color}_area", "zone", size, (area.x, area.y), request.color, moves=False)
     table = Table([*request.taken, area])
     tallest = max(obj.size[2] for obj in objects)
-    for rows in _list_arrangements(objects, request):
+    for rows in _list_arrangements_of_objects(objects, request):
         size = (_round_up_to_cm(rows.width + 2 * GAP), _round_up_to_cm(rows.depth + 2 * GAP), tallest)
         if free := _place_new_target("free_place", "free", size, "", table):
             return Plan("clear", (spot, free), _make_moves_to_rows(objects, free, rows))
@@ -218,8 +218,8 @@ FAMILIES: dict[Family, Callable[[Sequence[SceneObject], TaskRequest], Plan | Non
 }
 
 
-def _list_arrangements(objects: Sequence[SceneObject], request: TaskRequest) -> list[Rows]:
-    return list_arrangements([obj.size[:2] for obj in objects], GAP * request.margin)
+def _list_arrangements_of_objects(objects: Sequence[SceneObject], request: TaskRequest) -> list[Rows]:
+    return list_row_arrangements([obj.size[:2] for obj in objects], GAP * request.margin)
 
 
 def _make_moves_to_rows(
@@ -234,7 +234,7 @@ def _place_zone_with_rows(
     objects: Sequence[SceneObject], name: str, color: str, table: Table, request: TaskRequest
 ) -> tuple[Target, tuple[Move, ...]] | None:
     border = 2 * GAP * request.margin
-    for rows in _list_arrangements(objects, request):
+    for rows in _list_arrangements_of_objects(objects, request):
         size = _round_up_to_cm(rows.width + border), _round_up_to_cm(rows.depth + border)
         if zone := _place_new_zone(name, *size, color, table):
             return zone, _make_moves_to_rows(objects, zone, rows)

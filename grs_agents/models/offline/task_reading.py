@@ -57,24 +57,24 @@ def parse_clauses(task: Json, objects: Sequence[SceneObject]) -> list[Clause]:
 
 
 def _parse_clause(name: str, text: str, mentions: Mapping[SceneObject, str], unnamed: Sequence[SceneObject]) -> Clause:
-    ends = _find_places_for_others(text, mentions)
+    ends = _find_objects_used_as_places(text, mentions)
     plain = _replace_object_mentions(text, mentions, ends)
     family = infer_task_family(name, plain)
-    _refuse_uncovered_words(plain, family)
-    support = _choose_support(family, ends, mentions, unnamed)
+    _require_words_are_plannable(plain, family)
+    support = _choose_support_object(family, ends, mentions, unnamed)
     if family == "place" and support:
         family = "pack" if support.hollow else "stack"
     moved = tuple(obj for obj in mentions if obj is not support) or tuple(unnamed)
     return Clause(family, text, tuple(obj for obj in moved if obj is not support), support)
 
 
-def _find_places_for_others(text: str, mentions: Mapping[SceneObject, str]) -> list[SceneObject]:
+def _find_objects_used_as_places(text: str, mentions: Mapping[SceneObject, str]) -> list[SceneObject]:
     """The objects that ``text`` puts others into or onto; hollow ones alone where there are such."""
     ends = [obj for obj, pattern in mentions.items() if re.search(f"{_WHERETO}{pattern}", text)]
     return [obj for obj in ends if obj.hollow] or ends
 
 
-def _refuse_uncovered_words(text: str, family: Family) -> None:
+def _require_words_are_plannable(text: str, family: Family) -> None:
     order = _ORDER_NOT_COVERED.search(text) if family in ("sort", "line") else None
     if found := _NOT_COVERED.search(text) or order:
         raise UnplannableTaskError(f"the words {found[0]!r} of the task ask for what no task family here does")
@@ -87,7 +87,7 @@ def _replace_object_mentions(text: str, mentions: Mapping[SceneObject, str], end
     return text
 
 
-def _choose_support(
+def _choose_support_object(
     family: Family, ends: Sequence[SceneObject], mentions: Iterable[SceneObject], unnamed: Sequence[SceneObject]
 ) -> SceneObject | None:
     """The object that others are put into or onto: one that the words put there, or a container that they only call so.
@@ -107,33 +107,33 @@ def _choose_support(
 def find_assets_said_to_move(task: Json) -> tuple[str, ...]:
     """The assets that the words of ``task`` call by their own names and do not only name as the place to put things."""
     text = str(task.get("task-description", "")).lower()
-    stems = {str(asset): _words_of_asset(str(asset)) for asset in task.get("assets-used", [])}
-    ends = [asset for asset, stem in stems.items() if re.search(f"{_WHERETO}{_label_pattern(stem)}", text)]
-    called = [asset for asset, stem in stems.items() if stem and re.search(_label_pattern(stem), text)]
+    stems = {str(asset): _split_asset_name(str(asset)) for asset in task.get("assets-used", [])}
+    ends = [asset for asset, stem in stems.items() if re.search(f"{_WHERETO}{_make_label_regex(stem)}", text)]
+    called = [asset for asset, stem in stems.items() if stem and re.search(_make_label_regex(stem), text)]
     return tuple(asset for asset in called if asset not in ends)
 
 
-def _words_of_asset(asset: str) -> str:
+def _split_asset_name(asset: str) -> str:
     return " ".join(split_words(asset.rsplit("/", 1)[-1].removesuffix(".urdf")))
 
 
 def _find_mentioned_objects(text: str, objects: Sequence[SceneObject]) -> dict[SceneObject, str]:
     """The objects that ``text`` speaks of, in its order, each with the pattern of the words it uses."""
-    labelled = {obj.asset for obj in objects if re.search(_label_pattern(obj.label), text)}
+    labelled = {obj.asset for obj in objects if re.search(_make_label_regex(obj.label), text)}
     found: list[tuple[int, SceneObject, str]] = []
     for obj in objects:
-        patterns = [_label_pattern(obj.label), *([] if obj.asset in labelled else _other_name_patterns(obj))]
+        patterns = [_make_label_regex(obj.label), *([] if obj.asset in labelled else _make_other_name_regexes(obj))]
         places = [(place.start(), obj, pattern) for pattern in patterns if (place := re.search(pattern, text))]
         found += places[:1]
     return {obj: pattern for _, obj, pattern in sorted(found, key=lambda item: item[0])}
 
 
-def _label_pattern(label: str) -> str:
+def _make_label_regex(label: str) -> str:
     return rf"\b{re.escape(label)}(?:e?s)?\b"
 
 
-def _other_name_patterns(obj: SceneObject) -> list[str]:
+def _make_other_name_regexes(obj: SceneObject) -> list[str]:
     """Patterns of what people may call an object where they do not use its label, the most telling first."""
-    kinds = [f"{obj.color} {obj.category}", *([] if obj.asset.startswith("proxy/") else [_words_of_asset(obj.asset)])]
+    kinds = [f"{obj.color} {obj.category}", *([] if obj.asset.startswith("proxy/") else [_split_asset_name(obj.asset)])]
     plural = rf"\b(?:the|all|both)(?: two| three| four| \d)? {re.escape(obj.category)}e?s\b"
-    return [*map(_label_pattern, kinds), *([plural] if obj.category else [])]
+    return [*map(_make_label_regex, kinds), *([plural] if obj.category else [])]

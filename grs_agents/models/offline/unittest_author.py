@@ -4,7 +4,7 @@ from dataclasses import astuple
 
 from grs_agents.models.offline import program_edits
 from grs_agents.models.offline.prompt_text import Json, PromptText
-from grs_agents.models.offline.stated_moves import read_stated_moves
+from grs_agents.models.offline.stated_moves import parse_stated_moves
 from grs_agents.models.offline.task_reading import find_assets_said_to_move
 
 _TEMPLATE = '''import unittest
@@ -101,18 +101,18 @@ if __name__ == "__main__":
 
 def author_tests(prompt: PromptText) -> str:
     """Reply to the ``tests`` prompt: two tests of the oracle's behaviour."""
-    return f"```python\n{fill_tests(prompt.section_body('program'), prompt.section_json('task'))}```"
+    return f"```python\n{fill_test_template(prompt.section_body('program'), prompt.section_json('task'))}```"
 
 
 fix_tests = author_tests
 """Reply to the ``fix_tests`` prompt: the tests written anew."""
 
 
-def fill_tests(program: str, task: Json) -> str:
+def fill_test_template(program: str, task: Json) -> str:
     """The tests of a program and its task: what the program's own rows and the task's words say is moved."""
     title = program_edits.find_task_class_name(program)
     description = str(task.get("task-description", "")).replace("\\", "").replace('"', "'")
-    rows = [astuple(move) for move in read_stated_moves(program)]
+    rows = [astuple(move) for move in parse_stated_moves(program)]
     stated = {row[0] for row in rows}
     rows += [(asset, 0, None, None, None, 0.0) for asset in find_assets_said_to_move(task) if asset not in stated]
     moves = "".join(f"\n    {row}," for row in rows)

@@ -74,7 +74,7 @@ class AuthorTools:
                 return "There is no task instance to draw: check a draft that gives one first."
             output = (self.services.folder / "instances" / "author.png").resolve()
             instance = self._drawn[0].model_dump(mode="json")
-            setup = self.services.simulator_setup
+            setup = self.services.library_root_fields
             drawn = self.services.run_tool("render", instance=instance, output=str(output), **setup)
             return "It could not be drawn." if drawn.image is None else [image_block_from_file(output)]
 

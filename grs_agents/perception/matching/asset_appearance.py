@@ -46,7 +46,7 @@ class Appearance:
     normals: Floats  # (N, 3) unit, outwards where the mesh is wound so
     log_colors: Floats  # (N, 3) of its colours without light and without the finest detail
     half: Floats  # (3,) half the extents, m
-    views: Floats  # (V, B) histograms of tone (`color_histogram`), one for each of `viewing_directions`
+    views: Floats  # (V, B) histograms of tone (`color_histogram`), one for each of `unit_viewing_directions`
     symmetries: Floats  # (S, 3, 3) turns that leave its shape as it is, the identity first
     rotations: Floats  # (T, 3, 3) the quarter turns, without those that only differ by one of ``symmetries``
     nearest: npt.NDArray[np.int16]  # (X, Y, Z) the point nearest to the middle of each cell of a grid
@@ -63,7 +63,7 @@ class Appearance:
         return self.nearest.ravel()[flat].astype(np.int64)
 
 
-def viewing_directions() -> Array:
+def unit_viewing_directions() -> Array:
     """(V, 3) unit vectors from the asset towards who looks at it."""
     steps = np.array(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3)).reshape(3, -1).T
     steps = steps[np.abs(steps).sum(axis=1) > 0]
@@ -101,7 +101,7 @@ def _compute_appearance_arrays(name: str, library: Library) -> Arrays:
     points, normals = drawn.points - (low + high) / 2, drawn.normals
     colors = _sample_surface_colors(triangles, drawn.triangles, drawn.weights)
     half = (high - low) / 2
-    facing = np.clip(viewing_directions() @ normals.T, 0, None)
+    facing = np.clip(unit_viewing_directions() @ normals.T, 0, None)
     nearest, cell = _build_nearest_point_grid(points, half)
     symmetries = _symmetry_rotations(find_asset_symmetry(name, library))
     return {

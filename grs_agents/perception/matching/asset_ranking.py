@@ -102,7 +102,7 @@ def shortlist_and_fit_assets(
 
 def estimate_light(tried: Sequence[Sequence[TriedAsset]]) -> Light:
     """The light of a scene, from the assets that fit best of all its candidates."""
-    best = [max(tried_assets, key=_initial_fit_score) for tried_assets in tried if tried_assets]
+    best = [max(tried_assets, key=_score_fit_in_daylight) for tried_assets in tried if tried_assets]
     sure = [
         one.colors for one in best if one.colors is not None and one.colors.matching_pixel_fraction(DAYLIGHT) > _SURE
     ]
@@ -112,7 +112,9 @@ def estimate_light(tried: Sequence[Sequence[TriedAsset]]) -> Light:
     return Light(float(np.median([one.gain for one in sure])), np.asarray(tint, np.float64), 0.15)
 
 
-def feature_matrix(tried_assets: Sequence[TriedAsset], seen: Observation, light: Light, similarity: Array) -> Array:
+def build_ranking_features(
+    tried_assets: Sequence[TriedAsset], seen: Observation, light: Light, similarity: Array
+) -> Array:
     """(P, len(NAMES)) the features of the assets tried for one candidate, once the light of the scene is known and
     how alike the colours of all assets are in it (A,)."""
     residual = np.array([min(1000 * float(one.poses.residual[one.best_pose_index]), 8.0) for one in tried_assets])
@@ -145,7 +147,7 @@ def feature_matrix(tried_assets: Sequence[TriedAsset], seen: Observation, light:
     return np.column_stack([features[name] for name in NAMES])
 
 
-def _initial_fit_score(one: TriedAsset) -> float:
+def _score_fit_in_daylight(one: TriedAsset) -> float:
     """A first guess of how well a pair fits, before the light is known."""
     agreement = 0.0 if one.colors is None else one.colors.matching_pixel_fraction(DAYLIGHT)
     return (
@@ -192,7 +194,7 @@ class RankedAssets:
 NOTHING_RANKED = RankedAssets((), (), (), np.zeros((0, len(INPUTS))), ())
 
 
-def rank_assets(
+def rank_assets_for_candidates(
     compared: ComparedAssets,
     observed: Sequence[Observation],
     view: View,
@@ -212,12 +214,12 @@ def rank_assets(
     found: list[RankedAssets] = []
     similarity = _color_similarity(compared, observed, light, 0.05)
     for tried_assets, seen, alike in zip(tried, observed, similarity, strict=True):
-        features = feature_matrix(tried_assets, seen, light, alike)
+        features = build_ranking_features(tried_assets, seen, light, alike)
         letters = np.zeros(len(tried_assets))
         if (
             read is not None
             and asset_likelihoods(features, WEIGHTS[use]).max(initial=0.0) < _CERTAIN
-            and not implausible_reason(seen)
+            and not explain_implausible_object(seen)
         ):
             words = read(seen)
             letters = np.array([score_word_match(words, compared.assets[one.asset]) for one in tried_assets])
@@ -232,7 +234,7 @@ def asset_likelihoods(features: Array, weights: Sequence[float], letters: Array 
     return np.asarray(odds / (1 + odds.sum()), np.float64)
 
 
-def implausible_reason(seen: Observation) -> str:
+def explain_implausible_object(seen: Observation) -> str:
     """Why a candidate is no object at all; empty if it may be one."""
     low, middle, high = sorted(seen.upright.size)
     if seen.pixels < _FEWEST:

@@ -11,8 +11,8 @@ from grs_agents.perception.matching.asset_ranking import (
     NOTHING_RANKED,
     RankedAssets,
     Use,
-    implausible_reason,
-    rank_assets,
+    explain_implausible_object,
+    rank_assets_for_candidates,
 )
 from grs_agents.perception.matching.color_agreement import DAYLIGHT
 from grs_agents.perception.matching.observation import Observation, View, observe_candidate
@@ -59,17 +59,19 @@ def rank_assets_per_segment(
 
     reads = request.ocr and load_ocr_reader() is not None
 
-    def read(seen: Observation) -> list[str]:
+    def read_words_on_candidate(seen: Observation) -> list[str]:
         return read_words(request.frame, seen.mask)
 
     ranked = (
-        rank_assets(load_asset_appearances(assets, library), observed, view, use, read if reads else None)
+        rank_assets_for_candidates(
+            load_asset_appearances(assets, library), observed, view, use, read_words_on_candidate if reads else None
+        )
         if assets
         else []
     )
     ranked = ranked or [NOTHING_RANKED] * len(observed)
     found = zip(request.segments, ranked, observed, strict=True)
-    return {segment.id: (order, implausible_reason(seen)) for segment, order, seen in found}
+    return {segment.id: (order, explain_implausible_object(seen)) for segment, order, seen in found}
 
 
 def _search_asset_index(folder: Path, observed: Sequence[Observation], library: Library) -> tuple[Asset, ...]:

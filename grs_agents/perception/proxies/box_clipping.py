@@ -36,7 +36,7 @@ class EstimatedVolume:
     points: Array  # (N, 3) measured, m, robot frame
     hollow: bool = False
 
-    def raise_above_occupied_space(self, occupied: Callable[[Array], Mask]) -> "EstimatedVolume":
+    def lift_bottom_above_occupied(self, occupied: Callable[[Array], Mask]) -> "EstimatedVolume":
         """It on what known objects fill of the lowest part of its box: ``occupied`` says which points they do."""
         if self.hollow or not len(self.points):
             return self
@@ -96,20 +96,20 @@ def clip_boxes(claims: Sequence[EstimatedVolume], occupied: Array) -> list[Estim
     found = list(claims)
     for _ in range(ROUNDS):
         before = list(found)
-        found = [_apply_cut(one, _find_cheapest_cut(one, occupied, certain=True)) for one in found]
+        found = [_shrink_volume_by_cut(one, _find_cheapest_cut(one, occupied, certain=True)) for one in found]
         for first, second in combinations(range(len(found)), 2):
             one, other = found[first], found[second]
             cuts = _find_cheapest_cut(one, other.grid_points), _find_cheapest_cut(other, one.grid_points)
-            if min(cuts, key=_cost_or_infinity) is cuts[0]:
-                found[first] = _apply_cut(one, cuts[0])
+            if min(cuts, key=_cut_cost_or_infinity) is cuts[0]:
+                found[first] = _shrink_volume_by_cut(one, cuts[0])
             else:
-                found[second] = _apply_cut(other, cuts[1])
+                found[second] = _shrink_volume_by_cut(other, cuts[1])
         if found == before:
             break
     return found
 
 
-def _cost_or_infinity(cut: _Cut | None) -> float:
+def _cut_cost_or_infinity(cut: _Cut | None) -> float:
     return np.inf if cut is None else cut.cost
 
 
@@ -159,7 +159,7 @@ def _find_cheapest_cut(claim: EstimatedVolume, others: Array, certain: bool = Fa
             lost = float((side * own[:, axis] > side * place).mean())
             if lost < LOST:
                 cuts.append(_Cut(axis, side, place, lost + VOLUME * (1 - left / (2 * half[axis]))))
-    return min(cuts, key=_cost_or_infinity, default=None)
+    return min(cuts, key=_cut_cost_or_infinity, default=None)
 
 
 def _is_extent_mostly_kept(axis: int, place: float, side: int, own: Array, half: Array) -> bool:
@@ -169,7 +169,7 @@ def _is_extent_mostly_kept(axis: int, place: float, side: int, own: Array, half:
     return bool(lost <= min(SLACK + (1 - KEPT) * (high - low), LONGEST_LOSS))
 
 
-def _apply_cut(claim: EstimatedVolume, cut: _Cut | None) -> EstimatedVolume:
+def _shrink_volume_by_cut(claim: EstimatedVolume, cut: _Cut | None) -> EstimatedVolume:
     if cut is None:
         return claim
     low, high = -np.array(claim.box.size) / 2, np.array(claim.box.size) / 2

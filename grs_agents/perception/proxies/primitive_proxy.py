@@ -65,7 +65,7 @@ def primitive_proxy(
     extents.
     """
     hollow = hollow and min(size) > 4 * WALL
-    build = _cylinder if solid == "cylinder" else _box
+    build = _build_cylinder_mesh_and_colliders if solid == "cylinder" else _build_box_mesh_and_colliders
     faceted, colliders = build(size, hollow)
     seen = None if view is None else observe_object(view)
     picture = np.full((_PLAIN, _PLAIN, 3), np.clip(np.multiply(color, 255).round(), 0, 255), np.uint8)
@@ -73,14 +73,14 @@ def primitive_proxy(
     return Proxy(plain if seen is None else paint_mesh(seen, *faceted), colliders, hollow, color)
 
 
-def _box(size: Vec3, hollow: bool) -> tuple[Faceted, tuple[Collider, ...]]:
+def _build_box_mesh_and_colliders(size: Vec3, hollow: bool) -> tuple[Faceted, tuple[Collider, ...]]:
     x, y, z = size
     whole = Shape(kind="box", size=size, position=(0.0, 0.0, z / 2))
     walls = open_box_colliders(np.array((-x / 2, -y / 2, 0.0)), np.array((x / 2, y / 2, z))) if hollow else (whole,)
     return join_meshes([box_mesh(to_vec3(one.size), one.position) for one in walls]), tuple(walls)
 
 
-def _cylinder(size: Vec3, hollow: bool) -> tuple[Faceted, tuple[Collider, ...]]:
+def _build_cylinder_mesh_and_colliders(size: Vec3, hollow: bool) -> tuple[Faceted, tuple[Collider, ...]]:
     radius, height = (size[0] + size[1]) / 4, size[2]
     if hollow:
         inside = radius - WALL

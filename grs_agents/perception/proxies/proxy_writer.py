@@ -47,7 +47,7 @@ def write_proxy(root: Path, slug: str, proxy: Proxy, description: str) -> Asset:
     """
     low, high = proxy.bounds
     center, size = np.array(proxy.center), to_vec3((high - low).round(5))
-    _check_proxy(slug, size, proxy.color)
+    _require_valid_proxy(slug, size, proxy.color)
     volume = abs(mesh_volume(proxy.mesh.vertices, proxy.mesh.faces))
     mass = round(float(np.clip(volume * (_WALL_DENSITY if proxy.hollow else _DENSITY), *_MASS_RANGE)), 4)
     asset = Asset(
@@ -64,7 +64,7 @@ def write_proxy(root: Path, slug: str, proxy: Proxy, description: str) -> Asset:
     mesh = proxy.mesh
     write_text(root / f"proxy/{slug}.obj", mesh_to_obj_text((mesh.vertices - center, mesh.faces), mesh.uvs))
     write_bytes(root / f"proxy/{slug}.png", encode_png(mesh.texture))
-    seen = _mesh_shape(f"proxy/{slug}.obj").model_copy(
+    seen = _make_mesh_shape(f"proxy/{slug}.obj").model_copy(
         update={"color": (1.0, 1.0, 1.0, 1.0), "texture": f"proxy/{slug}.png"}
     )
     solids = [
@@ -79,7 +79,7 @@ def write_proxy(root: Path, slug: str, proxy: Proxy, description: str) -> Asset:
     return asset
 
 
-def _check_proxy(slug: str, size: Vec3, color: Vec3) -> None:
+def _require_valid_proxy(slug: str, size: Vec3, color: Vec3) -> None:
     """Refuse what makes no proxy."""
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", slug):
         raise InputError(f"proxy name {slug!r}", "use letters, digits, '_' and '-', at most 64 of them")
@@ -90,7 +90,7 @@ def _check_proxy(slug: str, size: Vec3, color: Vec3) -> None:
         raise InputError(f"proxy {slug} has colour {color}", "give red, green, blue in 0..1")
 
 
-def _mesh_shape(file: str) -> Shape:
+def _make_mesh_shape(file: str) -> Shape:
     return Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=file)
 
 
@@ -99,4 +99,4 @@ def _write_collider(root: Path, name: str, collider: Collider, center: Array) ->
     if isinstance(collider, Shape):
         return collider.model_copy(update={"position": to_vec3(collider.position - center)})
     write_text(root / name, mesh_to_obj_text(hull_mesh(collider.corners - center)))
-    return _mesh_shape(name)
+    return _make_mesh_shape(name)

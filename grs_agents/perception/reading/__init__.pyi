@@ -6,8 +6,8 @@ from .camera import CameraFile as CameraFile
 from .camera import read_camera_file as read_camera_file
 from .frame_assembly import have_same_aspect_ratio as have_same_aspect_ratio
 from .frame_assembly import resize_depth as resize_depth
+from .known_scene import copy_scene_from_run as copy_scene_from_run
 from .known_scene import is_known_scene as is_known_scene
-from .known_scene import take_over_scene as take_over_scene
 from .masks import read_masks as read_masks
 from .photo_without_depth import DepthEstimate as DepthEstimate
 from .photo_without_depth import Estimator as Estimator

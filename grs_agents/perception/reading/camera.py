@@ -99,7 +99,7 @@ def _filter_known_keys(values: Mapping[str, Any], where: str) -> tuple[dict[str,
 
 def _is_ignorable_key(name: str, value: object) -> bool:
     """Whether an unknown key says what is taken for granted: no distortion, OpenCV's axes."""
-    return (name in DISTORTION_KEYS and _is_zero_or_empty(value)) or (
+    return (name in DISTORTION_KEYS and _is_zero_or_none(value)) or (
         name in CONVENTION_KEYS and isinstance(value, str) and value.lower() in OPENCV_NAMES
     )
 
@@ -135,7 +135,7 @@ def _guess_intended_key(name: str) -> str | None:
     return spelt[close[0]] if close else None
 
 
-def _is_zero_or_empty(value: object) -> bool:
+def _is_zero_or_none(value: object) -> bool:
     """Whether this is 0, nothing, or a list of zeros."""
     return value is None or all(type(one) in (int, float) and one == 0 for one in _flatten_list(value))
 

@@ -21,14 +21,14 @@ def is_known_scene(source: Path) -> bool:
     return path_exists(source / "run.json") and path_exists(source / "scene.json")
 
 
-def take_over_scene(source: Path, folder: Path, robot: str) -> SceneDescription:
+def copy_scene_from_run(source: Path, folder: Path, robot: str) -> SceneDescription:
     """Copy what the scene of another run is made of into the run folder ``folder``.
 
     Raises:
         InputError: the folder is no plain run folder, cannot be read, or its scene was made for another ``robot``.
     """
     check_run_folder(source)
-    made_for = _robot_of_record(read_json(source / "run.json", _REMEDY))
+    made_for = _robot_name_from_run_record(read_json(source / "run.json", _REMEDY))
     if made_for != robot:
         raise InputError(f"the scene of {source} was made for robot={made_for}, not {robot}", _REMEDY)
     scene = read_scene_description(source / "scene.json")
@@ -39,7 +39,7 @@ def take_over_scene(source: Path, folder: Path, robot: str) -> SceneDescription:
     return scene
 
 
-def _robot_of_record(record: Any) -> str:
+def _robot_name_from_run_record(record: Any) -> str:
     """The robot that the configuration of a run names; empty where the record tells none."""
     try:
         return str(record["config"]["robot"])

@@ -48,7 +48,7 @@ def assemble_frame_from_photo(recording: Recording, estimate: Estimator, field_o
     name = str(recording.picture.file)
     size = limit_frame_size(*recording.picture_size)
     rgb = recording.picture.rgb if size == recording.picture_size else downscale_rgb(recording.picture.rgb, *size)
-    focal, source_note = _find_focal(recording, size, field_of_view)
+    focal, source_note = _focal_length_with_source(recording, size, field_of_view)
     found = estimate(rgb, focal, name)
     depth = np.asarray(found.depth)
     if depth.ndim != 2 or depth.dtype.kind != "f":
@@ -67,7 +67,9 @@ def assemble_frame_from_photo(recording: Recording, estimate: Estimator, field_o
     return assemble_frame(noted, camera, measured)
 
 
-def _find_focal(recording: Recording, size: tuple[int, int], field_of_view: float | None) -> tuple[float | None, str]:
+def _focal_length_with_source(
+    recording: Recording, size: tuple[int, int], field_of_view: float | None
+) -> tuple[float | None, str]:
     """The focal length in pixels of a picture of ``size``, and a note of where it was told."""
     if recording.camera is not None:
         return recording.camera.fx * size[0] / recording.camera.width, "camera.json"

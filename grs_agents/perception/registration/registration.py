@@ -165,7 +165,7 @@ def _find_cheapest_pose(search: _Search) -> Array:
     poses = [chosen[0]]
     for start in chosen:
         aligned = _align_to_visible_surface(search, start, source)
-        straight = _straighten_pose(aligned, search)
+        straight = _snap_pose_to_resting_side(aligned, search)
         poses += [aligned] if straight is None else [aligned, straight]
     stack = np.stack(poses)
     best = stack[np.argsort(search.cost_per_pose(stack, CONFIG.medium), kind="stable")[: CONFIG.refined]]
@@ -206,7 +206,7 @@ def _invert_pose(pose: Array) -> Array:
     return np.asarray(np.linalg.inv(pose), np.float64)
 
 
-def _straighten_pose(pose: Array, search: _Search) -> Array | None:
+def _snap_pose_to_resting_side(pose: Array, search: _Search) -> Array | None:
     """The pose on the side it nearly rests on, at the height of what it rests on; ``None`` where it leans."""
     turn = pose[:3, :3]
     up = int(np.argmax(np.abs(turn[2])))

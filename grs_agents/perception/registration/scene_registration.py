@@ -5,7 +5,7 @@ from pathlib import Path
 
 from grs_agents.library import Library
 from grs_agents.perception.asset_surfaces import asset_surface_at_pose
-from grs_agents.perception.picture_files import load_mask, save_additional_candidates
+from grs_agents.perception.picture_files import load_mask, save_candidates_after_earlier
 from grs_agents.perception.registration.registration import Registered, register_asset
 from grs_agents.perception.registration.unexplained_segments import find_residual_candidates
 from grs_agents.perception.types import (
@@ -65,6 +65,6 @@ def add_residual_candidates(
         for item in objects
     ]
     residual = find_residual_candidates(masks, surfaces, frame, table, max(record.id for record in records) + 1)
-    added = save_additional_candidates(frame, residual.candidates, records, folder) if residual.candidates else ()
+    added = save_candidates_after_earlier(frame, residual.candidates, records, folder) if residual.candidates else ()
     reason = "much of it belongs to known things; the rest is looked at again"
     return added, tuple(DroppedCandidate(id=objects[index].id, reason=reason) for index in residual.divided)

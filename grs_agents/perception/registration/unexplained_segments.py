@@ -61,7 +61,11 @@ def label_residual_pixels(
     labels, divided = np.zeros(frame.depth.shape, np.int32), list[int]()
     for index, (mask, surface) in enumerate(zip(masks, surfaces, strict=True)):
         cloud = _Cloud.from_mask(mask, frame, table)
-        rest = _off_surfaces_mask(cloud, known) if surface is None else _unexplained_mask(cloud, surface, frame, table)
+        rest = (
+            _mask_off_other_surfaces(cloud, known)
+            if surface is None
+            else _mask_off_own_surface(cloud, surface, frame, table)
+        )
         if rest is None:
             continue
         opened = cv2.morphologyEx(rest, cv2.MORPH_OPEN, KERNEL)
@@ -92,7 +96,7 @@ class _Cloud:
         return drawn
 
 
-def _unexplained_mask(cloud: _Cloud, surface: Surface, frame: RGBDFrame, table: TableFrame) -> Picture | None:
+def _mask_off_own_surface(cloud: _Cloud, surface: Surface, frame: RGBDFrame, table: TableFrame) -> Picture | None:
     """(H, W) what of a segment is not on the surface of its asset; ``None`` where that says nothing."""
     off = (surface.distances_to_points(cloud.points) > CONFIG.off) & (
         cloud.points[:, 2] > CONFIG.off
@@ -102,7 +106,7 @@ def _unexplained_mask(cloud: _Cloud, surface: Surface, frame: RGBDFrame, table: 
     return cloud.draw_pixel_mask(off)
 
 
-def _off_surfaces_mask(cloud: _Cloud, surfaces: Sequence[Surface]) -> Picture | None:
+def _mask_off_other_surfaces(cloud: _Cloud, surfaces: Sequence[Surface]) -> Picture | None:
     """(H, W) what of a segment is not on the surfaces of other objects; ``None`` where little of it is."""
     near = np.full(len(cloud.points), np.inf)
     for surface in surfaces:

@@ -19,5 +19,5 @@ from .patch_cutting import join_enclosed_fragments as join_enclosed_fragments
 from .patch_cutting import smooth_frame_depth as smooth_frame_depth
 from .rim_fit import fit_bowl_rim as fit_bowl_rim
 from .rules import RULES as RULES
-from .segmentation import enters_from_outside_view as enters_from_outside_view
+from .segmentation import is_segment_entering_view as is_segment_entering_view
 from .segmentation import is_sensor_noise as is_sensor_noise

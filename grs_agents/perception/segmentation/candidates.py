@@ -187,11 +187,11 @@ def center_objects_in_workspace(
 
 
 def _translate_candidate(candidate: Candidate, shift: Array) -> Candidate:
-    def move(point: Vec3) -> Vec3:
+    def shift_point(point: Vec3) -> Vec3:
         return _to_vec3(np.array(point) + shift)
 
-    box = Aabb(low=move(candidate.box.low), high=move(candidate.box.high))
-    upright = candidate.upright.model_copy(update={"center": move(candidate.upright.center)})
+    box = Aabb(low=shift_point(candidate.box.low), high=shift_point(candidate.box.high))
+    upright = candidate.upright.model_copy(update={"center": shift_point(candidate.upright.center)})
     return replace(candidate, box=box, upright=upright)
 
 

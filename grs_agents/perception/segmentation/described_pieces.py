@@ -20,7 +20,7 @@ def gap_between_boxes(one: Aabb, other: Aabb) -> float:
     )
 
 
-def group_pieces(part_of: Mapping[int, int], boxes: Mapping[int, Aabb]) -> list[tuple[int, ...]]:
+def group_pieces_of_one_object(part_of: Mapping[int, int], boxes: Mapping[int, Aabb]) -> list[tuple[int, ...]]:
     """The numbers of the segments that are one thing, each group and the list of them in order.
 
     Args:
@@ -34,11 +34,11 @@ def group_pieces(part_of: Mapping[int, int], boxes: Mapping[int, Aabb]) -> list[
             chain.append(following)
         whole = chain[-1] if part_of.get(chain[-1]) is None else min(chain[chain.index(part_of[chain[-1]]) :])
         wholes.setdefault(whole, []).append(number)
-    groups = (_find_adjoining(whole, members, boxes) for whole, members in sorted(wholes.items()))
+    groups = (_find_members_adjoining_whole(whole, members, boxes) for whole, members in sorted(wholes.items()))
     return [group for group in groups if len(group) > 1]
 
 
-def _find_adjoining(whole: int, members: Sequence[int], boxes: Mapping[int, Aabb]) -> tuple[int, ...]:
+def _find_members_adjoining_whole(whole: int, members: Sequence[int], boxes: Mapping[int, Aabb]) -> tuple[int, ...]:
     """Those members that hang together with the whole."""
     reached, rest = [whole], [number for number in members if number != whole]
     for one in reached:

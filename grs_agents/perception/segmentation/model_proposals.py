@@ -51,7 +51,7 @@ def segment_from_proposals(
     above = foreground_pixel_mask(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3], config.foreground)
     patches = cut_smooth_patches(smooth, above, config.patches)
     asked = proposer(frame.rgb[: rows * factor, : columns * factor], above | (smooth.depth <= 0))
-    filled = (fill_box(one, patches, config.proposals) if one.is_box else one for one in asked)
+    filled = (box_to_mask_of_patches(one, patches, config.proposals) if one.is_box else one for one in asked)
     kept = suppress_duplicate_masks(filter_proposals_on_table(filled, above, points, config), config.proposals.alike)
     labels = paint_proposal_labels(kept, smooth, int(config.filter.smallest * smooth.depth.size))
     labels = _add_unclaimed_patches(_join_smooth_parts(labels, kept, smooth, config), patches, config.proposals)
@@ -60,7 +60,7 @@ def segment_from_proposals(
     return labels if factor == 1 else upscale_labels(labels, small, frame, factor)
 
 
-def fill_box(box: Proposal, patches: Labels, config: MaskProposals) -> Proposal:
+def box_to_mask_of_patches(box: Proposal, patches: Labels, config: MaskProposals) -> Proposal:
     """The smooth patches, (H, W) labels, that lie in a box: what it holds of its neighbours is cut by it."""
     whole, held = (np.bincount(patches[where], minlength=int(patches.max()) + 1) for where in (patches >= 0, box.mask))
     inside = held >= config.covered * whole
@@ -148,11 +148,11 @@ def _join_smooth_parts(labels: Labels, proposals: Sequence[Proposal], frame: RGB
     count = int(labels.max()) + 1
     borders = measure_label_borders(measured, strength, jump, jump, config.patches.jump)
     length, total = (np.pad(one, (0, count - len(one))) for one in borders)
-    together = _jointly_covered_labels(labels, proposals, config.proposals)
+    together = _label_pairs_in_one_proposal(labels, proposals, config.proposals)
     return join_smooth_neighbors(labels, length, total, together, config.patches)
 
 
-def _jointly_covered_labels(labels: Labels, proposals: Sequence[Proposal], config: MaskProposals) -> Mask:
+def _label_pairs_in_one_proposal(labels: Labels, proposals: Sequence[Proposal], config: MaskProposals) -> Mask:
     """(N+1, N+1) which two labels a proposal covers whose score is not below that of both."""
     count = int(labels.max()) + 1
     areas = np.maximum(np.bincount(labels.ravel(), minlength=count), 1)

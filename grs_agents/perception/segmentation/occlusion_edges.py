@@ -37,7 +37,7 @@ class OcclusionEdges:
             renamed = self.pairs.pop((near, far))
             self.pairs[pair] = np.sort(np.concatenate([self.pairs.get(pair, NOWHERE), renamed]))
 
-    def is_seen_over_edge(self, near: int, far: int, width: int) -> bool:
+    def is_far_label_seen_over_edge(self, near: int, far: int, width: int) -> bool:
         """Whether ``far`` is seen over most of the edge of ``near``; the narrower of them is ``width`` columns wide.
         What stands in a hollow object has its far wall behind it, and a whole hollow object its own inside: these are
         no edges of a wall."""

@@ -102,9 +102,9 @@ class Merger:
         self.edges = OcclusionEdges(labels, points, config)
         attachments = {
             "interior": self._is_interior_part,
-            "cap": self._is_cap_of,
-            "ridge": self._is_ridge_of,
-            "tab": self._is_tab_of,
+            "cap": self._is_short_part_on_top,
+            "ridge": self._is_thin_part_on_top,
+            "tab": self._is_thin_lower_part,
             "unsupported": self._is_unsupported_handle,
         }
         self.attachments = [belongs for rule, belongs in attachments.items() if rule in config.rules]
@@ -141,14 +141,14 @@ class Merger:
                 if self.parts[big].count < self.parts[small].count:
                     continue
                 distance = gap_between_parts(self.parts[small], self.parts[big])
-                if self._is_piece_of(small, big, distance):
+                if self._belongs_to_larger_part(small, big, distance):
                     wholes.append((distance, big))
             self.uncompared[small].clear()
             if wholes:
                 return small, min(wholes)[1]
         return None
 
-    def _is_piece_of(self, small: int, big: int, distance: float) -> bool:
+    def _belongs_to_larger_part(self, small: int, big: int, distance: float) -> bool:
         """Whether the smaller part is a piece of the larger one, from which it is ``distance`` (m) away."""
         if "common_rim" in self.config.rules and self._have_common_rim(small, big, distance):
             return True
@@ -162,7 +162,7 @@ class Merger:
         walls = [
             (near, far)
             for near, far in ((small, big), (big, small))
-            if self.edges.is_seen_over_edge(near, far, min(self.columns[small], self.columns[big]))
+            if self.edges.is_far_label_seen_over_edge(near, far, min(self.columns[small], self.columns[big]))
             and share_over_footprint(self.parts[near], self.parts[far]) < config.overlap
         ]
         if any(self.edges.reaches_rim_at_ends(near, far, min(one.top, other.top)) for near, far in walls):
@@ -170,7 +170,7 @@ class Merger:
         return (
             distance < config.rim_gap
             and self._are_adjacent(small, big, distance, bool(walls))
-            and self._form_vessel(one, other)
+            and self._form_open_hollow_object(one, other)
         )
 
     def _are_adjacent(self, small: int, big: int, distance: float, is_wall: bool) -> bool:
@@ -182,7 +182,7 @@ class Merger:
             self.parts[small], self.parts[big], config.touching
         ) > config.overlap or self._have_continuous_border(small, big)
 
-    def _form_vessel(self, one: Part, other: Part) -> bool:
+    def _form_open_hollow_object(self, one: Part, other: Part) -> bool:
         """Whether two parts together are a hollow object, open at the top."""
         return is_open_at_top(np.concatenate([one.cloud, other.cloud]), self.table, self.config.hollow)
 
@@ -201,7 +201,11 @@ class Merger:
         """Whether a part is the floor or inner wall of a hollow object whose walls are the other."""
         one, other, config = self.parts[small], self.parts[big], self.config.merging
         lower = one.top < other.top + config.below_rim and not one.is_solid_part
-        return lower and share_over_footprint(one, other) > config.interior_overlap and self._form_vessel(one, other)
+        return (
+            lower
+            and share_over_footprint(one, other) > config.interior_overlap
+            and self._form_open_hollow_object(one, other)
+        )
 
     def _is_on_top_of(self, one: Part, other: Part) -> bool:
         """Whether the smaller part is on top of the other."""
@@ -210,17 +214,17 @@ class Merger:
             return False
         return other.top - config.on_top < one.bottom and share_over_footprint(one, other) > config.covered
 
-    def _is_cap_of(self, small: int, big: int) -> bool:
+    def _is_short_part_on_top(self, small: int, big: int) -> bool:
         return self.parts[small].length < self.config.merging.cap and self._is_on_top_of(
             self.parts[small], self.parts[big]
         )
 
-    def _is_ridge_of(self, small: int, big: int) -> bool:
+    def _is_thin_part_on_top(self, small: int, big: int) -> bool:
         one, other, config = self.parts[small], self.parts[big], self.config.merging
         thin = one.width < config.tab[0] and one.length < config.ridge and one.count < config.tiny * other.count
         return thin and self._is_on_top_of(one, other)
 
-    def _is_tab_of(self, small: int, big: int) -> bool:
+    def _is_thin_lower_part(self, small: int, big: int) -> bool:
         """Whether a part is a tab, lip or fin of a higher one."""
         one, other, config = self.parts[small], self.parts[big], self.config.merging
         thin = one.width < config.tab[0] and one.length < config.tab[1]

@@ -106,7 +106,7 @@ def _find_table_hull(points: Array, flat: Mask, eye: Array, config: Foreground) 
     hull = convex_footprint_hull(pieces.pop(0))
     crossings, lower = _intersect_rays_with_table(points, eye, config.lower)
     while True:
-        shares = [_share_seen_below_table(hull, piece, crossings, lower) for piece in pieces]
+        shares = [_share_below_table_between(hull, piece, crossings, lower) for piece in pieces]
         near = [piece for piece, share in zip(pieces, shares, strict=True) if share <= config.most_seen_through]
         if not near:
             return hull
@@ -122,7 +122,7 @@ def _intersect_rays_with_table(points: Array, eye: Array, below: float) -> tuple
     return eye[:2] + share * (cloud[:, :2] - eye[:2]), cloud[:, 2] < -below
 
 
-def _share_seen_below_table(hull: Array, piece: Array, crossings: Array, lower: Mask) -> float:
+def _share_below_table_between(hull: Array, piece: Array, crossings: Array, lower: Mask) -> float:
     """The share that is lower of what is seen between the table's ``hull`` (M, 2) and a piece of plane (N, 2)."""
     both = convex_footprint_hull(np.concatenate([hull, piece]))
     between = points_in_hull_mask(crossings, both, 0.0) & ~points_in_hull_mask(crossings, hull, 0.0)

@@ -84,7 +84,7 @@ def load_sam2(model: str | None, device: str) -> Embed:
     """
     place = Path(model or "")
     if model is not None and place.is_dir() and not (place / "config.json").exists() and any(place.glob("*.onnx")):
-        return _load_onnx(place, device)
+        return _load_onnx_encoder_and_decoder(place, device)
     is_checkpoint = place.suffix == ".pt"
     if not is_checkpoint:
         place, config = load_model_config("segment.model", model, "segment_sam2")
@@ -103,15 +103,15 @@ def load_sam2(model: str | None, device: str) -> Embed:
         if is_checkpoint
         else load_pretrained_model(kind, place, "segment.model", transformers)
     )
-    return _ask_torch(found.float().to(device), torch)
+    return _wrap_torch_model(found.float().to(device), torch)
 
 
-def _ask_torch(model: Any, torch: Any) -> Embed:
+def _wrap_torch_model(model: Any, torch: Any) -> Embed:
     side = int(model.config.prompt_encoder_config.image_size)
 
     def embed(rgb: Image) -> AskAtPoints:
         with torch.inference_mode():
-            embeddings = model.get_image_embeddings(torch.from_numpy(_normalized(rgb, side)).to(model.device))
+            embeddings = model.get_image_embeddings(torch.from_numpy(_normalize_photo(rgb, side)).to(model.device))
 
         def ask(points: Floats) -> tuple[Floats, Floats]:
             prompts = torch.from_numpy(points * side).to(model.device)[None, :, None]
@@ -124,7 +124,7 @@ def _ask_torch(model: Any, torch: Any) -> Embed:
     return embed
 
 
-def _normalized(rgb: Image, side: int) -> Floats:
+def _normalize_photo(rgb: Image, side: int) -> Floats:
     """The photo as SAM 2 takes it: (1, 3, side, side), whatever its own shape, of mean 0 and deviation 1."""
     shrinks = max(rgb.shape[:2]) > side
     picture = cv2.resize(rgb, (side, side), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
@@ -135,7 +135,7 @@ def _normalized(rgb: Image, side: int) -> Floats:
 def _read_checkpoint(path: Path, torch: Any, transformers: Any) -> Any:
     """The model of a checkpoint of Meta's; of the file only numbers are read, never code."""
     stored = torch.load(str(path), map_location="cpu", weights_only=True)
-    weights = rename_meta_weights(stored["model"], torch)
+    weights = convert_meta_to_transformers_weights(stored["model"], torch)
     model = transformers.Sam2Model(_config_from_checkpoint_shapes(weights, path, transformers))
     missing, unknown = model.load_state_dict(weights, strict=False)
     if missing or unknown:
@@ -145,7 +145,7 @@ def _read_checkpoint(path: Path, torch: Any, transformers: Any) -> Any:
     return model.eval()
 
 
-def rename_meta_weights(stored: Mapping[str, Any], torch: Any) -> dict[str, Any]:
+def convert_meta_to_transformers_weights(stored: Mapping[str, Any], torch: Any) -> dict[str, Any]:
     """The weights by their names in transformers, without those that only track."""
     weights: dict[str, Any] = {}
     for name, value in stored.items():
@@ -189,7 +189,7 @@ def _config_from_checkpoint_shapes(weights: Mapping[str, Any], path: Path, trans
     return transformers.Sam2Config(vision_config=vision)
 
 
-def _load_onnx(folder: Path, device: str) -> Embed:
+def _load_onnx_encoder_and_decoder(folder: Path, device: str) -> Embed:
     """The encoder and decoder of a folder, as the usual exporters name what goes in and comes out."""
     try:
         runtime = importlib.import_module("onnxruntime")
@@ -200,31 +200,32 @@ def _load_onnx(folder: Path, device: str) -> Embed:
         known = ", ".join(runtime.get_available_providers())
         raise ConfigError(f"segment.device = {device!r}: onnxruntime has only {known}", "use segment.device=cpu")
     encoder, decoder = (
-        runtime.InferenceSession(str(_only_onnx(folder, part)), providers=[provider]) for part in ("encoder", "decoder")
+        runtime.InferenceSession(str(_find_single_onnx_file(folder, part)), providers=[provider])
+        for part in ("encoder", "decoder")
     )
     image = encoder.get_inputs()[0]
     side = int(image.shape[-1]) if isinstance(image.shape[-1], int) else 1024
     wanted = {one.name: one for one in decoder.get_inputs()}
 
     def embed(rgb: Image) -> AskAtPoints:
-        answers = encoder.run(None, {image.name: _normalized(rgb, side)})
+        answers = encoder.run(None, {image.name: _normalize_photo(rgb, side)})
         embeddings = dict(zip((one.name for one in encoder.get_outputs()), answers, strict=True))
 
         def ask(points: Floats) -> tuple[Floats, Floats]:
-            given = {**embeddings, **_point_inputs(points * side, side, wanted)}
+            given = {**embeddings, **_decoder_inputs_for_points(points * side, side, wanted)}
             lacking = sorted(set(wanted) - set(given))
             if lacking:
                 raise InputError(f"the decoder asks for {', '.join(lacking)}", "export it with the usual names")
             found = decoder.run(None, {name: given[name] for name in wanted})
             named = dict(zip((one.name for one in decoder.get_outputs()), found, strict=True))
-            return _masks_and_scores(named, len(points))
+            return _extract_masks_and_scores(named, len(points))
 
         return ask
 
     return embed
 
 
-def _only_onnx(folder: Path, part: str) -> Path:
+def _find_single_onnx_file(folder: Path, part: str) -> Path:
     """The encoder, or the decoder, of a folder; a decoder may hold the encoder of prompts too."""
     named = [path for path in sorted(folder.glob("*.onnx")) if ("decoder" in path.stem) == (part == "decoder")]
     files = [path for path in named if part in path.stem]
@@ -233,7 +234,7 @@ def _only_onnx(folder: Path, part: str) -> Path:
     return files[0]
 
 
-def _point_inputs(points: Floats, side: int, wanted: Mapping[str, Any]) -> dict[str, Any]:
+def _decoder_inputs_for_points(points: Floats, side: int, wanted: Mapping[str, Any]) -> dict[str, Any]:
     """What a decoder is told of the points, in pixels of its picture, by the names of either way of export."""
     count = len(points)
     flags = wanted["has_mask_input"].shape[0] if "has_mask_input" in wanted else 1
@@ -249,13 +250,13 @@ def _point_inputs(points: Floats, side: int, wanted: Mapping[str, Any]) -> dict[
     }
 
 
-def _masks_and_scores(answers: Mapping[str, Floats], count: int) -> tuple[Floats, Floats]:
-    masks = _first(answers, ("low_res_masks", "pred_masks", "masks"))
-    scores = _first(answers, ("iou_predictions", "iou_scores")).reshape(count, -1)
+def _extract_masks_and_scores(answers: Mapping[str, Floats], count: int) -> tuple[Floats, Floats]:
+    masks = _find_decoder_output(answers, ("low_res_masks", "pred_masks", "masks"))
+    scores = _find_decoder_output(answers, ("iou_predictions", "iou_scores")).reshape(count, -1)
     return masks.reshape(count, scores.shape[1], *masks.shape[-2:]), scores
 
 
-def _first(answers: Mapping[str, Floats], names: Sequence[str]) -> Floats:
+def _find_decoder_output(answers: Mapping[str, Floats], names: Sequence[str]) -> Floats:
     for name in names:
         if name in answers:
             return answers[name]

@@ -58,7 +58,7 @@ def filter_object_segments(
     if "flying_pixels" in config.rules:
         kept = sorted(set(kept) - _find_flying_pixel_labels(smooth, segments, 4 * smallest, config.filter.flying))
     if "entering" in config.rules:
-        kept = [label for label in kept if not enters_from_outside_view(labels == label, points, config)]
+        kept = [label for label in kept if not is_segment_entering_view(labels == label, points, config)]
     numbers = np.zeros(len(heights) + 1, np.int32)
     numbers[kept] = np.arange(1, len(kept) + 1)
     labels = numbers[labels]
@@ -67,7 +67,7 @@ def filter_object_segments(
     return _add_hollow_floors(labels, points, config)
 
 
-def enters_from_outside_view(mask: Mask, points: Array, config: Segmentation) -> bool:
+def is_segment_entering_view(mask: Mask, points: Array, config: Segmentation) -> bool:
     """Whether a segment, (H, W), comes in from above or from beyond the picture; ``points`` are as in `foreground`."""
     bounds = config.filter
     whole = _drop_unknown_points(points[mask][::5])

@@ -11,9 +11,9 @@ from .depenetration import overlap_depth_by_pair as overlap_depth_by_pair
 from .depenetration import separate_objects as separate_objects
 from .proxy_placement import SteadyScene as SteadyScene
 from .proxy_placement import UnknownObject as UnknownObject
-from .proxy_placement import place_apart as place_apart
-from .proxy_placement import reach_support as reach_support
-from .proxy_placement import settle_steadily as settle_steadily
+from .proxy_placement import extend_box_to_support as extend_box_to_support
+from .proxy_placement import place_with_cleared_colliders as place_with_cleared_colliders
+from .proxy_placement import settle_with_stable_colliders as settle_with_stable_colliders
 from .segment_reconciliation import Reconciled as Reconciled
 from .segment_reconciliation import Segment as Segment
 from .segment_reconciliation import reconcile_segments as reconcile_segments
@@ -26,4 +26,4 @@ from .settling import settle_objects as settle_objects
 from .settling import simulate_until_rest as simulate_until_rest
 from .settling import to_instance_objects as to_instance_objects
 from .twin_report import measure_depth_fidelity as measure_depth_fidelity
-from .twin_report import settle_and_report as settle_and_report
+from .twin_report import settle_and_measure_fidelity as settle_and_measure_fidelity

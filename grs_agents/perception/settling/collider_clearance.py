@@ -9,7 +9,7 @@ import numpy as np
 from grs_agents.library import Library, Shape, matrix_from_quaternion, read_vertices
 from grs_agents.mujoco_import import mujoco
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.shapes import Collider, Hull, cut_hull
+from grs_agents.perception.shapes import Collider, Hull, clip_hull_corners_to_half_space
 from grs_agents.perception.types import Array
 
 CONFIG = DEFAULT.settling.clearance
@@ -142,7 +142,7 @@ def _cut_parts_apart(parts: Sequence[_Part], overlap: _Overlap, ranks: Sequence[
     place = float(normal @ overlap.point) + shift  # towards the one that gives way
     for part, side, gives_way in ((one, 1, first <= second), (other, -1, second <= first)):
         if gives_way and ranks[part.owner] < Rank.ASSET:
-            left = cut_hull(part.corners, side * normal, side * place)
+            left = clip_hull_corners_to_half_space(part.corners, side * normal, side * place)
             thick = len(left) > 3 and _least_extent_of_hull(left) > CONFIG.thinnest
             part.corners, part.cut = left if thick else left[:0], True
 

@@ -68,17 +68,19 @@ def repair_collisions(
         compared.add(pair)
         if wrong & set(pair):
             continue
-        repair = _find_repair(scene, pair, depth)
+        repair = _find_pose_halving_overlap(scene, pair, depth)
         if repair is not None:
             scene.move_object(*repair)
             moved[repair[0]] = repair[1]
         elif depth > CONFIG.deepest:
-            wrong.add(max(pair, key=scene.object_fit_cost))
+            wrong.add(max(pair, key=scene.registration_cost_of_object))
     kept = {on[number]: pose for number, pose in moved.items() if number not in wrong}
     return CollisionRepairs(kept, frozenset(on[number] for number in wrong))
 
 
-def _find_repair(scene: "_CollisionScene", pair: tuple[int, int], depth: float) -> tuple[int, Registered] | None:
+def _find_pose_halving_overlap(
+    scene: "_CollisionScene", pair: tuple[int, int], depth: float
+) -> tuple[int, Registered] | None:
     """Which of two objects goes where, so that they are half as deep in each other and it still shows what was seen."""
     tried = [(number, *scene.register_object_again(number)) for number in pair]
     better = [(left + cost, one, pose) for one, pose, left, cost in tried if left < depth / 2 and cost < CONFIG.worse]
@@ -114,16 +116,16 @@ class _CollisionScene:
         one, (frame, table) = self.objects[number], self.photo
         asset, pose = one.placed.asset, self.poses[number]
 
-        def entered(poses: Floats) -> Floats:
+        def measure_overlap_per_pose(poses: Floats) -> Floats:
             placed = ((place, matrix_to_quaternion(turn)) for place, turn in _positions_and_rotations(poses))
             return np.array([self._place_and_measure_overlap(number, pose) for pose in placed])
 
-        found = register_asset(asset, self.library, one.upright, frame, table, one.mask, entered)
+        found = register_asset(asset, self.library, one.upright, frame, table, one.mask, measure_overlap_per_pose)
         left = self._place_and_measure_overlap(number, (found.position, found.orientation))
         self._place_and_measure_overlap(number, pose)
-        return found, left, found.cost - self.object_fit_cost(number)
+        return found, left, found.cost - self.registration_cost_of_object(number)
 
-    def object_fit_cost(self, number: int) -> float:
+    def registration_cost_of_object(self, number: int) -> float:
         """How badly an object where it stands fits what was seen, m."""
         one, (frame, table) = self.objects[number], self.photo
         return registration_cost(

@@ -61,10 +61,10 @@ def _move_pair_apart(world: World, pair: tuple[int, int], guessed: Collection[in
     moves = {number: move for number, move in tried if move is not None}
     if not moves:
         return False
-    number = min(moves, key=lambda moved: _move_cost(moves[moved], moved in guessed))
+    number = min(moves, key=lambda moved: _displacement_cost(moves[moved], moved in guessed))
     other, move = pair[number == pair[0]], moves[number]
     far = np.linalg.norm(move) >= CONFIG.far and other in world.addresses and set(pair) <= set(guessed)
-    if not (far and _move_each_by_half(world, number, other, move, free)):
+    if not (far and _move_pair_half_each(world, number, other, move, free)):
         start = world.addresses[number]
         world.data.qpos[start : start + 3] += move
     return True
@@ -78,7 +78,7 @@ def _lift_out_of_table(world: World, deep: float) -> None:
             world.data.qpos[world.addresses[number] + 2] += depth
 
 
-def _move_cost(move: Floats, guessed: bool) -> float:
+def _displacement_cost(move: Floats, guessed: bool) -> float:
     """What it costs to move an object, m."""
     far = float(np.linalg.norm(move))
     return far / CONFIG.guessed if guessed and far < CONFIG.far else far
@@ -119,7 +119,7 @@ def _find_shortest_free_move(world: World, number: int, steps: Sequence[float], 
     return shortest
 
 
-def _move_each_by_half(world: World, number: int, other: int, move: Floats, free: float) -> bool:
+def _move_pair_half_each(world: World, number: int, other: int, move: Floats, free: float) -> bool:
     """Move two objects half the way each, apart, if they overlap nothing by more than ``free`` m then."""
     starts = [world.addresses[moved] for moved in (number, other)]
     before = [world.data.qpos[start : start + 3].copy() for start in starts]

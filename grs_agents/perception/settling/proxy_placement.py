@@ -12,14 +12,14 @@ from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.proxies import Proxy, primitive_proxy, write_proxy
 from grs_agents.perception.settling.collider_clearance import PlacedColliders, Rank, clear_colliders, colliders_of_asset
 from grs_agents.perception.settling.settling import Placed, PlacedObject, RestState, to_instance_objects
-from grs_agents.perception.settling.twin_report import settle_and_report
+from grs_agents.perception.settling.twin_report import settle_and_measure_fidelity
 from grs_agents.perception.shapes import object_pose
 from grs_agents.perception.types import Mask, RGBDFrame, Solid, TableFrame, TwinReport, UprightBox
 
 CONFIG = DEFAULT.settling.clearance
 
 
-def reach_support(box: UprightBox) -> UprightBox:
+def extend_box_to_support(box: UprightBox) -> UprightBox:
     """A measured box that reaches into what is below it: what the one is in the other is cut off both.
 
     Its underside was cut on a grid, and what carries it may be flatter than it was seen.
@@ -52,7 +52,7 @@ class SteadyScene:
     twin: TwinReport
 
 
-def place_apart(things: Sequence[Thing], folder: Path, library: Library) -> list[PlacedObject]:
+def place_with_cleared_colliders(things: Sequence[Thing], folder: Path, library: Library) -> list[PlacedObject]:
     """Things where they stand; the proxies are written into ``folder``, with colliders clear of all others.
 
     Raises:
@@ -72,7 +72,7 @@ def place_apart(things: Sequence[Thing], folder: Path, library: Library) -> list
     ]
 
 
-def settle_steadily(
+def settle_with_stable_colliders(
     things: Sequence[Thing],
     folder: Path,
     library: Callable[[], Library],
@@ -91,19 +91,19 @@ def settle_steadily(
         SimulationError: MuJoCo takes the scene for impossible.
     """
 
-    def settle(things: Sequence[Thing]) -> SteadyScene:
-        placed = place_apart(things, folder, library())
-        return SteadyScene(placed, *settle_and_report(placed, library(), frame, table, mask))
+    def place_and_settle(things: Sequence[Thing]) -> SteadyScene:
+        placed = place_with_cleared_colliders(things, folder, library())
+        return SteadyScene(placed, *settle_and_measure_fidelity(placed, library(), frame, table, mask))
 
-    first = settle(things)
-    unsteady = [*map(_is_unsteady, things, first.placed, first.rest.placed)]
+    first = place_and_settle(things)
+    unsteady = [*map(_is_proxy_unstable, things, first.placed, first.rest.placed)]
     if not any(unsteady):
         return first
     plain = [_replace_shape_by_primitive(one) if moved else one for one, moved in zip(things, unsteady, strict=True)]
-    second = settle(plain)
-    if sum(map(_is_unsteady, things, second.placed, second.rest.placed)) < sum(unsteady):
+    second = place_and_settle(plain)
+    if sum(map(_is_proxy_unstable, things, second.placed, second.rest.placed)) < sum(unsteady):
         return second
-    place_apart(things, folder, library())
+    place_with_cleared_colliders(things, folder, library())
     return first
 
 
@@ -130,7 +130,7 @@ def _replace_shape_by_primitive(one: Thing) -> Thing:
     return replace(one, proxy=replace(one.proxy, colliders=primitive.colliders))
 
 
-def _is_unsteady(thing: Thing, one: PlacedObject, end: Placed | None) -> bool:
+def _is_proxy_unstable(thing: Thing, one: PlacedObject, end: Placed | None) -> bool:
     """Whether an object without an asset does not stay by itself where the photo shows it."""
     if not isinstance(thing, UnknownObject) or end is None:
         return False

@@ -61,4 +61,4 @@ def _estimate_unknown_volumes(
     """The space that each segment fills that has no asset and is no piece."""
     unknown = {index: one for index, one in enumerate(segments) if one.known is None and index not in pieces}
     boxes = {index: EstimatedVolume(one.box, one.shape, clouds[index], one.hollow) for index, one in unknown.items()}
-    return {index: box.raise_above_occupied_space(around.occupied_points_mask) for index, box in boxes.items()}
+    return {index: box.lift_bottom_above_occupied(around.occupied_points_mask) for index, box in boxes.items()}

@@ -135,12 +135,12 @@ def settle_objects(objects: Sequence[PlacedObject], library: Library) -> RestSta
             return rest
         rests.append(rest)
 
-    def faults(rest: RestState) -> tuple[bool, int, float]:
+    def rest_state_fault_rank(rest: RestState) -> tuple[bool, int, float]:
         """What is wrong, the worst first: overlaps, objects that moved too far, how far all did."""
         drifts = [placed.drift for placed in rest.placed if placed is not None]
         return rest.penetration >= CONFIG.overlap, sum(drift > CONFIG.fallen for drift in drifts), sum(drifts)
 
-    return min(rests, key=faults)
+    return min(rests, key=rest_state_fault_rank)
 
 
 @dataclass(frozen=True)

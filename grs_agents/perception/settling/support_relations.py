@@ -38,11 +38,11 @@ def body_from_asset(name: str, asset: str, pose: Pose, library: Library) -> Body
 
 def find_spatial_relations(bodies: Sequence[Body]) -> tuple[Relation, ...]:
     """At most one relation for each pair: ``in`` before ``on`` before ``touching``, which is listed once."""
-    pairs = [(one, other, _classify_relation(one, other)) for one, other in combinations(bodies, 2)]
+    pairs = [(one, other, _classify_spatial_relation(one, other)) for one, other in combinations(bodies, 2)]
     return tuple(relation for *_, relation in pairs if relation is not None)
 
 
-def _classify_relation(one: Body, other: Body) -> Relation | None:
+def _classify_spatial_relation(one: Body, other: Body) -> Relation | None:
     """How two bodies lie to each other."""
     reach = CONFIG.gap + max(one.surface.spacing, other.surface.spacing)
     low, high = one.surface_points.min(axis=0) - reach, one.surface_points.max(axis=0) + reach

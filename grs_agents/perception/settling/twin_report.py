@@ -38,7 +38,7 @@ def measure_depth_fidelity(
     return float(((off <= CONFIG.near) & (picture.owner[0] >= 0)).mean())
 
 
-def settle_and_report(
+def settle_and_measure_fidelity(
     objects: Sequence[PlacedObject], library: Library, frame: RGBDFrame, table: TableFrame, mask: Mask
 ) -> tuple[RestState, TwinReport]:
     """The scene at rest, and its figures; ``mask`` (H, W) are the pixels that rise above the table."""

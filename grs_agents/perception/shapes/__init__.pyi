@@ -1,6 +1,6 @@
 from .colliders import Collider as Collider
 from .colliders import Hull as Hull
-from .colliders import cut_hull as cut_hull
+from .colliders import clip_hull_corners_to_half_space as clip_hull_corners_to_half_space
 from .colliders import fit_colliders as fit_colliders
 from .colliders import open_box_colliders as open_box_colliders
 from .colliders import ring_colliders as ring_colliders
@@ -16,5 +16,5 @@ from .types import ObjectShape as ObjectShape
 from .types import ObjectView as ObjectView
 from .types import ShapeMethod as ShapeMethod
 from .types import TexturedMesh as TexturedMesh
+from .view import make_object_view as make_object_view
 from .view import object_pose as object_pose
-from .view import view_object as view_object

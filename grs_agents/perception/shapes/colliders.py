@@ -41,7 +41,7 @@ class _Body:
         vertices = shape.mesh.vertices.copy()
         height = float(vertices[:, 2].max())
         vertices[vertices[:, 2] < min(CONFIG.foot, height / 4), 2] = 0.0
-        seat = max(_seat_height(vertices), height * CONFIG.highest)
+        seat = max(_suction_seat_height(vertices), height * CONFIG.highest)
         vertices[:, 2] = np.minimum(vertices[:, 2], seat)
         vertices[vertices[:, 2] > seat - min(CONFIG.top, height / 4), 2] = seat
         return cls(vertices, shape.mesh.faces)
@@ -70,16 +70,20 @@ def fit_colliders(shape: ObjectShape, solid: Solid, hollow: bool) -> tuple[Colli
     body = _Body.from_shape(shape)
     low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
     if shape.walls is not None:
-        axis = _axis_of_lathe(shape)
-        return (*ring_colliders(shape.walls, axis), *_handle_colliders(shape.mesh.vertices, shape.walls, axis))
+        axis = _lathe_axis_position(shape)
+        return (*ring_colliders(shape.walls, axis), *_hull_of_protruding_handle(shape.mesh.vertices, shape.walls, axis))
     if (shape.hollow or hollow) and (high - low).min() > 4 * CONFIG.wall:
         middle = (low + high)[:2] / 2
-        return open_box_colliders(low, high) if solid == "box" else ring_colliders(_outer_walls(body, middle), middle)
-    primitive = _nearest_primitive(body)
+        return (
+            open_box_colliders(low, high)
+            if solid == "box"
+            else ring_colliders(_wall_profile_about_center(body, middle), middle)
+        )
+    primitive = _fit_box_or_cylinder(body)
     return tuple(Hull(corners) for corners in split_into_hulls(body)) if primitive is None else (primitive,)
 
 
-def _handle_colliders(vertices: Array, walls: Array, axis: Array) -> tuple[Collider, ...]:
+def _hull_of_protruding_handle(vertices: Array, walls: Array, axis: Array) -> tuple[Collider, ...]:
     """The hull of what of a surface sticks out of its walls, if anything does."""
     beyond = np.linalg.norm(vertices[:, :2] - axis, axis=1) - np.interp(vertices[:, 2], walls[:, 2], walls[:, 1])
     handle = vertices[beyond > CONFIG.wall]
@@ -87,7 +91,7 @@ def _handle_colliders(vertices: Array, walls: Array, axis: Array) -> tuple[Colli
     return (Hull(reduce_to_corners(handle)),) if wide else ()
 
 
-def _outer_walls(body: "_Body", middle: Array) -> Array:
+def _wall_profile_about_center(body: "_Body", middle: Array) -> Array:
     """Walls (N, 3) as in `ObjectShape` that are as wide as a body about its ``middle`` (2,), m."""
     walls: list[tuple[float, float, float]] = []
     edges, top = body.edges, float(body.vertices[:, 2].max())
@@ -101,7 +105,7 @@ def _outer_walls(body: "_Body", middle: Array) -> Array:
     return np.array(walls)
 
 
-def _seat_height(vertices: Array) -> float:
+def _suction_seat_height(vertices: Array) -> float:
     """How far up a surface is wide enough for a suction cup, m."""
     bearings = np.arange(CONFIG.bearings) * np.pi / CONFIG.bearings
     downwards = vertices[np.argsort(-vertices[:, 2])]
@@ -110,7 +114,7 @@ def _seat_height(vertices: Array) -> float:
     return float(downwards[int(wide.all(axis=1).argmax()), 2])
 
 
-def _nearest_primitive(body: _Body) -> Shape | None:
+def _fit_box_or_cylinder(body: _Body) -> Shape | None:
     """The upright box or cylinder that a solid is, and fills, if it is one."""
     corners = body.vertices[body.faces]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
@@ -147,7 +151,7 @@ def _mean_distance_to_sides(beyond: Array, weights: Array) -> float:
     return float(np.abs(outside + np.minimum(beyond.max(axis=1), 0)) @ weights)
 
 
-def _axis_of_lathe(shape: ObjectShape) -> Array:
+def _lathe_axis_position(shape: ObjectShape) -> Array:
     """Where the axis of a lathe stands, (2,) m: the middle of the circle at its rim."""
     assert shape.walls is not None
     _, radius, top = shape.walls[-1]
@@ -172,7 +176,7 @@ def ring_colliders(walls: Array, axis: Array) -> tuple[Collider, ...]:
     pieces: list[Collider] = [base]
     angles = np.arange(CONFIG.sectors + 1) * 2 * np.pi / CONFIG.sectors
     out = 1 / np.cos(np.pi / CONFIG.sectors)  # as large as the round wall on average
-    for first, last in _straight_bands(np.column_stack([inner, outer]), heights):
+    for first, last in _split_profile_into_straight_bands(np.column_stack([inner, outer]), heights):
         rows = [first, last]
         profile = [(float(radii[row]), float(heights[row])) for row in rows for radii in (inner, outer)]
         profile += low if first == 0 else []
@@ -186,7 +190,7 @@ def ring_colliders(walls: Array, axis: Array) -> tuple[Collider, ...]:
     return tuple(pieces)
 
 
-def _straight_bands(radii: Array, heights: Array) -> list[tuple[int, int]]:
+def _split_profile_into_straight_bands(radii: Array, heights: Array) -> list[tuple[int, int]]:
     """Between which rows of a profile its walls (N, 2) are nearly straight."""
     first, last = 0, len(heights) - 1
     line = radii[[first]] + (radii[[last]] - radii[[first]]) * ((heights - heights[0]) / np.ptp(heights))[:, None]
@@ -235,7 +239,10 @@ class _Splitter:
         step = np.asarray(np.round((points - self.low) / self.reach), np.int64)
         coarse = np.unique(step[:, 0] + (step[:, 1] << 20) + (step[:, 2] << 40), return_index=True)[1]
         self.points = points[coarse]
-        self.points_along, self.cells_along = self.points @ _corner_axes().T, self.cells @ _corner_axes().T
+        self.points_along, self.cells_along = (
+            self.points @ _corner_search_directions().T,
+            self.cells @ _corner_search_directions().T,
+        )
         self.volume = body.volume / around * len(self.cells)
 
     def piece(self, low: Array, high: Array) -> _Piece:
@@ -248,7 +255,7 @@ class _Splitter:
         cells = self.cells_along[own]
         return _Piece(low, high, int(((cells >= along.min(axis=0)) & (cells <= along.max(axis=0))).all(axis=1).sum()))
 
-    def best_split(self, whole: _Piece) -> tuple[_Piece, ...]:
+    def split_into_smallest_halves(self, whole: _Piece) -> tuple[_Piece, ...]:
         """The two parts of a piece whose hulls fill least together; none where it is too small to be cut."""
         pairs = [
             [self.piece(*corners) for corners in whole.cut(axis, share)]
@@ -269,7 +276,7 @@ def split_into_hulls(body: _Body) -> list[Array]:
 
 def _split_pieces(splitter: _Splitter, whole: _Piece) -> list[_Piece]:
     """Pieces of a solid: the one is cut whose hull shrinks most by it, until there are enough."""
-    pieces, splits = [whole], [splitter.best_split(whole)]
+    pieces, splits = [whole], [splitter.split_into_smallest_halves(whole)]
     while len(pieces) < CONFIG.most and sum(one.size for one in pieces) > splitter.volume / CONFIG.filled:
         gains = [
             one.size - sum(part.size for part in parts) if parts else 0
@@ -279,7 +286,7 @@ def _split_pieces(splitter: _Splitter, whole: _Piece) -> list[_Piece]:
         if gains[best] < CONFIG.gain * splitter.volume:
             break
         pieces[best : best + 1] = parts = splits[best]
-        splits[best : best + 1] = [splitter.best_split(part) for part in parts]
+        splits[best : best + 1] = [splitter.split_into_smallest_halves(part) for part in parts]
     return pieces
 
 
@@ -302,7 +309,7 @@ def _clip_segments_to_half_space(edges: Segments, normal: Array, offset: float) 
     return np.where((ends > 0)[..., None], crossing[:, None], edges)
 
 
-def cut_hull(corners: Array, normal: Array, offset: float) -> Array:
+def clip_hull_corners_to_half_space(corners: Array, normal: Array, offset: float) -> Array:
     """The corners (M, 3) of what of a hull of corners (N, 3) lies where ``normal @ p <= offset``; none if nothing does.
 
     What is left may have a hull that is larger by what `reduce_to_corners` leaves out, and never reaches beyond.
@@ -320,7 +327,7 @@ def cut_hull(corners: Array, normal: Array, offset: float) -> Array:
 
 def reduce_to_corners(points: Array) -> Array:
     """The points of (N, 3) that are farthest in some of many directions, (M, 3): nearly the corners of their hull."""
-    spread = points @ _corner_axes().T
+    spread = points @ _corner_search_directions().T
     return points[np.unique(np.concatenate([spread.argmax(axis=0), spread.argmin(axis=0)]))]
 
 
@@ -332,7 +339,7 @@ def _evenly_spread_axes(fineness: int) -> Array:
 
 
 @cache
-def _corner_axes() -> Array:
+def _corner_search_directions() -> Array:
     """(K, 3) unit vectors: evenly spread, and more that are level or steep, for sides, flat feet and tops."""
     bearings = np.arange(12) * np.pi / 6
     around = np.column_stack([np.cos(bearings), np.sin(bearings)])

@@ -33,7 +33,7 @@ class Agreement:
     close: float  # and within `ShapeChoice.explained_closely`
 
 
-def compare_with_view(seen: Observation, vertices: Array, faces: Faces) -> Agreement:
+def compare_mesh_with_photo(seen: Observation, vertices: Array, faces: Faces) -> Agreement:
     """Draw a mesh from the photo's camera and compare."""
     drawn = draw_depth(seen, vertices, faces)
     shown, known = drawn > 0, seen.measured > 0

@@ -6,7 +6,7 @@ import numpy as np
 from grs_agents.perception.shapes import surface_nets
 from grs_agents.perception.shapes.configuration import DEFAULT
 from grs_agents.perception.shapes.drawing import draw_depth
-from grs_agents.perception.shapes.lathe import TurnedSolid, mesh_turned
+from grs_agents.perception.shapes.lathe import TurnedSolid, mesh_turned_solid
 from grs_agents.perception.shapes.mesh_simplification import simplify_closed_mesh
 from grs_agents.perception.shapes.observation import (
     Observation,
@@ -21,23 +21,23 @@ from grs_agents.perception.types import Array, Mask
 CONFIG = DEFAULT.handle
 
 
-def find_handle(seen: Observation, turned: TurnedSolid, most_faces: int) -> tuple[Array, Faces] | None:
+def mesh_visible_handle(seen: Observation, turned: TurnedSolid, most_faces: int) -> tuple[Array, Faces] | None:
     """The closed mesh of the handle; ``None`` where none is seen, or only edge on."""
     if turned.top < CONFIG.slender * 2 * float(turned.outer[:, 1].max()):
         return None
     piece = _find_largest_mask_piece_beside_body(seen, turned)
     if piece is None:
         return None
-    azimuth = _azimuth(seen, turned, piece)
+    azimuth = _handle_azimuth(seen, turned, piece)
     if azimuth is None:
         return None
     strip = dilate(piece, 7) & seen.mask
-    return _mesh_strip(seen, turned, strip, azimuth, most_faces)
+    return _mesh_handle_strip(seen, turned, strip, azimuth, most_faces)
 
 
 def _find_largest_mask_piece_beside_body(seen: Observation, turned: TurnedSolid) -> Mask | None:
     """The largest piece of the mask beside the body, if it reaches far enough out."""
-    body = dilate(draw_depth(seen, *mesh_turned(turned, 800)) > 0, 5)
+    body = dilate(draw_depth(seen, *mesh_turned_solid(turned, 800)) > 0, 5)
     pieces = connected_pieces(seen.mask & ~body, CONFIG.fewest)
     if not pieces:
         return None
@@ -47,7 +47,7 @@ def _find_largest_mask_piece_beside_body(seen: Observation, turned: TurnedSolid)
     return largest if size > CONFIG.reach else None
 
 
-def _azimuth(seen: Observation, turned: TurnedSolid, piece: Mask) -> float | None:
+def _handle_azimuth(seen: Observation, turned: TurnedSolid, piece: Mask) -> float | None:
     """Where around the axis the handle is, rad: from its depth if that was measured, else square to the view."""
     eye = seen.eye[:2] - (turned.axis.x, turned.axis.y)
     toward = float(np.arctan2(eye[1], eye[0]))
@@ -66,7 +66,7 @@ def _azimuth(seen: Observation, turned: TurnedSolid, piece: Mask) -> float | Non
     return found if abs(off) < CONFIG.square else None
 
 
-def _mesh_strip(
+def _mesh_handle_strip(
     seen: Observation, turned: TurnedSolid, strip: Mask, azimuth: float, most_faces: int
 ) -> tuple[Array, Faces] | None:
     """The strip of the mask, seen in the upright plane through the axis, with rounded edges."""

@@ -10,7 +10,12 @@ from grs_agents.perception.shapes.configuration import DEFAULT
 from grs_agents.perception.shapes.observation import Observation
 from grs_agents.perception.shapes.revolution import Axis
 from grs_agents.perception.shapes.surface_nets import Faces
-from grs_agents.perception.shapes.turned_outline import center_axis, fit_radii, side_radii, top_height
+from grs_agents.perception.shapes.turned_outline import (
+    center_axis_in_outline,
+    combine_depth_and_outline_radii,
+    refine_rim_height,
+    silhouette_radii_by_side,
+)
 from grs_agents.perception.types import Array, Mask
 
 CONFIG = DEFAULT.lathe
@@ -45,24 +50,24 @@ class _Polar:
     upward: Array
 
 
-def turn_profile(seen: Observation, axis: Axis) -> TurnedSolid | None:
+def measure_turned_profile(seen: Observation, axis: Axis) -> TurnedSolid | None:
     """The profile of what turns about an axis; ``None`` where hardly any of its side is seen."""
     heights = np.linspace(0.0, _rim_height(_polar_coordinates_about_axis(seen, axis)), CONFIG.slices)
     largest = 1.5 * float(np.percentile(_polar_coordinates_about_axis(seen, axis).radius, 98)) + 0.01
-    axis = center_axis(axis, seen, side_radii(seen, axis, heights, largest))
+    axis = center_axis_in_outline(axis, seen, silhouette_radii_by_side(seen, axis, heights, largest))
     polar = _polar_coordinates_about_axis(seen, axis)
     outer, inner = _radii_of_walls(polar, heights)
-    hollow = _is_hollow(polar, heights[-1], inner, outer)
+    hollow = _is_inside_visible(polar, heights[-1], inner, outer)
     if hollow:  # a lid's height is measured well, a rim's is not
-        rim = float(np.nanmin([*side_radii(seen, axis, heights[-1:], largest)[0], largest]))
-        heights = heights * (top_height(seen, axis, rim, heights[-1]) / heights[-1])
+        rim = float(np.nanmin([*silhouette_radii_by_side(seen, axis, heights[-1:], largest)[0], largest]))
+        heights = heights * (refine_rim_height(seen, axis, rim, heights[-1]) / heights[-1])
         outer, inner = _radii_of_walls(polar, heights)
-        outer = _outer_of_hollow(outer, inner, heights)
+        outer = _outer_radii_of_hollow_solid(outer, inner, heights)
     if np.isfinite(outer).sum() < CONFIG.fewest_slices:
         return None
-    fitted = fit_radii(outer, side_radii(seen, axis, heights, largest), seen.noise)
+    fitted = combine_depth_and_outline_radii(outer, silhouette_radii_by_side(seen, axis, heights, largest), seen.noise)
     known = np.isfinite(fitted)
-    radii = _smoothed(np.interp(heights, heights[known], fitted[known]))
+    radii = _smooth_profile_values(np.interp(heights, heights[known], fitted[known]))
     axis = _move_axis_to_measured_depth(axis, seen, heights, radii, inner)
     side = np.stack([radii, heights], axis=1)
     foot = np.zeros((1, 2))
@@ -73,7 +78,7 @@ def turn_profile(seen: Observation, axis: Axis) -> TurnedSolid | None:
             side[:, ::-1],
             None,
         )
-    walls = _walls(polar, heights, radii, inner)
+    walls = _wall_radii_by_height(polar, heights, radii, inner)
     cavity = np.concatenate([walls[::-1, [0, 2]], [(0.0, walls[0, 2])]])
     return TurnedSolid(axis, _simplify_profile(np.concatenate([foot, side, cavity])), side[:, ::-1], walls)
 
@@ -127,7 +132,7 @@ def _radius_by_height(polar: _Polar, heights: Array, mine: Mask) -> Array:
     return found
 
 
-def _is_hollow(polar: _Polar, top: float, inner: Array, outer: Array) -> bool:
+def _is_inside_visible(polar: _Polar, top: float, inner: Array, outer: Array) -> bool:
     """Whether an inside is seen: walls that look inwards well below the rim, and no lid."""
     widest = np.nanmax(np.concatenate([inner[-6:], outer[-6:], [0.0]]))
     walls = np.isfinite(inner[CONFIG.slices // 2 :]).sum() >= CONFIG.inner_slices
@@ -136,7 +141,7 @@ def _is_hollow(polar: _Polar, top: float, inner: Array, outer: Array) -> bool:
     return bool(walls and lid < max(0.5 * len(middle), CONFIG.floor_share * len(polar.height)))
 
 
-def _outer_of_hollow(outer: Array, inner: Array, heights: Array) -> Array:
+def _outer_radii_of_hollow_solid(outer: Array, inner: Array, heights: Array) -> Array:
     """(S,) the outer radius of a hollow thing. A mug shows its outside, a bowl its inside: there it is a wall farther
     out, however far out stray pixels of the near wall lie."""
     if np.isfinite(outer).sum() >= np.isfinite(inner).sum():
@@ -150,14 +155,14 @@ def _outer_of_hollow(outer: Array, inner: Array, heights: Array) -> Array:
     return np.interp(heights, heights[known], radii[known])
 
 
-def _walls(polar: _Polar, heights: Array, radii: Array, inner: Array) -> Array:
+def _wall_radii_by_height(polar: _Polar, heights: Array, radii: Array, inner: Array) -> Array:
     """(N, 3) inner radius, outer radius and height from the floor to the rim."""
     with np.errstate(invalid="ignore"):
         thick = radii - inner
         seen = (thick > 0) & (thick < CONFIG.thickest)
     wall = float(np.clip(np.median(thick[seen]), *CONFIG.wall)) if seen.any() else CONFIG.usual_wall
     inside = np.where(seen, inner, radii - wall)
-    inside = np.minimum(_smoothed(inside), radii - CONFIG.wall[0])
+    inside = np.minimum(_smooth_profile_values(inside), radii - CONFIG.wall[0])
     middle = (polar.radius < 0.4 * radii[-1]) & (polar.upward > CONFIG.level)
     floor = float(np.median(polar.height[middle])) if middle.mean() > CONFIG.floor_share else wall
     floor = float(np.clip(floor, CONFIG.wall[0], heights[-1] - CONFIG.deep))
@@ -177,7 +182,7 @@ def _find_profile_of_top(polar: _Polar, edge: Array) -> Array:
     return np.array([*rings, (0.0, rings[-1][1] if rings else float(edge[1]))])
 
 
-def _smoothed(values: Array) -> Array:
+def _smooth_profile_values(values: Array) -> Array:
     return np.convolve(np.pad(values, 1, mode="edge"), [0.25, 0.5, 0.25], "valid")
 
 
@@ -203,7 +208,7 @@ def _simplify_profile(profile: Array) -> Array:
     return np.array(found)
 
 
-def mesh_turned(turned: TurnedSolid, most_faces: int) -> tuple[Array, Faces]:
+def mesh_turned_solid(turned: TurnedSolid, most_faces: int) -> tuple[Array, Faces]:
     """The closed mesh of a turned solid, object frame."""
     line = turned.profile[1:-1]
     around = int(np.clip(most_faces // (2 * (len(line))), *CONFIG.around))

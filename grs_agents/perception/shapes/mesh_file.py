@@ -18,7 +18,7 @@ from grs_agents.library.importing import (
 )
 from grs_agents.perception.asset_surfaces import Cloud, align_point_clouds, sample_triangle_points
 from grs_agents.perception.shapes.configuration import DEFAULT
-from grs_agents.perception.shapes.drawing import compare_with_view
+from grs_agents.perception.shapes.drawing import compare_mesh_with_photo
 from grs_agents.perception.shapes.observation import Observation, observe_object
 from grs_agents.perception.shapes.types import ObjectShape, ObjectView, TexturedMesh
 from grs_agents.perception.types import Array
@@ -45,7 +45,7 @@ def fit_mesh_file(found: MeshFile, view: ObjectView) -> ObjectShape | None:
     seen = observe_object(view)
     if seen is None:
         return None
-    mesh = _read(found)
+    mesh = _read_simplified_mesh(found)
     upright = view.T_object_cam[:3, :3] if found.frame == "camera" else np.eye(3)
     count = 1 if found.frame == "camera" else CONFIG.yaws
     yaws = np.arange(count) * 2 * np.pi / count
@@ -56,14 +56,14 @@ def fit_mesh_file(found: MeshFile, view: ObjectView) -> ObjectShape | None:
     likely = sorted(placed, key=lambda vertices: -_score_against_view(seen, vertices, mesh))[: CONFIG.refined]
     tried = [_align_to_seen_points(seen, vertices * scale, mesh) for vertices in likely for scale in CONFIG.scales]
     best = max([*likely, *tried], key=lambda vertices: _score_against_view(seen, vertices, mesh))
-    agreed = compare_with_view(seen, best, mesh.faces)
+    agreed = compare_mesh_with_photo(seen, best, mesh.faces)
     final = TexturedMesh(best, mesh.faces, mesh.uvs, mesh.texture)
     return ObjectShape(
         final, "model", hollow=False, walls=None, silhouette_iou=agreed.overlap, depth_error=agreed.raw_error
     )
 
 
-def _read(found: MeshFile) -> TexturedMesh:
+def _read_simplified_mesh(found: MeshFile) -> TexturedMesh:
     """The mesh in its file's units, about as fine as shapes are; in the object's axes z is up."""
     limits = ImportOptions().limits
     source = read_mesh(SourceFolder(found.path.parent, limits.bytes), found.path.name, limits)
@@ -94,5 +94,5 @@ def _align_to_seen_points(seen: Observation, vertices: Array, mesh: TexturedMesh
 
 def _score_against_view(seen: Observation, vertices: Array, mesh: TexturedMesh) -> float:
     """How well a mesh agrees with the view: its silhouette's overlap, less what its depth is off."""
-    agreed = compare_with_view(seen, vertices, mesh.faces)
+    agreed = compare_mesh_with_photo(seen, vertices, mesh.faces)
     return agreed.overlap - min(agreed.raw_error / CONFIG.worth, 1.0)

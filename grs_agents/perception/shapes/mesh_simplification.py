@@ -42,7 +42,7 @@ class _Work:
 
 def simplify_closed_mesh(vertices: Array, faces: Faces, most: int) -> tuple[Array, Faces]:
     """The closed mesh with at most about ``most`` faces, or as few as keep it closed."""
-    work = _Work(vertices.copy(), faces, _quadrics(vertices, faces), np.zeros(0, np.int64))
+    work = _Work(vertices.copy(), faces, _quadric_error_matrices(vertices, faces), np.zeros(0, np.int64))
     for _ in range(_ROUNDS):
         spare = (len(work.faces) - most + 1) // 2
         if spare <= 0 or not _collapse_cheapest_edges(work, spare):
@@ -51,7 +51,7 @@ def simplify_closed_mesh(vertices: Array, faces: Faces, most: int) -> tuple[Arra
     return work.vertices[used], numbered.reshape(-1, 3)
 
 
-def _quadrics(vertices: Array, faces: Faces) -> Array:
+def _quadric_error_matrices(vertices: Array, faces: Faces) -> Array:
     """(V, 10) of the planes of the faces around each vertex, by area."""
     corners = vertices[faces]
     crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -88,9 +88,11 @@ def _collapse_cheapest_edges(work: _Work, spare: int) -> bool:
     if not len(chosen):
         return False
     places = _least_error_positions(quadrics[chosen], middles[chosen])
-    good = _keeps_manifold(work, edges, chosen) & _keeps_faces_upright(work, edges[chosen], places)
+    good = _collapse_keeps_manifold_mask(work, edges, chosen) & _collapse_keeps_faces_upright_mask(
+        work, edges[chosen], places
+    )
     work.refused = np.sort(np.concatenate([work.refused, work.keys(edges[chosen[~good]])]))
-    _collapse(work, edges[chosen[good]], places[good])
+    _collapse_edges(work, edges[chosen[good]], places[good])
     return True
 
 
@@ -117,16 +119,16 @@ def _select_independent_edges(count: int, edges: Faces, costs: Array, most: floa
     return cheap[rank[cheap] == np.minimum(around[edges[cheap, 0]], around[edges[cheap, 1]])]
 
 
-def _keeps_manifold(work: _Work, edges: Faces, chosen: Faces) -> Mask:
+def _collapse_keeps_manifold_mask(work: _Work, edges: Faces, chosen: Faces) -> Mask:
     """(C,) which chosen edges have ends with exactly two neighbours in common."""
-    owner, neighbors = _neighbors(edges, len(work.vertices), edges[chosen, 0])
+    owner, neighbors = _vertex_neighbor_lists(edges, len(work.vertices), edges[chosen, 0])
     far = edges[chosen, 1][owner]
     pairs = np.stack([np.minimum(neighbors, far), np.maximum(neighbors, far)], axis=1)
     common = _membership_mask(np.sort(work.keys(edges)), work.keys(pairs))
     return np.asarray(np.bincount(owner[common], minlength=len(chosen)) == 2)
 
 
-def _neighbors(edges: Faces, count: int, vertices: Faces) -> tuple[Faces, Faces]:
+def _vertex_neighbor_lists(edges: Faces, count: int, vertices: Faces) -> tuple[Faces, Faces]:
     """The neighbours of vertices (N,), one after the other, and to which of those each belongs."""
     wanted = np.full(count, -1)
     wanted[vertices] = np.arange(len(vertices))
@@ -135,7 +137,7 @@ def _neighbors(edges: Faces, count: int, vertices: Faces) -> tuple[Faces, Faces]
     return wanted[mine[:, 0]], mine[:, 1]
 
 
-def _keeps_faces_upright(work: _Work, edges: Faces, places: Array) -> Mask:
+def _collapse_keeps_faces_upright_mask(work: _Work, edges: Faces, places: Array) -> Mask:
     """(C,) which edges (C, 2) may go to places (C, 3) without turning a face over."""
     owner = np.full(len(work.vertices), -1)
     for end in edges.T:
@@ -151,7 +153,7 @@ def _keeps_faces_upright(work: _Work, edges: Faces, places: Array) -> Mask:
     return np.asarray(np.bincount(mine.max(axis=1)[turned], minlength=len(edges)) == 0)
 
 
-def _collapse(work: _Work, edges: Faces, places: Array) -> None:
+def _collapse_edges(work: _Work, edges: Faces, places: Array) -> None:
     kept, gone = edges.T
     work.vertices[kept] = places
     work.quadrics[kept] += work.quadrics[gone]

@@ -25,7 +25,7 @@ class Mirror:
         return points - 2 * np.outer(points @ self.normal - self.offset, self.normal)
 
 
-def find_mirrors(seen: Observation) -> list[Mirror]:
+def find_symmetry_planes(seen: Observation) -> list[Mirror]:
     """The best plane, and the best at a right angle to it; none where no mirror image agrees with the view."""
     good = [one for one in _score_symmetry_planes(seen) if one.breach < CONFIG.breach and one.support > CONFIG.support]
     good.sort(key=lambda one: CONFIG.breach_weight * one.breach - one.support)

@@ -113,7 +113,7 @@ def observe_object(view: ObjectView) -> Observation | None:
     def lift(depth: Depth) -> Array:
         return lift_pixels(depth, focal, center, view.T_object_cam)
 
-    mask, sound = _clean_mask(view.mask[window].copy(), measured, lift(measured), view.noise)
+    mask, sound = _clean_mask_and_sound_depth(view.mask[window].copy(), measured, lift(measured), view.noise)
     if np.count_nonzero(sound) < CONFIG.fewest:
         return None
     depth = _smooth_depth(measured, sound, view.noise)
@@ -158,7 +158,7 @@ def _shrink_picture(rgb: Image, step: int, shape: tuple[int, ...]) -> Image:
     return np.asarray(cv2.resize(rgb, (shape[1], shape[0]), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _clean_mask(mask: Mask, depth: Depth, points: Array, noise: float) -> tuple[Mask, Mask]:
+def _clean_mask_and_sound_depth(mask: Mask, depth: Depth, points: Array, noise: float) -> tuple[Mask, Mask]:
     """The mask without what is not the object's, and which of its pixels have sound depth."""
     height, jump = points[..., 2], _depth_jump_threshold(noise)
     mask = _fill_holes(mask, depth)

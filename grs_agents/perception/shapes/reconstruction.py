@@ -4,12 +4,12 @@ import numpy as np
 
 from grs_agents.perception.proxies import box_mesh
 from grs_agents.perception.shapes.configuration import DEFAULT
-from grs_agents.perception.shapes.drawing import Agreement, compare_with_view
-from grs_agents.perception.shapes.handle import find_handle
-from grs_agents.perception.shapes.lathe import mesh_turned, turn_profile
-from grs_agents.perception.shapes.mirrors import find_mirrors
+from grs_agents.perception.shapes.drawing import Agreement, compare_mesh_with_photo
+from grs_agents.perception.shapes.handle import mesh_visible_handle
+from grs_agents.perception.shapes.lathe import measure_turned_profile, mesh_turned_solid
+from grs_agents.perception.shapes.mirrors import find_symmetry_planes
 from grs_agents.perception.shapes.observation import Observation, observe_object
-from grs_agents.perception.shapes.revolution import Axis, find_axis
+from grs_agents.perception.shapes.revolution import Axis, fit_revolution_axis
 from grs_agents.perception.shapes.solid import carve_solid
 from grs_agents.perception.shapes.surface_nets import Faces
 from grs_agents.perception.shapes.texture import paint_mesh
@@ -27,37 +27,37 @@ def reconstruct_shape(view: ObjectView) -> ObjectShape | None:
     seen = observe_object(view)
     if seen is None or seen.measured_share < CONFIG.measured:
         return None
-    turned = _turned_shape(seen)
+    turned = _reconstruct_turned_solid(seen)
     if turned is not None and turned.hollow:  # a mug's outline may be near to a box, but one can put things into it
         return turned
-    return None if _is_box(seen, view.size) else turned or _carved_shape(seen)
+    return None if _is_measured_box_seen(seen, view.size) else turned or _reconstruct_by_carving(seen)
 
 
-def _is_box(seen: Observation, size: tuple[float, float, float]) -> bool:
+def _is_measured_box_seen(seen: Observation, size: tuple[float, float, float]) -> bool:
     """Whether the measured box looks like the object from the camera."""
-    found = compare_with_view(seen, *box_mesh(size, (0.0, 0.0, size[2] / 2)))
+    found = compare_mesh_with_photo(seen, *box_mesh(size, (0.0, 0.0, size[2] / 2)))
     return found.overlap >= CONFIG.box_overlap and found.error < max(CONFIG.box_depth, CONFIG.deviations * seen.noise)
 
 
-def _turned_shape(seen: Observation) -> ObjectShape | None:
+def _reconstruct_turned_solid(seen: Observation) -> ObjectShape | None:
     """A turned solid with its handle; ``None`` where the object is not round."""
-    axis = find_axis(seen)
+    axis = fit_revolution_axis(seen)
     if axis is None or axis.share < CONFIG.round_share or axis.azimuth < CONFIG.round_azimuth:
         return None
-    turned = turn_profile(seen, axis)
+    turned = measure_turned_profile(seen, axis)
     if turned is None:
         return None
-    vertices, faces = mesh_turned(turned, CONFIG.faces - CONFIG.handle_faces)
-    handle = find_handle(seen, turned, CONFIG.handle_faces)
+    vertices, faces = mesh_turned_solid(turned, CONFIG.faces - CONFIG.handle_faces)
+    handle = mesh_visible_handle(seen, turned, CONFIG.handle_faces)
     if handle is not None:
         faces = np.concatenate([faces, handle[1] + len(vertices)])
         vertices = np.concatenate([vertices, handle[0]])
-    if not _is_round(compare_with_view(seen, vertices, faces), axis, turned.walls is not None):
+    if not _is_turned_solid_confirmed(compare_mesh_with_photo(seen, vertices, faces), axis, turned.walls is not None):
         return None
     return _paint_and_compare_with_view(seen, vertices, faces, "lathe", turned.walls)
 
 
-def _is_round(found: Agreement, axis: Axis, hollow: bool) -> bool:
+def _is_turned_solid_confirmed(found: Agreement, axis: Axis, hollow: bool) -> bool:
     """Whether a turned solid agrees well enough with the view."""
     surely = axis.azimuth >= CONFIG.surely_round
     if hollow and surely and axis.share >= CONFIG.hollow_share:
@@ -66,8 +66,8 @@ def _is_round(found: Agreement, axis: Axis, hollow: bool) -> bool:
     return closely and found.near >= CONFIG.explained and found.overlap >= CONFIG.round_overlap
 
 
-def _carved_shape(seen: Observation) -> ObjectShape | None:
-    mirrors = find_mirrors(seen)
+def _reconstruct_by_carving(seen: Observation) -> ObjectShape | None:
+    mirrors = find_symmetry_planes(seen)
     mesh = carve_solid(seen, mirrors, CONFIG.faces)
     if mesh is None:
         return None
@@ -77,6 +77,6 @@ def _carved_shape(seen: Observation) -> ObjectShape | None:
 def _paint_and_compare_with_view(
     seen: Observation, vertices: Array, faces: Faces, method: ShapeMethod, walls: Array | None
 ) -> ObjectShape:
-    found = compare_with_view(seen, vertices, faces)
+    found = compare_mesh_with_photo(seen, vertices, faces)
     mesh = paint_mesh(seen, vertices, faces)
     return ObjectShape(mesh, method, walls is not None, walls, found.overlap, found.raw_error)

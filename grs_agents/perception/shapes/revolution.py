@@ -23,7 +23,7 @@ class Axis:
     azimuth: float  # how much of the full turn they cover, rad
 
 
-def find_axis(seen: Observation) -> Axis | None:
+def fit_revolution_axis(seen: Observation) -> Axis | None:
     """The upright axis about which the seen surface turns best; ``None`` where too little of it is steep."""
     flat = np.linalg.norm(seen.normals[:, :2], axis=1)
     steep = flat > CONFIG.steep
@@ -35,7 +35,7 @@ def find_axis(seen: Observation) -> Axis | None:
         (heights - heights.min()) / max(float(np.ptp(heights)), 1e-3) * CONFIG.slices, CONFIG.slices - 1
     )
     center = _refine_center(points, normals, slices.astype(np.int64), _point_nearest_to_normals(points, normals))
-    return _rate_axis(points, normals, slices.astype(np.int64), center, seen.noise)
+    return _measure_axis_support(points, normals, slices.astype(np.int64), center, seen.noise)
 
 
 def _point_nearest_to_normals(points: Array, normals: Array) -> Array:
@@ -84,7 +84,7 @@ def _refine_center(points: Array, normals: Array, slices: Ints, center: Array) -
     return center
 
 
-def _rate_axis(points: Array, normals: Array, slices: Ints, center: Array, noise: float) -> Axis:
+def _measure_axis_support(points: Array, normals: Array, slices: Ints, center: Array, noise: float) -> Axis:
     radii, expected, _ = _slice_radii(points, normals, slices, center)
     off = points - center
     radial = np.abs((off * normals).sum(axis=1)) / radii > CONFIG.radial

@@ -69,15 +69,15 @@ def _extend_texture_coordinates(places: Array, shown: Mask, creased: Mask, faces
     weight = np.where(creased[one] | creased[two], CONFIG.across_crease, 1.0)
     count = np.bincount(one, weights=weight, minlength=len(places))[:, None] + 1e-6
 
-    def laplacian(values: Array) -> Array:
+    def apply_mesh_laplacian(values: Array) -> Array:
         sums = [np.bincount(one, weights=weight * values[two, axis], minlength=len(values)) for axis in range(2)]
         return np.where(hidden[:, None], count * values - np.stack(sums, axis=1), 0.0)
 
     found = np.where(hidden[:, None], places[shown].mean(axis=0), places)
-    left = -laplacian(found)
+    left = -apply_mesh_laplacian(found)
     step = left / count
     for _ in range(CONFIG.rounds):
-        product = laplacian(step)
+        product = apply_mesh_laplacian(step)
         ahead = (left * left / count).sum(axis=0)
         share = ahead / np.maximum((step * product).sum(axis=0), 1e-12)
         found += share * step

@@ -13,7 +13,7 @@ from grs_agents.perception.types import Array
 CONFIG = DEFAULT.outline
 
 
-def side_radii(seen: Observation, axis: Axis, heights: Array, largest: float) -> Array:
+def silhouette_radii_by_side(seen: Observation, axis: Axis, heights: Array, largest: float) -> Array:
     """(S, 2) up to which radius the ring at each height lies inside the mask on the left and on the right of the view,
     m; NaN where something nearer hides that side."""
     to_eye = seen.eye[:2] - (axis.x, axis.y)
@@ -40,7 +40,7 @@ def _pixel_distance_outside_mask(seen: Observation, places: Array) -> Array:
     return np.where((outside > 0) & (measured > 0) & (measured < depth - CONFIG.nearer), np.nan, outside)
 
 
-def center_axis(axis: Axis, seen: Observation, sides: Array) -> Axis:
+def center_axis_in_outline(axis: Axis, seen: Observation, sides: Array) -> Axis:
     """The axis moved across the view to the middle between both sides of the outline, where most heights agree."""
     off = (sides[:, 0] - sides[:, 1]) / 2
     off = off[np.abs(off) < CONFIG.off_center]  # a handle is farther off
@@ -52,7 +52,7 @@ def center_axis(axis: Axis, seen: Observation, sides: Array) -> Axis:
     return replace(axis, x=axis.x + float(shift[0]), y=axis.y + float(shift[1]))
 
 
-def fit_radii(measured: Array, sides: Array, noise: float) -> Array:
+def combine_depth_and_outline_radii(measured: Array, sides: Array, noise: float) -> Array:
     """(S,) radius by height from depth (S,), NaN where unknown, and from the outline (S, 2), half-way between them:
     masks are as often too wide as depth ends too early. What depth does not tell the outline does."""
     with np.errstate(invalid="ignore"):
@@ -63,7 +63,7 @@ def fit_radii(measured: Array, sides: Array, noise: float) -> Array:
     return np.fmin(np.where(np.isnan(measured), outline - half, measured + half), outline)
 
 
-def top_height(seen: Observation, axis: Axis, radius: float, height: float) -> float:
+def refine_rim_height(seen: Observation, axis: Axis, radius: float, height: float) -> float:
     """The height of a rim of a radius, m: half-way between ``height``, as it was measured, and that up to which its far
     side lies inside the mask."""
     away = np.array([axis.x, axis.y]) - seen.eye[:2]

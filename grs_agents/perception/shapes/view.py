@@ -7,7 +7,7 @@ from grs_agents.perception.shapes.types import ObjectView
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame, UprightBox
 
 
-def view_object(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox, noise: float) -> ObjectView:
+def make_object_view(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox, noise: float) -> ObjectView:
     """The view of the object with this mask (H, W), measured by its upright box; ``noise`` as in `ObjectView`."""
     to_object = np.linalg.inv(object_pose(box)) @ np.asarray(table.T_robot_cam, np.float64)
     return ObjectView(frame.rgb, frame.depth, mask, frame.camera.intrinsics, to_object, box.size, noise)

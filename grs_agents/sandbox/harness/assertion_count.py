@@ -75,20 +75,20 @@ class _Marker(ast.NodeTransformer):
 def _is_asserting_statement(statement: ast.stmt) -> bool:
     """Whether a statement asserts something by itself, without what is inside it."""
     if isinstance(statement, _Compound):
-        return any(map(_is_fail_or_raise, _branch_statements(statement))) or any(
-            map(_contains_assertion_call, _header_expressions(statement))
+        return any(map(_is_fail_or_raise, _iterate_branch_statements(statement))) or any(
+            map(_contains_assertion_call, _iterate_header_expressions(statement))
         )
     return isinstance(statement, ast.Assert) or _contains_assertion_call(statement)
 
 
-def _branch_statements(statement: ast.AST) -> Iterator[ast.stmt]:
+def _iterate_branch_statements(statement: ast.AST) -> Iterator[ast.stmt]:
     for name in _BODIES:
         yield from getattr(statement, name, ())
     for part in (*getattr(statement, "handlers", ()), *getattr(statement, "cases", ())):
         yield from part.body
 
 
-def _header_expressions(statement: _Compound) -> Iterator[ast.expr]:
+def _iterate_header_expressions(statement: _Compound) -> Iterator[ast.expr]:
     for name in ("test", "iter", "subject"):
         if hasattr(statement, name):
             yield getattr(statement, name)

@@ -25,7 +25,7 @@ from grs_agents.sandbox.isolation import (
     create_file_rules,
     harden_process,
     kernel,
-    prepare_before_fork,
+    prepare_hardening_before_fork,
     set_resource_limits,
 )
 from grs_agents.sandbox.protocol import Limits, Settings, startup, wire
@@ -49,7 +49,7 @@ def warm_up(settings: Settings) -> None:
     for name in settings.tools:
         content.load_module("tools", name)
     if settings.layers:
-        prepare_before_fork()
+        prepare_hardening_before_fork()
 
 
 def create_worker_file_rules(settings: Settings, scratch: Path) -> int | None:
@@ -86,7 +86,7 @@ def _load_and_run_tool(
         faulthandler.enable(file=_TRACE, all_threads=False)
         faulthandler.register(signal.SIGXCPU, file=_TRACE, all_threads=False, chain=True)
         channel.send({"kind": "ready", "cpu_seconds": before})
-        _run_tool(inside, frame.pop("request"))
+        _run_tool_and_send_result(inside, frame.pop("request"))
     if captured.error is not None:
         channel.send({"kind": "broken", "error": f"{type(captured.error).__name__}: {captured.error}"})
 
@@ -148,7 +148,7 @@ def _receive_request() -> dict[str, Any] | None:
     return None
 
 
-def _run_tool(inside: Callable[[dict[str, Any]], object], request: dict[str, Any]) -> None:
+def _run_tool_and_send_result(inside: Callable[[dict[str, Any]], object], request: dict[str, Any]) -> None:
     with CapturedError() as captured:
         value = inside(request)
         sys.stdout.flush()

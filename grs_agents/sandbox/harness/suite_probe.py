@@ -52,16 +52,16 @@ def run_suite_once(
     "test": id of the test that did not, "message": why}``; what is printed is lost. ``MemoryError`` is raised.
     """
 
-    def begin_test() -> None:
+    def seed_and_begin_test() -> None:
         seed_everything(seed)
         begin()
 
-    result = _FirstFailure(begin_test)
+    result = _FirstFailure(seed_and_begin_test)
     printed = io.StringIO()
     with CapturedError() as captured, contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
-        for name in [name for name, module in sys.modules.items() if _is_program(module)]:
+        for name in [name for name, module in sys.modules.items() if _is_generated_program(module)]:
             del sys.modules[name]
-        begin_test()
+        seed_and_begin_test()
         load_program(simulation, alias)
         module = load_program(tests, file=TESTS_FILE)
         pairs = [item.partition(".") for item in items]
@@ -73,5 +73,5 @@ def run_suite_once(
     return {"passed": result.failed is None, "test": result.failed or "", "message": result.message}
 
 
-def _is_program(module: Any) -> bool:
+def _is_generated_program(module: Any) -> bool:
     return getattr(module, "__file__", None) in (SIMULATION_FILE, TESTS_FILE)

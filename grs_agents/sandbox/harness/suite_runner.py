@@ -92,9 +92,9 @@ class Result(unittest.TestResult):
         printed = shorten_paths(self._printed.getvalue())
         case.update(seconds=seconds, output=printed, assertions=session.counter.count)
         if session.spoilt is None:
-            case.update(self._find_reached_limit(case))
+            case.update(self._make_limit_outcome_if_reached(case))
             case.update(session.fixtures.find_episode_fields(type(test)))
-            case.update(self._find_tampering(test))
+            case.update(self._make_tampered_outcome_if_found(test))
         report_progress(case)
         session.ended.add(case["item"])
         self._case = None
@@ -131,7 +131,7 @@ class Result(unittest.TestResult):
             for item in items:
                 report_unrun_test(item, **self._fixture)
 
-    def _find_reached_limit(self, case: dict[str, Any]) -> dict[str, Any]:
+    def _make_limit_outcome_if_reached(self, case: dict[str, Any]) -> dict[str, Any]:
         """What a limit that the test reached makes of its case, however it dealt with the error."""
         with CapturedError():
             said = self._session.limit()
@@ -139,13 +139,13 @@ class Result(unittest.TestResult):
                 return {"outcome": "limit", "message": said[:1000], "raised_in": case.get("raised_in") or "simulation"}
         return {}
 
-    def _find_tampering(self, test: unittest.TestCase) -> dict[str, Any]:
+    def _make_tampered_outcome_if_found(self, test: unittest.TestCase) -> dict[str, Any]:
         """What is found out of order now; nothing else may run in this process then."""
         own = find_shadowed_method(test, self)
         broken = (
             (f"{own} was replaced on the test or its result", "tests")
             if own
-            else self._session.integrity.find_violation()
+            else self._session.integrity.find_replaced_definition()
         )
         if broken is None:
             return {}
@@ -188,7 +188,7 @@ class _Tee(io.TextIOBase):
         self._stream.flush()
 
 
-def _call_for_json_object(source: Callable[[], Any]) -> dict[str, Any] | None:
+def _call_and_require_json_object(source: Callable[[], Any]) -> dict[str, Any] | None:
     """What ``source`` returns if that is a plain JSON object, else None."""
     with CapturedError():
         plain = json.loads(json.dumps(source(), allow_nan=False))
@@ -219,19 +219,19 @@ def run_tests_inside(request: dict[str, Any]) -> dict[str, Any]:
     integrity = Integrity(with_numpy="testing" in request["simulation"] + request["tests"])
     with CapturedError() as captured:
         load_program(request["simulation"], request["simulation_name"])
-        _check_integrity(integrity, "simulation")
+        _require_unchanged_machinery(integrity, "simulation")
         code = compile(insert_counter_calls(ast.parse(request["tests"], TESTS_FILE)), TESTS_FILE, "exec")
         tests = _execute_as_module(code, request["tests"], "", TESTS_FILE, {COUNTER: counter.increment})
-        _check_integrity(integrity, "tests")
-        test_ids = _test_ids(tests)
+        _require_unchanged_machinery(integrity, "tests")
+        test_ids = _list_loaded_test_ids(tests)
     if isinstance(captured.error, MemoryError):
         raise captured.error
     if captured.error is not None:
         return {"load_error": _describe_load_error(captured.error)}
     clear, last_episode = _load_hook_function(request["clear"]), _load_hook_function(request["episode"])
 
-    def take_episode() -> dict[str, Any] | None:
-        episode = _call_for_json_object(last_episode)
+    def take_last_episode_json() -> dict[str, Any] | None:
+        episode = _call_and_require_json_object(last_episode)
         clear()
         return episode
 
@@ -239,7 +239,7 @@ def run_tests_inside(request: dict[str, Any]) -> dict[str, Any]:
         seed_everything(seed)
         clear()
 
-    fixtures = FixtureEpisodes(take_episode)
+    fixtures = FixtureEpisodes(take_last_episode_json)
     fixtures.watch_module(tests)
     session = Session(begin, fixtures, _load_hook_function(request["limit"]), counter, integrity)
     _run_pending_tests(tests, list(request["items"]), session)
@@ -284,9 +284,9 @@ def _execute_as_module(code: CodeType, source: str, alias: str, file: str, given
     return module
 
 
-def _check_integrity(integrity: Integrity, loaded: RaisedIn) -> None:
+def _require_unchanged_machinery(integrity: Integrity, loaded: RaisedIn) -> None:
     """See that the program just ``loaded`` left the machinery as it was."""
-    if (broken := integrity.find_violation()) is not None:
+    if (broken := integrity.find_replaced_definition()) is not None:
         raise TamperedError(broken[0], broken[1] or loaded)
 
 
@@ -298,7 +298,7 @@ def _describe_load_error(error: BaseException) -> dict[str, Any]:
     return {"kind": kind, "message": trace.message, "traceback": trace.text, "raised_in": trace.raised_in}
 
 
-def _test_ids(tests: ModuleType) -> list[str]:
+def _list_loaded_test_ids(tests: ModuleType) -> list[str]:
     """The ids of the tests that the loaded module has; a class under several names counts once."""
     kinds = ((name, kind) for name, kind in list(vars(tests).items()) if isinstance(kind, type))
     return [

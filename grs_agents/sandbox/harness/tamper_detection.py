@@ -43,15 +43,15 @@ class Integrity:
     def __init__(self, with_numpy: bool) -> None:
         names = (*_UNITTEST, *_STANDARD, *_OWN, *(_NUMPY if with_numpy else ()))
         self._modules = {name: importlib.import_module(name) for name in names}
-        parts = [part for name, module in self._modules.items() for part in _module_definitions(name, module)]
+        parts = [part for name, module in self._modules.items() for part in _iterate_module_definitions(name, module)]
         self._parts = [(part, _code_and_defaults(part.value)) for part in [*parts, *_builtin_definitions()]]
 
-    def find_violation(self) -> tuple[str, RaisedIn | None] | None:
+    def find_replaced_definition(self) -> tuple[str, RaisedIn | None] | None:
         """What is no longer as it was, and which program the replacement comes from; None if all is well."""
         for part, content in self._parts:
             value = part.place.get(part.name)
             if value is not part.value or _code_and_defaults(value) != content:
-                return f"{part.where}.{part.name} was replaced", _find_defining_program(value)
+                return f"{part.where}.{part.name} was replaced", _find_program_that_defines(value)
         for name, module in self._modules.items():
             if sys.modules.get(name) is not module:
                 return f"the module {name} was replaced", None
@@ -78,7 +78,7 @@ def find_shadowed_method(test: unittest.TestCase, result: unittest.TestResult) -
     return own[0] if own else None
 
 
-class _Place(NamedTuple):
+class _Definition(NamedTuple):
     """Where a function or class is kept."""
 
     where: str
@@ -87,25 +87,25 @@ class _Place(NamedTuple):
     value: Any
 
 
-def _module_definitions(where: str, module: ModuleType) -> Iterator[_Place]:
+def _iterate_module_definitions(where: str, module: ModuleType) -> Iterator[_Definition]:
     """The functions and classes of a module, and what its own classes are made of."""
     for name, value in vars(module).items():
         if not isinstance(value, FunctionType | type):
             continue
-        yield _Place(where, vars(module), name, value)
+        yield _Definition(where, vars(module), name, value)
         if isinstance(value, type) and value.__module__ == where:
             inner = vars(value)
             yield from (
-                _Place(f"{where}.{name}", inner, own, piece)
+                _Definition(f"{where}.{name}", inner, own, piece)
                 for own, piece in inner.items()
                 if isinstance(piece, _PARTS)
             )
 
 
-def _builtin_definitions() -> Iterator[_Place]:
+def _builtin_definitions() -> Iterator[_Definition]:
     for name, value in vars(builtins).items():
         if callable(value) and name not in _OFTEN_PATCHED and name != "_":
-            yield _Place("builtins", vars(builtins), name, value)
+            yield _Definition("builtins", vars(builtins), name, value)
 
 
 def _code_and_defaults(part: Any) -> tuple[Any, Any]:
@@ -114,7 +114,7 @@ def _code_and_defaults(part: Any) -> tuple[Any, Any]:
     return getattr(part, "__code__", None), rest
 
 
-def _find_defining_program(part: Any) -> RaisedIn | None:
+def _find_program_that_defines(part: Any) -> RaisedIn | None:
     code = getattr(getattr(part, "__func__", part), "__code__", None)
     names: dict[str, RaisedIn] = {SIMULATION_FILE: "simulation", TESTS_FILE: "tests"}
     return names.get(getattr(code, "co_filename", ""))

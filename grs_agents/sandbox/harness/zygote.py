@@ -157,8 +157,8 @@ class _Zygote:
     def serve_orders(self) -> None:
         """Start, watch and reap children until the host's end of the connection closes."""
         try:
-            while self._handle_next_events():
-                self._enforce_limits()
+            while self._wait_and_serve_events():
+                self._kill_children_over_limits()
         finally:
             self._children.kill_idle_children()
             for running in self._running:
@@ -168,7 +168,7 @@ class _Zygote:
                 with suppress(OSError):
                     delete_folder_contents(running.scratch)
 
-    def _handle_next_events(self) -> bool:
+    def _wait_and_serve_events(self) -> bool:
         """Wait until something happens and do what it asks for; False once the host is gone."""
         left = max(self._due - time.monotonic(), 0.0) if self._running else None
         for key, _ in self._selector.select(left):
@@ -179,7 +179,7 @@ class _Zygote:
                 with suppress(BlockingIOError):
                     self._wakeup.recv(1 << 12)
             elif isinstance(running := key.data, _Running):
-                self._handle_host_message(running)
+                self._explain_or_kill_child(running)
         for running in list(self._running):
             self._reap_ended_child(running)
         return True
@@ -203,7 +203,7 @@ class _Zygote:
         self._selector.register(running.control, selectors.EVENT_READ, running)
         return True
 
-    def _handle_host_message(self, running: _Running) -> None:
+    def _explain_or_kill_child(self, running: _Running) -> None:
         """The host wants to know where the child is, or wants no more of it, or is gone."""
         with suppress(OSError):
             if running.control.recv(64) == EXPLAIN:
@@ -230,7 +230,7 @@ class _Zygote:
             if any(left):
                 raise OSError(f"{running.scratch} cannot be emptied, so nothing may work in it again")
 
-    def _enforce_limits(self) -> None:
+    def _kill_children_over_limits(self) -> None:
         """When it is time, kill what holds more than it may; look less often where looking takes long."""
         begin = time.monotonic()
         if begin < self._due:

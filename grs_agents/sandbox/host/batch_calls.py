@@ -27,7 +27,7 @@ class BatchResult:
         return self.calls[-1]
 
 
-def call_batch(
+def call_tool_for_each_item(
     sandbox: Sandbox,
     tool: str,
     request: dict[str, Any],
@@ -50,7 +50,7 @@ def call_batch(
         call = sandbox.call(tool, {**request, "items": pending}, share, readable)
         calls.append(call)
         before = len(events.ended)
-        running = events.collect_from_call(call)
+        running = events.sort_events_of_call(call)
         pending = [item for item in items if item not in events.ended and item not in events.stopped]
         if call.outcome == "ok" or (running is None and len(events.ended) == before):
             break
@@ -75,10 +75,10 @@ class _Events:
     strange: list[str] = field(default_factory=list[str])
     untimely: set[str] = field(default_factory=set[str])
 
-    def collect_from_call(self, call: CallResult) -> str | None:
+    def sort_events_of_call(self, call: CallResult) -> str | None:
         """Sort the events of ``call``; the item that was running at its end."""
         running: str | None = None
-        for item, phase, event in self._events_of_requested_items(call.events):
+        for item, phase, event in self._iterate_requested_events(call.events):
             if item in self.ended or item in self.stopped or (phase == "start" and item == running):
                 self.repeated.add(item)
             elif phase == "start" and running is None:
@@ -92,7 +92,7 @@ class _Events:
             self.stopped[running] = call
         return running
 
-    def _events_of_requested_items(self, events: Iterable[dict[str, Any]]) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    def _iterate_requested_events(self, events: Iterable[dict[str, Any]]) -> Iterator[tuple[str, str, dict[str, Any]]]:
         """Item and phase of each event that is about an item that was asked for."""
         for event in events:
             item, phase = event.get("item"), event.get("phase")

@@ -66,14 +66,14 @@ class Streams:
             for name in ("output", "trace", "frames", "control"):  # the answer last: what was printed is kept
                 if name not in ready:
                     continue
-                ending = self._consume_stream(name, until_ready)
-                if ending is not None or (name == "control" or (name == "frames" and not self._is_open("frames"))):
+                ending = self._read_and_interpret_stream(name, until_ready)
+                if ending is not None or (name == "control" or (name == "frames" and not self._is_pipe_open("frames"))):
                     return ending
             if self._total > most:
                 return "output_limit", None, ""
         return "timeout", None, ""
 
-    def _consume_stream(self, name: str, until_ready: bool) -> Ending | None:
+    def _read_and_interpret_stream(self, name: str, until_ready: bool) -> Ending | None:
         if name == "control":
             self._receive_exit_report()
         data = self._read_stream("frames" if name == "control" else name)
@@ -88,7 +88,7 @@ class Streams:
             for frame in self._reader.iterate_frames(data):
                 ending = self._interpret_frame(frame, until_ready)
                 if ending is not None:
-                    self._consume_stream("output", False)
+                    self._read_and_interpret_stream("output", False)
                     return ending
         except wire.ForgedFrameError as error:
             return "forged", None, f"something other than the harness wrote to its pipe: {error}"
@@ -103,7 +103,7 @@ class Streams:
             return ("ok", None, "") if kind == "ready" else ("error", None, str(frame.get("error", frame))[:1000])
         if kind == "event" and isinstance(value, dict):
             self.events.append(cast(dict[str, Any], value))
-            self._consume_stream("output", False)
+            self._read_and_interpret_stream("output", False)
             self._kept["output"].clear()
             return None
         if kind == "result" and isinstance(value, dict):
@@ -122,7 +122,7 @@ class Streams:
             self.exit = Exit(**{**report, "cpu_seconds": report["cpu_seconds"] - self._cpu_before})
 
     def _read_stream(self, name: str) -> bytes:
-        if not self._is_open(name):
+        if not self._is_pipe_open(name):
             return b""
         try:
             data = os.read(self._names[name], 1 << 20)
@@ -135,23 +135,23 @@ class Streams:
             self._selector.unregister(self._names[name])
         return data
 
-    def _is_open(self, name: str) -> bool:
+    def _is_pipe_open(self, name: str) -> bool:
         return self._names[name] in self._selector.get_map()
 
     def end_worker(self, seconds: float, explained: bool = False) -> Exit | None:
         """Have the worker killed, if it still runs; how it ended, or None if the zygote does not tell in time.
         ``explained`` lets the worker write its stack first; one that blocks signals is given a second."""
-        if explained and self.exit is None and self._is_open("control"):
+        if explained and self.exit is None and self._is_pipe_open("control"):
             with suppress(OSError):
                 self._control.send(EXPLAIN)
                 select.select([self._control], [], [], EXPLAIN_SECONDS)
-        if self.exit is None and self._is_open("control"):
+        if self.exit is None and self._is_pipe_open("control"):
             with suppress(OSError):
                 self._control.shutdown(socket.SHUT_WR)
                 self._control.settimeout(seconds)
             self._receive_exit_report()
         for name in ("output", "trace"):
-            self._consume_stream(name, False)
+            self._read_and_interpret_stream(name, False)
         return self.exit
 
     def captured_text(self, name: str) -> str:

@@ -47,7 +47,7 @@ def discover_tests(tree: ast.Module) -> ExpectedTests:
     duplicates: set[str] = set()
     lines: dict[str, int] = {}
     for name, node in classes.items():
-        lineage = _class_and_ancestors(node, classes)
+        lineage = _list_class_and_ancestors(node, classes)
         repeated_methods = set[str]().union(*(_find_repeated_names(parent.body, _Function) for parent in lineage))
         decorated = any(parent.decorator_list for parent in lineage)
         for method in _test_methods(lineage, classes):
@@ -96,7 +96,7 @@ def _flatten_statements(body: Sequence[ast.stmt]) -> Iterator[ast.stmt]:
             yield from _flatten_statements(node.body)
 
 
-def _class_and_ancestors(node: ast.ClassDef, classes: Mapping[str, ast.ClassDef]) -> list[ast.ClassDef]:
+def _list_class_and_ancestors(node: ast.ClassDef, classes: Mapping[str, ast.ClassDef]) -> list[ast.ClassDef]:
     """``node`` and its ancestors within the file, nearest first."""
     lineage = [node]
     for child in lineage:

@@ -9,7 +9,7 @@ from typing import Any, cast
 from pydantic import Field
 
 from grs_agents.base import Frozen
-from grs_agents.sandbox.host.batch_calls import BatchResult, call_batch
+from grs_agents.sandbox.host.batch_calls import BatchResult, call_tool_for_each_item
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sandbox.host.suite_discovery import ExpectedTests, discover_tests, parse_program
 from grs_agents.sandbox.protocol import (
@@ -92,14 +92,14 @@ def run_tests(
         trace = describe_stack_dump(call.stack, sources, call.error)
         return trace is None or bool({"setUp", "setUpClass", "reset"} & set(trace.functions))
 
-    batch = call_batch(sandbox, tool, programs.model_dump(), expected.ids, limits, hopeless, readable)
+    batch = call_tool_for_each_item(sandbox, tool, programs.model_dump(), expected.ids, limits, hopeless, readable)
     return _assemble_report(expected, batch, sources)
 
 
 def _assemble_report(expected: ExpectedTests, batch: BatchResult, sources: dict[str, str]) -> TestReport:
     built = (_build_test_case(item, expected, batch, sources) for item in expected.ids)
-    cases = (*built, *_build_extra_cases(expected, batch))
-    report = _report_load_failure(batch, sources) or _judge_cases(cases, batch)
+    cases = (*built, *_build_unexpected_cases(expected, batch))
+    report = _report_load_failure(batch, sources) or _make_report_from_cases(cases, batch)
     totals = {
         "seconds": sum(call.seconds for call in batch.calls),
         "cpu_seconds": sum(call.cpu_seconds for call in batch.calls),
@@ -108,10 +108,10 @@ def _assemble_report(expected: ExpectedTests, batch: BatchResult, sources: dict[
     return report.model_copy(update=totals)
 
 
-def _judge_cases(cases: tuple[TestCase, ...], batch: BatchResult) -> TestReport:
+def _make_report_from_cases(cases: tuple[TestCase, ...], batch: BatchResult) -> TestReport:
     first = next((case for case in cases if case.outcome != "passed"), None)
     if first is not None:
-        outcome = _worst_outcome({case.outcome for case in cases}, "failed")
+        outcome = _select_worst_outcome({case.outcome for case in cases}, "failed")
         return TestReport(outcome=outcome, cases=cases, raised_in=first.raised_in)
     ended = next((call for call in batch.calls if call.outcome != "ok"), None)
     if ended is not None:
@@ -122,10 +122,10 @@ def _judge_cases(cases: tuple[TestCase, ...], batch: BatchResult) -> TestReport:
 
 def _to_report_outcome(call: CallResult) -> ReportOutcome:
     """What a call that ended outside of any test makes of the report."""
-    return _worst_outcome({_to_case_outcome(call)}, "crashed")
+    return _select_worst_outcome({_to_case_outcome(call)}, "crashed")
 
 
-def _worst_outcome(outcomes: set[CaseOutcome], otherwise: ReportOutcome) -> ReportOutcome:
+def _select_worst_outcome(outcomes: set[CaseOutcome], otherwise: ReportOutcome) -> ReportOutcome:
     for group, name in _WORST:
         if outcomes & group:
             return name
@@ -230,7 +230,7 @@ def _find_source_mismatch(
     return None
 
 
-def _build_extra_cases(expected: ExpectedTests, batch: BatchResult) -> tuple[TestCase, ...]:
+def _build_unexpected_cases(expected: ExpectedTests, batch: BatchResult) -> tuple[TestCase, ...]:
     """Tests that turned up though the source does not have them, and results that nobody asked for."""
     added = "it is no method in the source, so it did not run"
     made_up = "a result was reported for a test there is not"

@@ -16,7 +16,7 @@ from .backends import missing_requirements as missing_requirements
 from .hardening import HardeningError as HardeningError
 from .hardening import create_file_rules as create_file_rules
 from .hardening import harden_process as harden_process
-from .hardening import prepare_before_fork as prepare_before_fork
+from .hardening import prepare_hardening_before_fork as prepare_hardening_before_fork
 from .kernel import NUMBERS as NUMBERS
 from .privileges import Allowance as Allowance
 from .privileges import set_resource_limits as set_resource_limits

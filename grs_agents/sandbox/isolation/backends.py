@@ -45,7 +45,7 @@ def missing_requirements(backend: Backend) -> list[tuple[str, str]]:
             return [(f"it needs Linux, this is {sys.platform}", "use Linux")]
         from grs_agents.sandbox.isolation import hardening  # here, since Windows lacks modules that it imports
 
-        lacks = hardening.missing_layers()
+        lacks = hardening.find_missing_layers()
         gaps = [f"no {layer}: {lacks[layer]}" for layer in ("landlock", "seccomp") if layer in lacks]
         reasons += [(reason, BACKEND_REMEDIES["landlock"]) for reason in gaps]
     return reasons

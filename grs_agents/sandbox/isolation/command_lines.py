@@ -15,16 +15,16 @@ def bubblewrap_command_prefix(readable: Sequence[Path], scratch: Sequence[Path],
     command = [shutil.which("bwrap") or "bwrap", "--unshare-all", "--unshare-user", "--cap-drop", "ALL"]
     command += ["--hostname", "sandbox"]
     for path in allowlist.system_paths():
-        command += ["--symlink", str(path.readlink()), str(path)] if path.is_symlink() else _read_only_binds(path)
+        command += ["--symlink", str(path.readlink()), str(path)] if path.is_symlink() else _read_only_bind_args(path)
     for path in readable:
-        command += _read_only_binds(path)
+        command += _read_only_bind_args(path)
     command += ["--proc", "/proc", "--dev", "/dev"]
     for folder in scratch:
         command += ["--size", str(scratch_bytes), "--tmpfs", str(folder)]
     return [*command, "--remount-ro", "/", "--remount-ro", "/dev", "--chdir", "/"]
 
 
-def _read_only_binds(path: Path) -> list[str]:
+def _read_only_bind_args(path: Path) -> list[str]:
     return ["--ro-bind", str(path), str(path)]
 
 

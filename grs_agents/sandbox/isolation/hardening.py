@@ -12,7 +12,7 @@ class HardeningError(GrsError):
     """This process cannot be hardened."""
 
 
-def prepare_before_fork() -> None:
+def prepare_hardening_before_fork() -> None:
     """Do ahead of a fork what each child would repeat: build the filter, let go of capabilities to be gained."""
     machine = kernel.detect_architecture()
     if machine is not None:
@@ -39,7 +39,7 @@ def harden_process(rules: int | None, allowance: Allowance, visible: bool = Fals
         OSError: the kernel has a layer, yet would not put it on.
     """
     _require_single_thread()
-    lacks = missing_layers()
+    lacks = find_missing_layers()
     layers = ["no capabilities", "limits"]
     alone = privileges.use_unique_user_id()
     privileges.forbid_new_privileges()
@@ -57,7 +57,7 @@ def harden_process(rules: int | None, allowance: Allowance, visible: bool = Fals
     return tuple(layers)
 
 
-def missing_layers() -> dict[str, str]:
+def find_missing_layers() -> dict[str, str]:
     """What this kernel lacks of the layers, each with the reason; empty if it has them all."""
     version = landlock.abi_version()
     reasons = {"landlock": landlock.unavailability_reason(), "seccomp": seccomp.unavailability_reason()}

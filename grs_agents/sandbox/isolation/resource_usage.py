@@ -40,7 +40,7 @@ def _try_counting_bytes(folder: Path, most: int) -> int | None:
     """One attempt at counting; None if a folder moved or went away while it was looked into."""
     here = os.open(folder, _FOLDER)
     try:
-        total, names = _bytes_and_subfolders(here)
+        total, names = _measure_folder_entries(here)
         way = [(_device_inode(here), names)]
         while total <= most:
             name = way[-1][1].pop() if way[-1][1] else ".."
@@ -54,7 +54,7 @@ def _try_counting_bytes(folder: Path, most: int) -> int | None:
                 if _device_inode(here) != way[-1][0]:  # the way up leads elsewhere, perhaps out of the scratch folder
                     return None
                 continue
-            taken, names = _bytes_and_subfolders(here)
+            taken, names = _measure_folder_entries(here)
             way.append((_device_inode(here), names))
             total += taken
     except (FileNotFoundError, NotADirectoryError):
@@ -71,7 +71,7 @@ def _device_inode(descriptor: int) -> tuple[int, int]:
     return facts.st_dev, facts.st_ino
 
 
-def _bytes_and_subfolders(descriptor: int) -> tuple[int, list[str]]:
+def _measure_folder_entries(descriptor: int) -> tuple[int, list[str]]:
     """The bytes of the entries of one folder, and the names of its folders."""
     total = 0
     folders: list[str] = []

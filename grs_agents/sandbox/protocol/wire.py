@@ -162,7 +162,7 @@ def _parse_bounded_integer(text: str) -> int:
     return value
 
 
-def _reject_constant(name: str) -> float:
+def _reject_non_json_constant(name: str) -> float:
     raise ValueError(f"{name} is not JSON")
 
 
@@ -174,7 +174,7 @@ def _parse_finite_float(text: str) -> float:
 
 
 _DECODER = json.JSONDecoder(
-    parse_constant=_reject_constant, parse_float=_parse_finite_float, parse_int=_parse_bounded_integer
+    parse_constant=_reject_non_json_constant, parse_float=_parse_finite_float, parse_int=_parse_bounded_integer
 )
 
 

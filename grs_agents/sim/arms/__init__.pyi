@@ -4,7 +4,7 @@ from .arm import Arm as Arm
 from .arm_files import ROBOT_FOLDER as ROBOT_FOLDER
 from .arm_files import copy_arm_files as copy_arm_files
 from .arm_files import find_arm_file as find_arm_file
-from .arm_looks import dress_arm as dress_arm
+from .arm_looks import set_arm_visuals as set_arm_visuals
 from .arm_model import ArmModel as ArmModel
 from .arm_parts import BLADE_THICKNESS as BLADE_THICKNESS
 from .arm_parts import BLADE_WIDTH as BLADE_WIDTH

@@ -13,7 +13,7 @@ from grs_agents.base import Vec3
 from grs_agents.errors import InputError
 from grs_agents.geometry import FloatArray
 from grs_agents.sim.arms.arm_looks import Solid
-from grs_agents.sim.arms.arm_model import ArmModel, Collision, model_ignoring_home_contacts
+from grs_agents.sim.arms.arm_model import ArmModel, Collision, build_arm_model_ignoring_home_contacts
 from grs_agents.sim.arms.arm_parts import DOWN
 from grs_agents.sim.arms.joint_paths import (
     choose_waypoint_indices,
@@ -49,15 +49,15 @@ class Arm:
         """``nearest`` and ``farthest``, from the table of reach, when they are first asked for."""
         if name not in ("nearest", "farthest"):
             raise AttributeError(name)
-        self.nearest, self.farthest = self._reach_table.reachable_radius_range
+        self.nearest, self.farthest = self._reachability_grid.reachable_radius_range
         return self.nearest if name == "nearest" else self.farthest
 
     @cached_property
     def _arm_model(self) -> ArmModel:
-        return model_ignoring_home_contacts(self.add, self.home_joints)
+        return build_arm_model_ignoring_home_contacts(self.add, self.home_joints)
 
     @cached_property
-    def _reach_table(self) -> ReachTable:
+    def _reachability_grid(self) -> ReachTable:
         return build_reach_table(self._arm_model, self.home_joints)
 
     @cached_property
@@ -133,7 +133,7 @@ class Arm:
 
     def reachable_mask(self, tips: FloatArray) -> npt.NDArray[np.bool_]:
         """Which of the points (N, 3) the tip can be brought to, tool down, clear of the table and of itself."""
-        return self._reach_table(tips)
+        return self._reachability_grid(tips)
 
     def can_reach_point(self, tip: Vec3) -> bool:
         """Whether the arm can bring the tip to one point, tool down."""
@@ -144,7 +144,7 @@ class Arm:
         within = (path >= self.lower_joint_limits - 1e-6) & (path <= self.upper_joint_limits + 1e-6)
         return bool(np.isfinite(path).all() and within.all())
 
-    def collision_at(self, joints: FloatArray) -> Collision | None:
+    def find_collision_at_joints(self, joints: FloatArray) -> Collision | None:
         """What of the arm meets the table or itself at joint positions (dof,)."""
         return self._arm_model.first_collision_along(joints[None])
 

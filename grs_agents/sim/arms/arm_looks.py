@@ -51,7 +51,7 @@ def ring(body: str, start: Vec3, end: Vec3, radius: float) -> tuple[Solid, ...]:
     return (Solid(body, "cylinder", start, end, radius, True),)
 
 
-def dress_arm(spec: Any, looks: Sequence[Solid]) -> None:
+def set_arm_visuals(spec: Any, looks: Sequence[Solid]) -> None:
     """Show an arm in ``spec``, which is only drawn, by ``looks``; its tool and the bodies without looks stay as is."""
     bodies = {solid.body for solid in looks} - {"world", "cup"}
     for name in bodies:

@@ -140,6 +140,6 @@ class ArmModel:
         return collisions
 
 
-def model_ignoring_home_contacts(add: Callable[[Any], None], home: FloatArray) -> ArmModel:
+def build_arm_model_ignoring_home_contacts(add: Callable[[Any], None], home: FloatArray) -> ArmModel:
     """The arm on its own; parts that touch while it waits at ``home`` (dof,) touch by design and do not count."""
     return ArmModel(add, ArmModel(add).touching_body_pairs(home))

@@ -62,7 +62,7 @@ def _elbow_cosine(forward: FloatArray, height: FloatArray) -> FloatArray:
     return (forward**2 + height**2 - A2**2 - A3**2) / (2 * A2 * A3)
 
 
-def _nearest_whole_turns(angles: FloatArray) -> FloatArray:
+def _round_to_full_turns(angles: FloatArray) -> FloatArray:
     """The multiples of a whole turn nearest to angles."""
     return TURN * np.rint(angles / TURN)
 
@@ -225,9 +225,9 @@ class UR5e(Arm):
             angles = _solve_ik_branch(flange, tool, signs)
             if not np.isfinite(angles).all():
                 continue
-            joints = angles + _nearest_whole_turns(seed - angles[0])
-            joints[1:] -= np.cumsum(_nearest_whole_turns(np.diff(angles, axis=0)), axis=0)
-            joints[:, 2] -= _nearest_whole_turns(joints[:1, 2])
+            joints = angles + _round_to_full_turns(seed - angles[0])
+            joints[1:] -= np.cumsum(_round_to_full_turns(np.diff(angles, axis=0)), axis=0)
+            joints[:, 2] -= _round_to_full_turns(joints[:1, 2])
             limits = np.array([TURN, TURN, np.pi, TURN, TURN, TURN])
             distance = float(np.abs(joints[0] - seed).max())
             if distance < nearest and (np.abs(joints) <= limits).all():

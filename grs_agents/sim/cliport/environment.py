@@ -81,7 +81,7 @@ class Witness(Protocol):
         """The task has set its scene up, nothing has settled yet."""
         ...
 
-    def recall_or_act(
+    def run_or_replay_action(
         self, env: "Environment", pick: Pose, place: Pose, act: Callable[[Pose, Pose], PickPlaceResult]
     ) -> PickPlaceResult:
         """Do an action with ``act``, or what came of the same one."""
@@ -136,7 +136,7 @@ class Environment(Workcell):
         self.disp, self.shared_memory, self.hz, self.record_cfg = disp, shared_memory, hz, record_cfg
         library = library or templates.default_library()
         if self.assets_root and Path(self.assets_root).is_dir():
-            library = library.with_overlay(Path(self.assets_root))
+            library = library.copy_with_overlay_root(Path(self.assets_root))
         super().__init__(library, Budget(budget), get_arm(robot or templates.defaults.robot), seed)
         self.pix_size = 0.003125
         self.task: EpisodeTask | None = None
@@ -275,7 +275,7 @@ class Environment(Workcell):
     def pick_place(self, pick: Pose, place: Pose) -> PickPlaceResult:
         """Pick at one pose of the tip and place at another; does not score."""
         act = PickPlace(self.physics, self.collider_prisms, self.object_labels).pick_and_place
-        return act(pick, place) if self.witness is None else self.witness.recall_or_act(self, pick, place, act)
+        return act(pick, place) if self.witness is None else self.witness.run_or_replay_action(self, pick, place, act)
 
     def replace_object(self, item: InstanceObject) -> None:
         """Put another object in the place of the one with its id, before anything has moved."""
@@ -304,22 +304,22 @@ class Environment(Workcell):
 
     def _warn_about_settling(self, placed: Mapping[int, Pose]) -> None:
         """Note what did not stay where the program put it, and why not."""
-        moved = [n for n, start in placed.items() if _has_shifted(start[0], self.places[n][0])]
+        moved = [n for n, start in placed.items() if _has_moved_while_settling(start[0], self.places[n][0])]
         prisms = {n: object_prism_at_pose(self.object_model(n), placed[n]) for n in placed} if moved else {}
         label = self.object_labels
         for number in moved:
             start, end = placed[number][0], self.places[number][0]
-            within = [label[n] for n in placed if n != number and _overlap(prisms[number], prisms[n])]
+            within = [label[n] for n in placed if n != number and _are_prisms_overlapping(prisms[number], prisms[n])]
             why = f"was put into {' and '.join(within)}" if within else "was put in the air, or did not stand"
             ways = f"from {placement.format_point(start)} to {placement.format_point(end)}"
             self.record_warning(f"{label[number]} {why}: settling moved it {math.dist(start, end):.3f} m, {ways}")
 
 
-def _has_shifted(start: Vec3, end: Vec3) -> bool:
+def _has_moved_while_settling(start: Vec3, end: Vec3) -> bool:
     return math.dist(start[:2], end[:2]) > _SETTLED or abs(start[2] - end[2]) > _SUNK
 
 
-def _overlap(first: Prism, second: Prism) -> bool:
+def _are_prisms_overlapping(first: Prism, second: Prism) -> bool:
     """Whether two objects reach more than 2 mm into each other, upwards and sideways."""
     upwards = min(first.high, second.high) - max(first.low, second.low)
     return upwards > 0.002 and signed_outline_gaps(first.outline, second.outline, np.zeros((1, 2)))[0] < -0.002

@@ -29,7 +29,7 @@ BUILT_IN: Final = (
 
 def install() -> None:
     """Let ``import cliport...`` and ``import pybullet`` reach this runtime's objects in this process."""
-    if any(isinstance(finder, _Refusal) for finder in sys.meta_path):
+    if any(isinstance(finder, _UnknownModuleRefuser) for finder in sys.meta_path):
         return
     for name in [name for name in sys.modules if name.split(".")[0] in PACKAGES]:
         del sys.modules[name]
@@ -39,8 +39,8 @@ def install() -> None:
         parent, _, child = name.rpartition(".")
         if parent:
             setattr(modules[parent], child, module)
-    sys.meta_path.insert(0, _Refusal(tuple(sorted(modules))))
-    os.remove = _keep_filled_templates(os.remove)
+    sys.meta_path.insert(0, _UnknownModuleRefuser(tuple(sorted(modules))))
+    os.remove = _wrap_remove_to_skip_templates(os.remove)
 
 
 def _build_replacement_modules() -> dict[str, ModuleType]:
@@ -59,7 +59,7 @@ def _build_replacement_modules() -> dict[str, ModuleType]:
         "cliport.environments.environment": _make_module("cliport.environments.environment", Environment=Environment),
         "pybullet": pybullet,
         "pybullet_utils": _make_module("pybullet_utils"),
-        **{f"cliport.tasks.{name}": _make_built_in(f"cliport.tasks.{name}") for name in BUILT_IN},
+        **{f"cliport.tasks.{name}": _make_published_task_module(f"cliport.tasks.{name}") for name in BUILT_IN},
     }
 
 
@@ -67,29 +67,29 @@ def _do_nothing(*_: Any, **__: Any) -> None:
     """``IPython.embed``: published programs import it and leave no call of it behind."""
 
 
-def _keep_filled_templates(remove: Callable[..., None]) -> Callable[..., None]:
+def _wrap_remove_to_skip_templates(remove: Callable[..., None]) -> Callable[..., None]:
     """``os.remove``, for which a filled template, which is a file in CLIPort and none here, is gone already."""
 
-    def removed(path: Any, *more: Any, **options: Any) -> None:
+    def remove_unless_template(path: Any, *more: Any, **options: Any) -> None:
         if not isinstance(path, str) or templates.find_filling_by_name(path) is None:
             remove(path, *more, **options)
 
-    return removed
+    return remove_unless_template
 
 
-def _make_built_in(module: str) -> ModuleType:
+def _make_published_task_module(module: str) -> ModuleType:
     """A module whose classes may be imported, which programs do, but not run: the tasks themselves are not here."""
 
     def reset(self: Any, env: Any) -> None:
         found = f"{type(self).__name__} is a task of {module}, whose program is not part of this simulation"
         raise UnsupportedError(found, "give its source as a program of its own, or derive from Task")
 
-    def find(name: str) -> type[PublishedTask]:
+    def make_task_class(name: str) -> type[PublishedTask]:
         if not name[0].isupper() or name.isupper():
             raise AttributeError(f"{module} has no {name} in this simulation")
         return type(name, (PublishedTask,), {"reset": reset, "__module__": module})
 
-    return _make_module(module, __getattr__=find)
+    return _make_module(module, __getattr__=make_task_class)
 
 
 def _make_module(name: str, **names: Any) -> ModuleType:
@@ -99,7 +99,7 @@ def _make_module(name: str, **names: Any) -> ModuleType:
     return module
 
 
-class _Refusal(MetaPathFinder):
+class _UnknownModuleRefuser(MetaPathFinder):
     """Stands first in line, so that what is not answered is refused rather than found on the user's disk."""
 
     def __init__(self, answered: tuple[str, ...]) -> None:

@@ -178,7 +178,7 @@ class Task(TaskKit):
         env = self.grs.reset_in
         library = env.library if env is not None else templates.default_library()
         replace = {
-            stem: _take_color_out_of_list(value) if stem == "COLOR" else value for stem, value in replace.items()
+            stem: _unwrap_single_color_list(value) if stem == "COLOR" else value for stem, value in replace.items()
         }
         name, doubts = templates.fill_and_describe_template(library, template, replace)
         if env is not None:
@@ -201,7 +201,7 @@ class Task(TaskKit):
         """
         bound = _unknown.pop("bound", None)  # LoHo-Ravens': where the centre may be, as ``bounds``
         env.warn_of_unknown_arguments("task.get_random_pose", _unknown, Task.get_random_pose)
-        size = _three_lengths(obj_size)
+        size = _parse_size_xyz(obj_size)
         if min(size) < 0:
             env.record_warning("get_random_pose: a size with negative lengths was taken without their sign")
         bounds = self.bounds if bound is None else np.asarray(bound, dtype=np.float64)
@@ -312,13 +312,13 @@ class PublishedTask(Task):
             self.ee, self.primitive = end_effectors.Spatula, end_effectors.push
 
 
-def _take_color_out_of_list(color: Any) -> Any:
+def _unwrap_single_color_list(color: Any) -> Any:
     """One colour in a list, as ``utils.get_random_color()[0]`` is, counts as that colour."""
     listed: Sequence[Any] = cast(Sequence[Any], color) if isinstance(color, list | tuple) else ()
     return listed[0] if len(listed) == 1 else cast(Any, color)
 
 
-def _three_lengths(size: Any) -> tuple[float, float, float]:
+def _parse_size_xyz(size: Any) -> tuple[float, float, float]:
     """A size in x, y, z (m) from as many lengths as a program gave: the first three; one is a cube's."""
     given = np.atleast_1d(np.asarray(size, dtype=np.float64)).ravel().tolist()
     if not given or not np.isfinite(given).all():

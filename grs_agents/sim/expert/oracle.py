@@ -12,9 +12,16 @@ import numpy as np
 from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.expert import placement_planner
-from grs_agents.sim.goals import SceneView, ScoredTask, carried_object_ids, has_toppled, list_what_stays, make_stop
+from grs_agents.sim.goals import (
+    SceneView,
+    ScoredTask,
+    carried_object_ids,
+    describe_unmovables,
+    has_toppled,
+    make_oracle_stop,
+)
 from grs_agents.sim.instance import Goal, Stop, set_last_recorder
-from grs_agents.sim.motion import Blocked, ReachTest, Spot, describe_out_of_reach, find_grasp, format_point
+from grs_agents.sim.motion import BlockedTarget, ReachTest, Spot, describe_out_of_reach, find_grasp, format_point
 from grs_agents.sim.world import Tabletop
 
 _SAMPLES: Final = 24
@@ -27,10 +34,10 @@ def is_rope_goal(goal: Goal, view: SceneView) -> bool:
     if goal.metric != "pose" or len(goal.objects) < 3 or len(goal.targets) != len(goal.objects):
         return False
     tied = {frozenset((tie.parent, tie.child)) for tie in view.ties}
-    return all(frozenset(pair) in tied for pair in pairwise(goal.objects)) and bool(_rope_target_orders(goal))
+    return all(frozenset(pair) in tied for pair in pairwise(goal.objects)) and bool(_rope_targets_from_either_end(goal))
 
 
-def _rope_target_orders(goal: Goal) -> list[FloatArray]:
+def _rope_targets_from_either_end(goal: Goal) -> list[FloatArray]:
     """Targets (N, 2) in the order of the beads: from either end, as far as the goal allows."""
     targets, count = np.array([pose[0][:2] for pose in goal.targets]), len(goal.objects)
     orders = (np.arange(count), np.arange(count)[::-1])
@@ -48,7 +55,7 @@ class RopePlanner:
         beads = np.array([view.object_pose(number)[0][:2] for number in goal.objects])
         key = goal.objects
         if key not in self._chosen:
-            ways = _rope_target_orders(goal)
+            ways = _rope_targets_from_either_end(goal)
             self._chosen[key] = min(ways, key=lambda way: float(np.linalg.norm(way - beads, axis=1).sum()))
         wanted = self._chosen[key]
         now = _rope_placement_cost(beads, wanted, pos_eps)
@@ -170,9 +177,9 @@ class Oracle:
                 reasons.append(plan)
             if reasons:
                 return reasons[0]
-        return self._explain_nothing_to_move()
+        return self._make_nothing_to_move_stop()
 
-    def _explain_nothing_to_move(self) -> Stop:
+    def _make_nothing_to_move_stop(self) -> Stop:
         """Goals are open, yet no object is left to move."""
         if not self.table.recorder.actions:
             return Stop("nothing_to_do", "every object is at its target already, before the robot does anything")
@@ -188,10 +195,10 @@ class Oracle:
             hold = self.find_pick_point(number, view) if self._attempts.get(attempt, 0) < _ATTEMPTS else None
             spot = Spot((float(target[0]), float(target[1])), 0.0, 0.0)
             if isinstance(hold, tuple) and ReachTest(hold[2], self.table.arm)(np.array([spot.center]), np.zeros(1))[0]:
-                return self._make_attempt(attempt, hold, spot, view)
+                return self._make_action_for_attempt(attempt, hold, spot, view)
         return None
 
-    def _make_attempt(self, attempt: tuple[int, int], hold: Vec3, spot: Spot, view: SceneView) -> Action:
+    def _make_action_for_attempt(self, attempt: tuple[int, int], hold: Vec3, spot: Spot, view: SceneView) -> Action:
         """Carry the object that an attempt is about to a spot; the attempt counts."""
         self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
         self._last = attempt
@@ -202,7 +209,7 @@ class Oracle:
         scores = self.task.grs.score_goal_objects(goal)
         if goal.relation_kind in ("stacked", "aligned"):
             met = min(scores) >= _PLACED
-            return [] if met else self._planner.rows_to_move(goal, view)
+            return [] if met else self._planner.goal_rows_to_move(goal, view)
         rows = [row for row, score in enumerate(scores) if score < _PLACED]
 
         def key(row: int) -> tuple[float, float, int]:
@@ -221,74 +228,76 @@ class Oracle:
         number = goal.objects[row]
         attempt = (len(self.task.goals), number)
         if self._attempts.get(attempt, 0) >= _ATTEMPTS:
-            return self._explain_giving_up(number, view)
+            return self._make_giving_up_stop(number, view)
         hold = self.find_pick_point(number, view)
         if isinstance(hold, Stop):
             return hold
-        if isinstance(hold, Blocked):
+        if isinstance(hold, BlockedTarget):
             return self._plan_blocker_removal(hold, number, view, waiting)
         lift = hold[2] - view.object_prism(number).low
         target = self._planner.choose_target(goal, row, self.task, view, lift)
         if isinstance(target, Stop):
             return target
-        if isinstance(target, Blocked):
+        if isinstance(target, BlockedTarget):
             cleared = self._plan_blocker_removal(target, number, view, waiting)
             if target.otherwise is None or not isinstance(cleared, Stop):
                 return cleared
             target = target.otherwise
-        return self._make_attempt(attempt, hold, target, view)
+        return self._make_action_for_attempt(attempt, hold, target, view)
 
-    def find_pick_point(self, number: int, view: SceneView) -> Vec3 | Blocked | Stop:
+    def find_pick_point(self, number: int, view: SceneView) -> Vec3 | BlockedTarget | Stop:
         """Where to pick an object up, or what lies on it, or why it cannot be picked."""
         carried = carried_object_ids(number, view)
-        immovable = self._explain_immovable(number, carried, view)
+        immovable = self._stop_if_object_immovable(number, carried, view)
         if immovable is not None:
             return immovable
         if carried and not view.is_object_hollow(number):
-            return Blocked(carried[0])
+            return BlockedTarget(carried[0])
         hold = find_grasp(view.physics, number, view.object_prism(number), view.prisms_of_other_objects(number))
         if hold.point is not None:
             return hold.point
         movable = [other for other in hold.covered_by if view.may_robot_move(other)]
         if movable:
-            return Blocked(movable[0])
+            return BlockedTarget(movable[0])
         name = view.object_label(number)
         if hold.covered_by:
-            detail = f"the top of {name} is covered by {list_what_stays(hold.covered_by, view)}"
-            return make_stop("unreachable", detail, view, number, *hold.covered_by)
+            detail = f"the top of {name} is covered by {describe_unmovables(hold.covered_by, view)}"
+            return make_oracle_stop("unreachable", detail, view, number, *hold.covered_by)
         why = "is flat and wide enough for the cup to seal"
         if hold.trouble == "would_tip":
             why = "is so near to the middle of its weight that it would not tip off the cup"
-        return make_stop(hold.trouble or "unreachable", f"no place on top of {name} {why}", view, number)
+        return make_oracle_stop(hold.trouble or "unreachable", f"no place on top of {name} {why}", view, number)
 
-    def _explain_immovable(self, number: int, carried: Sequence[int], view: SceneView) -> Stop | None:
+    def _stop_if_object_immovable(self, number: int, carried: Sequence[int], view: SceneView) -> Stop | None:
         """Why an object, with what it carries, cannot be moved at all; None if it can."""
         name, position = view.object_label(number), view.object_pose(number)[0]
         if not view.is_object_movable(number):
-            return make_stop("error", f"{name} is 'fixed' and cannot be moved; add it as 'rigid'", view, number)
+            return make_oracle_stop("error", f"{name} is 'fixed' and cannot be moved; add it as 'rigid'", view, number)
         top = (position[0], position[1], view.object_prism(number).high)
         if not self.table.arm.can_reach_point(top):
             detail = f"object {name} at {format_point(position)} {describe_out_of_reach(top, self.table.arm)}"
-            return make_stop("unreachable", detail, view, number)
+            return make_oracle_stop("unreachable", detail, view, number)
         staying = [other for other in carried if not view.may_robot_move(other)]
         if staying:
-            detail = f"{name} cannot be moved: it carries {list_what_stays(staying, view)}"
-            return make_stop("unreachable", detail, view, number, *staying)
+            detail = f"{name} cannot be moved: it carries {describe_unmovables(staying, view)}"
+            return make_oracle_stop("unreachable", detail, view, number, *staying)
         return None
 
     def _plan_blocker_removal(
-        self, blocked: Blocked, number: int, view: SceneView, waiting: tuple[int, ...]
+        self, blocked: BlockedTarget, number: int, view: SceneView, waiting: tuple[int, ...]
     ) -> Action | Stop:
         """Move what is in the way: to its own target if it has one, else aside, as when it waits in turn."""
         blocker, attempt, waiting = blocked.blocker, (-1, blocked.blocker), (*waiting, number)
 
-        def give_up(why: str) -> Stop:
+        def make_blocked_stop(why: str) -> Stop:
             taken = f"{view.object_label(number)}: its way or target is occupied by {view.object_label(blocker)}"
-            return make_stop("target_occupied", f"{taken}, which cannot be moved aside: {why}", view, number, blocker)
+            return make_oracle_stop(
+                "target_occupied", f"{taken}, which cannot be moved aside: {why}", view, number, blocker
+            )
 
         vain = self._attempts.get(attempt, 0) >= _ATTEMPTS
         if vain or waiting.count(blocker) > 1:
-            return give_up("it was tried in vain" if vain else "each of the two is in the other's way")
+            return make_blocked_stop("it was tried in vain" if vain else "each of the two is in the other's way")
         for goal in self.task.goals if blocker not in waiting else ():
             scores = self.task.grs.score_goal_objects(goal)
             if blocker in goal.objects and scores[goal.objects.index(blocker)] < _PLACED:
@@ -296,25 +305,25 @@ class Oracle:
                 if not isinstance(plan, Stop):
                     return plan
         hold = self.find_pick_point(blocker, view)
-        if isinstance(hold, Blocked):
+        if isinstance(hold, BlockedTarget):
             return self._plan_blocker_removal(hold, blocker, view, waiting)
         if isinstance(hold, Stop):
-            return give_up(hold.detail)
+            return make_blocked_stop(hold.detail)
         spot = placement_planner.find_spot_aside(
             blocker, blocked.keep_free, view, hold[2] - view.object_prism(blocker).low
         )
         if spot is None:
-            return give_up("no place on the table is free for it")
-        return self._make_attempt(attempt, hold, spot, view)
+            return make_blocked_stop("no place on the table is free for it")
+        return self._make_action_for_attempt(attempt, hold, spot, view)
 
-    def _explain_giving_up(self, number: int, view: SceneView) -> Stop:
+    def _make_giving_up_stop(self, number: int, view: SceneView) -> Stop:
         name = view.object_label(number)
         tries = [action for action in self.table.recorder.actions if action.object in (number, None)]
         trouble = tries[-1].trouble if tries else None
         last = f"; last: {tries[-1].note}" if tries else ""
         detail = f"{name} was not brought to its target, it is at {format_point(view.object_pose(number)[0])}{last}"
         toppled = has_toppled(number, view, np.pi / 4)
-        return make_stop("toppled" if toppled else trouble or "dropped", detail, view, number)
+        return make_oracle_stop("toppled" if toppled else trouble or "dropped", detail, view, number)
 
 
 def _make_pick_place_action(number: int, hold: Vec3, spot: Spot, view: SceneView) -> Action:

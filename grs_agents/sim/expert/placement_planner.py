@@ -10,11 +10,11 @@ from grs_agents.base import Pose
 from grs_agents.geometry import transforms
 from grs_agents.sim.expert.pose_placement import choose_pose_target
 from grs_agents.sim.expert.relation_placement import RelationPlanner
-from grs_agents.sim.expert.zone_packing import explain_or_unblock_zone, pack_objects_into_zone, unplaced_zone_members
+from grs_agents.sim.expert.zone_packing import find_occupied_zone_target, pack_objects_into_zone, unplaced_zone_members
 from grs_agents.sim.goals import SceneView, ScoredTask
 from grs_agents.sim.instance import Goal, Zone
 from grs_agents.sim.motion import (
-    Blocked,
+    BlockedTarget,
     ReachTest,
     Region,
     Spot,
@@ -30,7 +30,7 @@ _CLIMB: Final = 0.012
 
 
 @dataclass(frozen=True)
-class Planned:
+class PlannedSpot:
     """A spot, and where its object was when it was chosen: the turn is relative to that."""
 
     spot: Spot
@@ -41,7 +41,7 @@ class Planner:
     """Chooses targets; remembers how the objects of a zone are to lie together."""
 
     def __init__(self) -> None:
-        self._plans: dict[Zone, dict[int, Planned]] = {}
+        self._plans: dict[Zone, dict[int, PlannedSpot]] = {}
         self._relations = RelationPlanner()
 
     def choose_target(self, goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
@@ -55,9 +55,9 @@ class Planner:
             return choose_pose_target(goal, row, task, view, lift)
         return self._choose_zone_target(goal, row, task, view, lift)
 
-    def rows_to_move(self, goal: Goal, view: SceneView) -> list[int]:
+    def goal_rows_to_move(self, goal: Goal, view: SceneView) -> list[int]:
         """Rows of a ``stacked`` or ``aligned`` goal whose objects must move, in the order in which they must."""
-        return self._relations.rows_to_move(goal, view)
+        return self._relations.goal_rows_to_move(goal, view)
 
     def _choose_zone_target(self, goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
         number, reasons = goal.objects[row], list[Target]()
@@ -67,15 +67,15 @@ class Planner:
                 return planned.spot
             members = unplaced_zone_members(zone, task)
             plan = pack_objects_into_zone(zone, [number, *(other for other in members if other != number)], view, lift)
-            self._plans[zone] = {member: Planned(spot, view.object_pose(member)) for member, spot in plan.items()}
+            self._plans[zone] = {member: PlannedSpot(spot, view.object_pose(member)) for member, spot in plan.items()}
             if number in plan:
                 return plan[number]
-            reasons.append(explain_or_unblock_zone(zone, number, members, task, view, lift))
-        blocked = [reason for reason in reasons if isinstance(reason, Spot | Blocked)]
+            reasons.append(find_occupied_zone_target(zone, number, members, task, view, lift))
+        blocked = [reason for reason in reasons if isinstance(reason, Spot | BlockedTarget)]
         return blocked[0] if blocked else reasons[0]
 
 
-def _is_plan_valid(planned: Planned, number: int, view: SceneView, lift: float) -> bool:
+def _is_plan_valid(planned: PlannedSpot, number: int, view: SceneView, lift: float) -> bool:
     """Whether the object has not been stirred since it was planned for, and its spot is still free."""
     pose, spot = view.object_pose(number), planned.spot
     if (

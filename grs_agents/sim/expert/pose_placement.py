@@ -9,11 +9,11 @@ import numpy as np
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
 from grs_agents.sim.expert.zone_packing import unplaced_objects
-from grs_agents.sim.goals import SceneView, ScoredTask, is_placement_stable, list_what_stays, make_stop
+from grs_agents.sim.goals import SceneView, ScoredTask, describe_unmovables, is_placement_stable, make_oracle_stop
 from grs_agents.sim.instance import Goal
 from grs_agents.sim.motion import (
     TALLEST_STACK,
-    Blocked,
+    BlockedTarget,
     FloatArray,
     ReachTest,
     Spot,
@@ -62,13 +62,13 @@ def choose_pose_target(goal: Goal, row: int, task: ScoredTask, view: SceneView, 
         if isinstance(target, Spot):
             return target
         reasons.append(target)
-    blocked = [reason for reason in reasons if isinstance(reason, Blocked)]
+    blocked = [reason for reason in reasons if isinstance(reason, BlockedTarget)]
     if blocked:
         return blocked[0]
     return (
         reasons[0]
         if reasons
-        else make_stop(
+        else make_oracle_stop(
             "error",
             f"no target pose matches {view.object_label(number)}: its row of matches is all zeros",
             view,
@@ -103,7 +103,7 @@ def _plan_placement_at_target(
     tip = (*spot.center, height + lift)
     if not ReachTest(lift, view.arm)(offset, np.array([height]))[0]:
         place = f"target of {view.object_label(number)} at {format_point(target[0])}"
-        return make_stop("unreachable", f"{place} {describe_out_of_reach(tip, view.arm)}", view, number)
+        return make_oracle_stop("unreachable", f"{place} {describe_out_of_reach(tip, view.arm)}", view, number)
     shape = rotated_outline_at_origin(body, np.asarray(pose[0][:2]), angle)
     keep_free = (Prism(shape.outline + offset, 0.0, 1.0, number),)
     too_high = height > wanted + (_LOOSE if wanted > _FLAT else _FLAT)
@@ -111,12 +111,14 @@ def _plan_placement_at_target(
     staying = [other for other in below if view.is_bystander(other)]
     if staying:
         taken = f"target of {view.object_label(number)} at {format_point(target[0])} is occupied"
-        return make_stop("target_occupied", f"{taken} by {list_what_stays(staying, view)}", view, number, *staying)
+        return make_oracle_stop(
+            "target_occupied", f"{taken} by {describe_unmovables(staying, view)}", view, number, *staying
+        )
     for other in below:
-        if view.is_object_movable(other) and not _may_stand_on(other, number, shape, target, height, task, view):
-            return Blocked(other, keep_free)
+        if view.is_object_movable(other) and not _may_rest_on_blocker(other, number, shape, target, height, task, view):
+            return BlockedTarget(other, keep_free)
     tight = _find_conflicting_neighbour(number, fit, target, task, view)
-    return spot if tight is None else Blocked(tight, keep_free, spot)
+    return spot if tight is None else BlockedTarget(tight, keep_free, spot)
 
 
 @dataclass(frozen=True)
@@ -170,7 +172,7 @@ def _allowed_yaw_turns(target: Pose, number: int, symmetry: float, view: SceneVi
         return [wrap_angle(asked, symmetry)]
     if all(shape.kind in ("cylinder", "sphere") for shape in view.object_model(number).colliders):
         return [0.0]
-    return [*_add_quarter_turns(asked), 0.0]
+    return [*_angles_at_quarter_turns(asked), 0.0]
 
 
 def _yaw_turns_along_support(target: Pose, number: int, symmetry: float, view: SceneView) -> list[float]:
@@ -180,10 +182,10 @@ def _yaw_turns_along_support(target: Pose, number: int, symmetry: float, view: S
         for other in view.object_ids
         if other != number and view.object_model(other).colliders and view.is_point_over_object(other, target[0])
     ]
-    return [turn for host in hosts for turn in _add_quarter_turns(host)] if symmetry <= 0 else []
+    return [turn for host in hosts for turn in _angles_at_quarter_turns(host)] if symmetry <= 0 else []
 
 
-def _add_quarter_turns(angle: float) -> list[float]:
+def _angles_at_quarter_turns(angle: float) -> list[float]:
     return [wrap_angle(wrap_angle(angle, np.pi / 2) + quarter * np.pi / 2) for quarter in range(4)]
 
 
@@ -274,7 +276,7 @@ def _is_part_level_with_prism(part: Prism, up: float, prism: Prism, fit: _Fit) -
     return prism.low < part.high + up and prism.high > max(part.low + up, fit.height + 0.003)
 
 
-def _may_stand_on(
+def _may_rest_on_blocker(
     blocker: int, number: int, shape: Prism, target: Pose, height: float, task: ScoredTask, view: SceneView
 ) -> bool:
     """Whether to stand an object on, or in, what is at its target: that is meant to be there, and can hold it."""

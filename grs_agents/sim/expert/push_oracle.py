@@ -13,7 +13,7 @@ import numpy.typing as npt
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.arms import BLADE_THICKNESS, BLADE_WIDTH
 from grs_agents.sim.expert.oracle import Action, Oracle
-from grs_agents.sim.goals import SceneView, ScoredTask, make_stop, zone_covered_by_object
+from grs_agents.sim.goals import SceneView, ScoredTask, make_oracle_stop, object_footprint_as_zone
 from grs_agents.sim.instance import Goal, Stop
 from grs_agents.sim.motion import HEIGHT, action_points_for_stroke
 from grs_agents.sim.world import Tabletop, rectangle_outline, rotation_matrix_2d, signed_outline_gaps
@@ -155,11 +155,11 @@ class PushOracle(Oracle):
         self._vain = 0 if cost < self._least - _EFFORT else self._vain + 1
         self._least = min(self._least, cost)
         if cost == 0:
-            return self._explain_nothing_to_move()
+            return self._make_nothing_to_move_stop()
         strokes, gain = scene.propose_strokes_with_gain()
         best = next(self._rank_feasible_strokes(strokes, gain, scene), None) if self._vain < _PATIENCE else None
         if best is None:
-            return scene.explain_no_stroke()
+            return scene.make_no_useful_stroke_stop()
         start, end = strokes.start_points[best], strokes.end_points[best]
         self._tried = [*self._tried[-_TRIED:], np.hstack([start, end])]
         back = strokes.unit_directions[best] * BLADE_THICKNESS / 2
@@ -278,7 +278,7 @@ class _Scene:
             if not self.view.may_robot_move(prism.owner)
         )
 
-    def explain_no_stroke(self) -> Stop:
+    def make_no_useful_stroke_stop(self) -> Stop:
         """No stroke is worth its effort: what is still astray."""
         places = self.pieces.places
         astray: list[int] = []
@@ -291,12 +291,12 @@ class _Scene:
             if not self.view.arm.can_reach_point((*self.view.object_pose(number)[0][:2], HEIGHT))
         ]
         if far:
-            detail = f"{len(far)} of {len(astray)} objects astray are out of the arm's reach: {self._list_labels(far)}"
-            return make_stop("unreachable", detail, self.view, *far)
-        detail = f"no stroke brings the last {len(astray)} objects nearer to their targets: {self._list_labels(astray)}"
-        return make_stop("partial", detail, self.view, *astray)
+            detail = f"{len(far)} of {len(astray)} objects astray are out of the arm's reach: {self._join_labels(far)}"
+            return make_oracle_stop("unreachable", detail, self.view, *far)
+        detail = f"no stroke brings the last {len(astray)} objects nearer to their targets: {self._join_labels(astray)}"
+        return make_oracle_stop("partial", detail, self.view, *astray)
 
-    def _list_labels(self, numbers: Sequence[int]) -> str:
+    def _join_labels(self, numbers: Sequence[int]) -> str:
         return ", ".join(map(self.view.object_label, numbers[:5])) + (", ..." if len(numbers) > 5 else "")
 
 
@@ -304,7 +304,7 @@ def _goal_places_for_object(goal: Goal, row: int, spread: float, pos_eps: float,
     """Where the centre of an object of a goal may be; ``spread``: from its centre to its farthest corner, metres."""
     zones = goal.zones
     if goal.relation_kind == "in_zone":
-        zones = (zone_covered_by_object(goal.reference_id, view),)
+        zones = (object_footprint_as_zone(goal.reference_id, view),)
     if zones:
         return [
             Place(

@@ -11,10 +11,10 @@ import numpy.typing as npt
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
 from grs_agents.sim.expert.zone_packing import (
-    explain_or_unblock_zone,
+    find_occupied_zone_target,
     pack_objects_into_zone,
-    region_of_zone,
     yaw_turns_to_try,
+    zone_to_region,
 )
 from grs_agents.sim.goals import (
     SceneView,
@@ -23,12 +23,12 @@ from grs_agents.sim.goals import (
     explain_goal_shortfalls,
     explain_object_shortfall,
     has_toppled,
-    make_stop,
-    zone_covered_by_object,
+    make_oracle_stop,
+    object_footprint_as_zone,
 )
 from grs_agents.sim.instance import Goal, Stop
 from grs_agents.sim.motion import (
-    Blocked,
+    BlockedTarget,
     FloatArray,
     ReachTest,
     Region,
@@ -72,7 +72,7 @@ class RelationPlanner:
             )
         return _choose_spot_on_reference(goal, number, task, view, lift)
 
-    def rows_to_move(self, goal: Goal, view: SceneView) -> list[int]:
+    def goal_rows_to_move(self, goal: Goal, view: SceneView) -> list[int]:
         """Rows of a ``stacked`` or ``aligned`` goal whose objects must move, in the order in which they must."""
         if goal.relation_kind == "stacked":
             levels = range(1, len(goal.objects))
@@ -88,12 +88,12 @@ class RelationPlanner:
         plan = self._lines.get(goal) or _plan_line_positions(goal, view, lift)
         if plan is None:
             detail = f"no free line within reach for {len(goal.objects)} objects"
-            return make_stop("no_free_space", detail, view, *goal.objects)
+            return make_oracle_stop("no_free_space", detail, view, *goal.objects)
         self._lines[goal] = plan
         spot = _rest_spot_at_point(plan[number], 0.0, number, view)
         blocker = _find_blocker_at_spot(spot, number, view)
         if blocker is not None:
-            return Blocked(blocker, (_object_prism_at_spot(number, spot, view),))
+            return BlockedTarget(blocker, (_object_prism_at_spot(number, spot, view),))
         placed = {other: _object_pose_at_spot(Spot(plan[other], 0.0, 0.0), other, view) for other in goal.objects}
         clauses = explain_goal_shortfalls(goal, view.copy_with_object_poses(placed), task.rot_eps)
         for other, clause in zip(goal.objects, clauses, strict=True):
@@ -102,7 +102,7 @@ class RelationPlanner:
         return spot if _is_spot_reachable(spot, view, lift) else _explain_unreachable_spot(number, spot, view, lift)
 
 
-def view_after_placing(spot: Spot, number: int, view: SceneView) -> SceneView:
+def predict_view_after_placing(spot: Spot, number: int, view: SceneView) -> SceneView:
     """The scene once an object has been put at a spot."""
     return view.copy_with_object_poses({number: _object_pose_at_spot(spot, number, view)})
 
@@ -127,7 +127,7 @@ def _choose_first_valid_spot(
         if not _is_spot_reachable(spot, view, lift):
             far = far or spot
             continue
-        clause = explain_object_shortfall(goal, number, view_after_placing(spot, number, view), task.rot_eps)
+        clause = explain_object_shortfall(goal, number, predict_view_after_placing(spot, number, view), task.rot_eps)
         if not clause:
             return spot
         why = why or f"{view.object_label(number)} {clause}"
@@ -143,7 +143,7 @@ def _is_spot_reachable(spot: Spot, view: SceneView, lift: float) -> bool:
 def _explain_unreachable_spot(number: int, spot: Spot, view: SceneView, lift: float) -> Stop:
     tip = (*spot.center, spot.height + lift)
     place = f"target of {view.object_label(number)} at {format_point(tip)}"
-    return make_stop("unreachable", f"{place} {describe_out_of_reach(tip, view.arm)}", view, number)
+    return make_oracle_stop("unreachable", f"{place} {describe_out_of_reach(tip, view.arm)}", view, number)
 
 
 def _explain_no_valid_spot(goal: Goal, number: int, view: SceneView, why: str) -> Stop:
@@ -151,7 +151,7 @@ def _explain_no_valid_spot(goal: Goal, number: int, view: SceneView, why: str) -
     other = "".join(f" {view.object_label(other)}" for other in goal.mentioned_object_ids[len(goal.objects) :])
     wanted = f"{view.object_label(number)} would be {str(goal.relation_kind).replace('_', ' ')}{other}"
     words = f"at no spot {wanted}; at the best one {why}" if why else f"no spot at which {wanted} is free"
-    return make_stop("target_occupied", words, view, number)
+    return make_oracle_stop("target_occupied", words, view, number)
 
 
 def _object_prism_at_spot(number: int, spot: Spot, view: SceneView) -> Prism:
@@ -182,7 +182,7 @@ def _choose_stack_target(below: int, goal: Goal, number: int, task: ScoredTask, 
     if isinstance(target, Spot) or target.outcome == "unreachable":
         return target
     blocker = _find_blocker_at_spot(spots[0], number, view, below)
-    return Blocked(blocker, (_object_prism_at_spot(number, spots[0], view),)) if blocker is not None else target
+    return BlockedTarget(blocker, (_object_prism_at_spot(number, spots[0], view),)) if blocker is not None else target
 
 
 def _find_blocker_at_spot(spot: Spot, number: int, view: SceneView, below: int = -1) -> int | None:
@@ -200,7 +200,7 @@ def _find_blocker_at_spot(spot: Spot, number: int, view: SceneView, below: int =
 
 def _choose_spot_on_reference(goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
     """In a container, on a support or in a zone: packed with its fellows, as clear of one another as fits."""
-    zone = zone_covered_by_object(goal.reference_id, view)
+    zone = object_footprint_as_zone(goal.reference_id, view)
     members = [number, *(other for other in _unplaced_relation_members(goal, task, view) if other != number)]
     plan = pack_objects_into_zone(zone, members, view, lift, goal.reference_id)
     candidates = [plan[number]] if number in plan else []
@@ -209,7 +209,7 @@ def _choose_spot_on_reference(goal: Goal, number: int, task: ScoredTask, view: S
     )
     if isinstance(target, Spot):
         return target
-    reason = explain_or_unblock_zone(zone, number, members, task, view, lift, goal.reference_id)
+    reason = find_occupied_zone_target(zone, number, members, task, view, lift, goal.reference_id)
     if isinstance(reason, Spot):
         return _choose_first_valid_spot(iter([reason]), goal, number, task, view, lift)
     return reason
@@ -231,7 +231,7 @@ def _candidate_reference_spots(
 ) -> Iterator[Spot]:
     """Spots by preference: as packed; clear in the middle; centred, however it rests there."""
     yield from first
-    region = region_of_zone(zone_covered_by_object(goal.reference_id, view))
+    region = zone_to_region(object_footprint_as_zone(goal.reference_id, view))
     body, center = view.object_prism(number), view.object_pose(number)[0]
     turns = yaw_turns_to_try(number, region, view)
     for gap in _GAPS:
@@ -262,7 +262,7 @@ def _candidate_spots_beside(goal: Goal, number: int, view: SceneView, lift: floa
         reach = 2 * (float(np.abs(shape.outline).max()) + bound)
         region = Region(((x0 + x1) / 2, (y0 + y1) / 2), (x1 - x0 + 2 * reach, y1 - y0 + 2 * reach), 0.0)
         for share in (_MARGIN, 0.1):
-            suits = _make_nearness_test(shape.outline, other.outline, (1 - share) * bound, ReachTest(lift, view.arm))
+            suits = _make_max_gap_test(shape.outline, other.outline, (1 - share) * bound, ReachTest(lift, view.arm))
             for gap in (0.01, 0.004):
                 clear = min(gap, 0.5 * bound)
                 spot = find_free_spot(
@@ -280,7 +280,7 @@ def _candidate_spots_beside(goal: Goal, number: int, view: SceneView, lift: floa
                     yield spot
 
 
-def _make_nearness_test(
+def _make_max_gap_test(
     shape: FloatArray, other: FloatArray, bound: float, suits: Callable[[FloatArray, FloatArray], Offsets]
 ) -> Callable[[FloatArray, FloatArray], Offsets]:
     def around(offsets: FloatArray, heights: FloatArray) -> Offsets:

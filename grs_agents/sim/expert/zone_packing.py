@@ -7,11 +7,11 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.geometry import transforms
-from grs_agents.sim.goals import SceneView, ScoredTask, list_what_stays, make_stop
+from grs_agents.sim.goals import SceneView, ScoredTask, describe_unmovables, make_oracle_stop
 from grs_agents.sim.instance import Stop, Zone
 from grs_agents.sim.motion import (
     TALLEST_STACK,
-    Blocked,
+    BlockedTarget,
     FloatArray,
     ReachTest,
     Region,
@@ -31,7 +31,7 @@ _SNUG: Final = 0.001
 """The least space with which an object still comes down beside another, metres."""
 
 
-def region_of_zone(zone: Zone) -> Region:
+def zone_to_region(zone: Zone) -> Region:
     """A zone seen from above."""
     (x, y, _), rotation = zone.pose
     return Region((x, y), zone.size[:2], transforms.yaw_of_quaternion(rotation))
@@ -73,7 +73,7 @@ def pack_objects_into_zone(
 
     ``host`` is the id of what covers the zone, if anything does: they stand on it or in it, else on the table.
     """
-    region = region_of_zone(zone)
+    region = zone_to_region(zone)
     first, rest = members[0], sorted(members[1:], key=lambda number: -float(np.prod(view.object_extent_xy(number))))
     orders = [[first, *rest]]
     if (largest := sorted(members, key=lambda number: -float(np.prod(view.object_extent_xy(number))))) != orders[0]:
@@ -118,32 +118,32 @@ def _pack_region_in_order(
     return plan
 
 
-def explain_or_unblock_zone(
+def find_occupied_zone_target(
     zone: Zone, number: int, members: Sequence[int], task: ScoredTask, view: SceneView, lift: float, host: int = -1
 ) -> Target:
     """Nothing is free: the zone is too small, out of reach, or taken; if taken, by what can be moved, or on what.
 
     ``members`` are still wanted there; ``host`` is the id of what covers the zone: a container, support or mark.
     """
-    region = region_of_zone(zone)
-    useless = _explain_useless_region(region, number, view, lift, host)
+    region = zone_to_region(zone)
+    useless = _stop_if_region_unusable(region, number, view, lift, host)
     if useless is not None:
         return useless
     inside = [other for other in _objects_in_region(region, number, view) if other != host]
     blockers = _objects_to_move_out(region, filter(view.may_robot_move, inside), members, task, view)
     if blockers:
-        return Blocked(blockers[0], (Prism(region.corner_points, 0.0, 1.0, number),))
+        return BlockedTarget(blockers[0], (Prism(region.corner_points, 0.0, 1.0, number),))
     # What is wanted in a zone may carry others that are; in a container the goal's own definition decides.
     fellows = {other for goal in view.stated_goals if zone in goal.zones for other in goal.objects}
-    spot = _find_last_resort(region, number, view, lift, fellows if host < 0 else view.object_ids)
+    spot = _find_tight_or_stacked_spot(region, number, view, lift, fellows if host < 0 else view.object_ids)
     if spot is not None:
         return spot
     taken = f"it is occupied by {', '.join(map(view.object_label, inside))}" if inside else "too little of it is free"
     detail = f"no room for {view.object_label(number)} in {_describe_region(region, host, view)}: {taken}"
-    return make_stop("target_occupied", detail, view, number, *inside)
+    return make_oracle_stop("target_occupied", detail, view, number, *inside)
 
 
-def _find_last_resort(
+def _find_tight_or_stacked_spot(
     region: Region, number: int, view: SceneView, lift: float, fellows: Collection[int]
 ) -> Spot | None:
     """A spot for which there is hardly room, or on top of one of the fellows."""
@@ -156,7 +156,7 @@ def _find_last_resort(
     return None
 
 
-def _explain_useless_region(region: Region, number: int, view: SceneView, lift: float, host: int) -> Stop | None:
+def _stop_if_region_unusable(region: Region, number: int, view: SceneView, lift: float, host: int) -> Stop | None:
     """Why an object finds no room in a region even if all is gone that the robot may move; None if it does."""
     name, body = view.object_label(number), view.object_prism(number)
     center, turns = view.object_pose(number)[0], yaw_turns_to_try(number, region, view)
@@ -165,23 +165,23 @@ def _explain_useless_region(region: Region, number: int, view: SceneView, lift: 
     kept = [prism for prism in obstacles if prism.owner == host or not view.may_robot_move(prism.owner)]
     fixed = [prism for prism in kept if not view.is_bystander(prism.owner)]
 
-    def anywhere(offsets: FloatArray, heights: FloatArray) -> npt.NDArray[np.bool_]:
+    def accept_all_offsets(offsets: FloatArray, heights: FloatArray) -> npt.NDArray[np.bool_]:
         del heights
         return np.ones(len(offsets), dtype=bool)
 
     what, suits = _describe_region(region, host, view), ReachTest(lift, view.arm)
-    if find_free_spot(body, center, turns, region, fixed, _SNUG, anywhere) is None:
+    if find_free_spot(body, center, turns, region, fixed, _SNUG, accept_all_offsets) is None:
         inner = ", its walls and what is fixed in it counted" if fixed else ""
         detail = f"{what} is too small for {name} ({width:.3f} x {depth:.3f} m){inner}"
-        return make_stop("target_too_small", detail, view, number)
+        return make_oracle_stop("target_too_small", detail, view, number)
     if find_free_spot(body, center, turns, region, fixed, _SNUG, suits) is None:
         tip = (*region.center, lift)
         detail = f"{what} for {name} at {format_point((*region.center, 0.0))} {describe_out_of_reach(tip, view.arm)}"
-        return make_stop("unreachable", detail, view, number)
+        return make_oracle_stop("unreachable", detail, view, number)
     if find_free_spot(body, center, turns, region, kept, _SNUG, suits) is None:
         staying = [other for other in _objects_in_region(region, number, view) if view.is_bystander(other)]
-        detail = f"no room for {name} in {what}: it is occupied by {list_what_stays(staying, view)}"
-        return make_stop("target_occupied", detail, view, number, *staying)
+        detail = f"no room for {name} in {what}: it is occupied by {describe_unmovables(staying, view)}"
+        return make_oracle_stop("target_occupied", detail, view, number, *staying)
     return None
 
 

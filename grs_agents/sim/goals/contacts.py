@@ -54,30 +54,30 @@ def measure_overlaps(table: Tabletop) -> tuple[Overlap, ...]:
         (int(one), int(other), -float(distance))
         for (one, other), distance in zip(owners[contacts.geom], contacts.dist, strict=True)
     ]
-    for one, other, depth in [*found, *_overlaps_that_do_not_collide(table)]:
+    for one, other, depth in [*found, *_measure_noncolliding_overlaps(table)]:
         if one != other and min(one, other) >= 0 and depth > 0:
             key = (min(one, other), max(one, other))
             depths[key] = max(depths.get(key, 0.0), depth)
     return tuple(Overlap(first=one, second=other, depth=depth) for (one, other), depth in depths.items())
 
 
-def _overlaps_that_do_not_collide(table: Tabletop) -> Iterator[tuple[int, int, float]]:
+def _measure_noncolliding_overlaps(table: Tabletop) -> Iterator[tuple[int, int, float]]:
     """(id, id, metres) of what MuJoCo does not collide, by upright prisms: fixed things, and bystanders on marks."""
     fixed = [prism for prism in table.collider_prisms() if not table.is_object_movable(prism.owner)]
     for one, other in combinations(fixed, 2):
         upwards = min(one.high, other.high) - max(one.low, other.low)
-        yield one.owner, other.owner, min(upwards, _level_overlap_depth(one, other))
+        yield one.owner, other.owner, min(upwards, _horizontal_overlap_depth(one, other))
     marks = [item.id for item in table.objects if not table.object_model(item.id).colliders]
-    for mark, prism in product(map(table.object_prism, marks), _bystanders_on_table(table) if marks else ()):
-        yield mark.owner, prism.owner, _level_overlap_depth(mark, prism)
+    for mark, prism in product(map(table.object_prism, marks), _bystander_prisms_on_table(table) if marks else ()):
+        yield mark.owner, prism.owner, _horizontal_overlap_depth(mark, prism)
 
 
-def _bystanders_on_table(table: Tabletop) -> list[Prism]:
+def _bystander_prisms_on_table(table: Tabletop) -> list[Prism]:
     numbers = {item.id for item in table.objects if item.role == "bystander"}
     return [prism for prism in table.collider_prisms() if prism.owner in numbers and prism.low < _ON_TABLE]
 
 
-def _level_overlap_depth(one: Prism, other: Prism) -> float:
+def _horizontal_overlap_depth(one: Prism, other: Prism) -> float:
     return -float(signed_outline_gaps(one.outline, other.outline, _POINT)[0])
 
 

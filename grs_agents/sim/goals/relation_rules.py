@@ -38,7 +38,7 @@ def explain_goal_shortfalls(goal: Goal, view: SceneView, rot_eps: float = ROTATI
     return [explain_object_shortfall(goal, number, view, rot_eps) for number in goal.objects]
 
 
-def zone_covered_by_object(number: int, view: SceneView) -> Zone:
+def object_footprint_as_zone(number: int, view: SceneView) -> Zone:
     """The rectangle that an object covers, as a zone: its pose and extents, metres."""
     low, high = view.object_model(number).bounds
     pose = view.object_pose(number)
@@ -155,7 +155,7 @@ def _explain_not_upright(goal: Goal, number: int, view: SceneView) -> str:
 def _explain_not_in_zone(goal: Goal, number: int, view: SceneView) -> str:
     zone = goal.reference_id
     share = volume_share_in_zones(
-        view.object_volume(number), view.object_pose(number), [zone_covered_by_object(zone, view)], np.inf
+        view.object_volume(number), view.object_pose(number), [object_footprint_as_zone(zone, view)], np.inf
     )
     if share <= WHOLE:
         x, y, _ = view.object_pose(number)[0]

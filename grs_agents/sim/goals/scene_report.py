@@ -6,7 +6,7 @@ from typing import Final
 
 from grs_agents.base import Vec3
 from grs_agents.geometry import transforms
-from grs_agents.sim.goals.relation_rules import zone_covered_by_object
+from grs_agents.sim.goals.relation_rules import object_footprint_as_zone
 from grs_agents.sim.goals.scene_view import SceneView, cannot_topple
 from grs_agents.sim.instance import Goal, ObjectMotion, Zone
 
@@ -18,7 +18,7 @@ _TURNED: Final = math.radians(15)
 def describe_goal(goal: Goal, view: SceneView, pos_eps: float) -> str:
     """One line: the kind of a goal, its target in numbers (m), its objects; ``pos_eps`` is the task's tolerance (m)."""
     if goal.metric == "zone":
-        return f"zone, {' or '.join(map(_format_zone, goal.zones))}: {_list_objects(goal.objects, view)}"
+        return f"zone, {' or '.join(map(_format_zone, goal.zones))}: {_format_object_list(goal.objects, view)}"
     if goal.metric == "pose":
         return f"pose, within {pos_eps:.3g} m: {_describe_targets(goal, view)}"
     kind, bound = str(goal.relation_kind), goal.required_distance
@@ -26,14 +26,14 @@ def describe_goal(goal: Goal, view: SceneView, pos_eps: float) -> str:
     if len(goal.mentioned_object_ids) > len(goal.objects):
         reference = goal.reference_id
         prism = view.object_prism(reference)
-        shape = _format_zone(zone_covered_by_object(reference, view))
+        shape = _format_zone(object_footprint_as_zone(reference, view))
         words += f" {view.object_label(reference)} ({shape}, top at {prism.high:.3f} m)"
     if bound is not None:
         words += f", {'gap at most' if kind == 'near' else 'spacing'} {bound:.3g} m"
-    return f"{words}: {_list_objects(goal.objects, view)}"
+    return f"{words}: {_format_object_list(goal.objects, view)}"
 
 
-def _list_objects(numbers: Sequence[int], view: SceneView) -> str:
+def _format_object_list(numbers: Sequence[int], view: SceneView) -> str:
     more = f" and {len(numbers) - _MOST_NAMED} more" if len(numbers) > _MOST_NAMED else ""
     return ", ".join(map(view.object_label, numbers[:_MOST_NAMED])) + more
 
@@ -42,7 +42,7 @@ def _describe_targets(goal: Goal, view: SceneView) -> str:
     """Each object with its targets, or all of them with those that they share."""
     choices = [goal.allowed_target_indices(row) for row in range(len(goal.objects))]
     if all(choice == choices[0] for choice in choices):
-        return f"{_list_objects(goal.objects, view)} at {_format_targets(goal, 0, choices[0])}"
+        return f"{_format_object_list(goal.objects, view)} at {_format_targets(goal, 0, choices[0])}"
     pairs = [
         f"{view.object_label(number)} at {_format_targets(goal, row, choices[row])}"
         for row, number in enumerate(goal.objects[:_MOST_NAMED])
@@ -68,7 +68,7 @@ def format_point(point: Sequence[float]) -> str:
     return f"({point[0]:.3f}, {point[1]:.3f}, {point[2]:.3f})"
 
 
-def measure_motions(view: SceneView) -> tuple[ObjectMotion, ...]:
+def measure_object_motions(view: SceneView) -> tuple[ObjectMotion, ...]:
     """How far every object is from where it stood when the scene had settled."""
     motions: list[ObjectMotion] = []
     for number in view.object_ids:
@@ -80,8 +80,8 @@ def measure_motions(view: SceneView) -> tuple[ObjectMotion, ...]:
                 ObjectMotion(
                     object=number,
                     asset=view.object_name(number),
-                    start=_rounded(start[0]),
-                    end=_rounded(end[0]),
+                    start=_round_point(start[0]),
+                    end=_round_point(end[0]),
                     tilt=round(math.degrees(tilt), 1) + 0.0,
                     moved=moved,
                 )
@@ -89,6 +89,6 @@ def measure_motions(view: SceneView) -> tuple[ObjectMotion, ...]:
     return tuple(motions)
 
 
-def _rounded(point: Vec3) -> Vec3:
+def _round_point(point: Vec3) -> Vec3:
     x, y, z = (round(value, 4) for value in point)
     return (x, y, z)

@@ -169,7 +169,7 @@ def supporting_object_ids(number: int, view: SceneView) -> set[int]:
     own = [prism for prism in view.prisms if prism.owner == number]
     low = min((prism.low for prism in own), default=0.0)
     feet = [prism for prism in own if prism.low < low + _TOUCHING]
-    return {prism.owner for prism in view.prisms_of_other_objects(number) if _is_prism_under_feet(prism, feet)}
+    return {prism.owner for prism in view.prisms_of_other_objects(number) if _is_prism_supporting_any(prism, feet)}
 
 
 def carried_object_ids(number: int, view: SceneView) -> list[int]:
@@ -208,7 +208,7 @@ def mark_ids_under_object(number: int, view: SceneView) -> set[int]:
     }
 
 
-def _is_prism_under_feet(prism: Prism, feet: Iterable[Prism]) -> bool:
+def _is_prism_supporting_any(prism: Prism, feet: Iterable[Prism]) -> bool:
     return any(
         abs(foot.low - prism.high) < _TOUCHING
         and signed_outline_gaps(foot.outline, prism.outline, _POINT)[0] < _OVERLAP
@@ -249,7 +249,7 @@ def describe_tilt(number: int, view: SceneView) -> str:
     return f"it is tilted by {now:.0f} degrees, at the start by {start:.0f}"
 
 
-def make_stop(outcome: Outcome, detail: str, view: SceneView, *numbers: int) -> Stop:
+def make_oracle_stop(outcome: Outcome, detail: str, view: SceneView, *numbers: int) -> Stop:
     """Why the oracle stops, about objects; the detail says which of them have tipped over, as it may be the cause."""
     tipped = [
         f"; {view.object_label(number)} has tipped over: {describe_tilt(number, view)}"
@@ -259,7 +259,7 @@ def make_stop(outcome: Outcome, detail: str, view: SceneView, *numbers: int) -> 
     return Stop(outcome, detail + "".join(tipped), tuple(dict.fromkeys(map(view.object_name, numbers))))
 
 
-def list_what_stays(numbers: Iterable[int], view: SceneView) -> str:
+def describe_unmovables(numbers: Iterable[int], view: SceneView) -> str:
     """Objects that the robot may not move in words, with the reasons."""
     owners = list(dict.fromkeys(numbers))
     staying = [view.object_label(number) for number in owners if view.is_bystander(number)]

@@ -25,7 +25,7 @@ import numpy as np
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
 from grs_agents.sim.goals.relation_rules import WHOLE, explain_goal_shortfalls, explain_not_inside
-from grs_agents.sim.goals.scene_report import describe_goal, format_point, measure_motions
+from grs_agents.sim.goals.scene_report import describe_goal, format_point, measure_object_motions
 from grs_agents.sim.goals.scene_view import (
     SceneView,
     describe_tilt,
@@ -55,14 +55,14 @@ class StrictScorer:
     def measure_scene(self) -> EndState:
         """How the scene stands now."""
         view = SceneView(self.table, self.task.grs.stated, self.task.goals)
-        published = self.task.grs.published_shares()
+        published = self.task.grs.published_reward_shares()
         notes: dict[int, str] = {}
         outcomes: list[GoalOutcome] = []
         final: dict[int, float] = {}
         for goal, earned in zip(reversed(self.task.grs.stated), reversed(published), strict=True):
-            outcomes.insert(0, self._judge_goal(goal, earned, view, final, notes))
+            outcomes.insert(0, self._build_goal_outcome(goal, earned, view, final, notes))
         value = min(1.0, sum(outcome.worth * outcome.strict for outcome in outcomes))
-        standing, fallen = self._sort_bystanders(view, final)
+        standing, fallen = self._split_bystanders_by_toppled(view, final)
         notes.update({number: f"{view.object_label(number)} was knocked over" for number in fallen})
         return EndState(
             reward=self.task.grs.total,
@@ -71,12 +71,12 @@ class StrictScorer:
             weakest=0.0 if fallen else round(min((outcome.strict for outcome in outcomes), default=0.0), 9),
             shortfalls=tuple(notes.values()),
             goals=tuple(outcomes),
-            motions=measure_motions(view),
+            motions=measure_object_motions(view),
             placed=sum(score > WHOLE for score in final.values()),
             wanted=len(final),
         )
 
-    def _sort_bystanders(self, view: SceneView, wanted: Collection[int]) -> tuple[list[int], list[int]]:
+    def _split_bystanders_by_toppled(self, view: SceneView, wanted: Collection[int]) -> tuple[list[int], list[int]]:
         """Ids of the movable objects that no goal speaks of: those that stand as they did, and those knocked over."""
         sorted_ids: tuple[list[int], list[int]] = ([], [])
         for number in view.object_ids:
@@ -84,7 +84,7 @@ class StrictScorer:
                 sorted_ids[has_toppled(number, view, self.task.rot_eps)].append(number)
         return sorted_ids
 
-    def _judge_goal(
+    def _build_goal_outcome(
         self, goal: Goal, earned: float, view: SceneView, final: dict[int, float], notes: dict[int, str]
     ) -> GoalOutcome:
         """How a goal stands; ``final`` has the scores of the objects of later goals and gains those that it lacks.
@@ -143,7 +143,7 @@ class StrictScorer:
             if self.task.is_match(pose, goal.targets[index], goal.symmetries[row])
         ]
         if not claimed:
-            return self._explain_distance(goal, row, pose)
+            return self._explain_distance_to_target(goal, row, pose)
         if any(self._has_reached_target(goal, row, index, view) for index in claimed):
             return "is at a target that another object has"
         heights = [goal.targets[index][0][2] for index in claimed]
@@ -154,7 +154,7 @@ class StrictScorer:
             f"{', where nothing would hold it' if unsupported else ''}"
         )
 
-    def _explain_distance(self, goal: Goal, row: int, pose: Pose) -> str:
+    def _explain_distance_to_target(self, goal: Goal, row: int, pose: Pose) -> str:
         """How far an object is from the nearest of its targets."""
         targets = [goal.targets[index] for index in goal.allowed_target_indices(row)]
         if not targets:

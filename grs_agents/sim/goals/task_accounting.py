@@ -96,8 +96,8 @@ class TaskAccounting:
             for goal, sentence in zip(goals, task.lang_goals, strict=True)
         ]
         self.stated = tuple(task.goals)
-        task.pos_eps = _bounded_tolerance(env, "pos_eps", task.pos_eps, LARGEST_POS_EPS)
-        task.rot_eps = _bounded_tolerance(env, "rot_eps", task.rot_eps, LARGEST_ROT_EPS)
+        task.pos_eps = _clamp_tolerance_with_warning(env, "pos_eps", task.pos_eps, LARGEST_POS_EPS)
+        task.rot_eps = _clamp_tolerance_with_warning(env, "rot_eps", task.rot_eps, LARGEST_ROT_EPS)
 
     def score_goal_objects(self, goal: Goal) -> list[float]:
         """For each object of a goal, how far (0..1) it is where it should be."""
@@ -121,7 +121,7 @@ class TaskAccounting:
             is_pose_at_target(pose, goal.targets[index], symmetry, *eps) for index in goal.allowed_target_indices(row)
         )
 
-    def published_shares(self) -> list[float]:
+    def published_reward_shares(self) -> list[float]:
         """For each stated goal what it has earned of its reward, 0..1: open goals after the first one earn nothing."""
         waiting = [id(goal) for goal in self._task.goals]
         return [
@@ -130,7 +130,7 @@ class TaskAccounting:
         ]
 
 
-def _bounded_tolerance(env: Tabletop, name: str, value: float, bound: float) -> float:
+def _clamp_tolerance_with_warning(env: Tabletop, name: str, value: float, bound: float) -> float:
     """A tolerance within its bounds; noted where it was not."""
     if 0 < value <= bound:
         return float(value)

@@ -31,8 +31,8 @@ from .goal import normalise_goal_rewards as normalise_goal_rewards
 from .goal import on as on
 from .goal import stacked as stacked
 from .goal import upright as upright
-from .robot_file import find_robot_in_folder as find_robot_in_folder
-from .robot_file import name_robot_in_folder as name_robot_in_folder
+from .robot_file import make_robot_path_relative as make_robot_path_relative
+from .robot_file import resolve_robot_path as resolve_robot_path
 from .task_instance import HEAVIEST as HEAVIEST
 from .task_instance import LARGEST_POS_EPS as LARGEST_POS_EPS
 from .task_instance import LARGEST_ROT_EPS as LARGEST_ROT_EPS

@@ -202,9 +202,9 @@ class Recorder:
         end = self.end
         count = f"{end.placed} of {end.wanted} objects are at their goals after {len(self.actions)} of "
         score = f"{count}max_steps={self.max_steps}, reward {end.reward:.2f}, strict score {end.strict:.2f}"
-        score += _describe_published_end(end)
+        score += _note_end_by_published_rule(end)
         if end.complete:
-            return Stop("success", f"{_describe_success(end)}: {score}")
+            return Stop("success", f"{_describe_whether_goals_still_hold(end)}: {score}")
         if self.stop is not None and self.stop.outcome != "partial":
             return self.stop
         troubles = [action for action in self.actions if action.note not in _WELL]
@@ -221,11 +221,11 @@ _PUBLISHED_DONE: Final = 0.99
 """CLIPort ends an episode as done where the sum of its rewards passes this, whatever goals are left."""
 
 
-def _describe_published_end(end: EndState) -> str:
+def _note_end_by_published_rule(end: EndState) -> str:
     return ", done by the published rule" if end.reward > _PUBLISHED_DONE and not end.complete else ""
 
 
-def _describe_success(end: EndState) -> str:
+def _describe_whether_goals_still_hold(end: EndState) -> str:
     """Whether goals that were all met hold at the end, and what falls short if they do not."""
     if not end.shortfalls:
         return "every goal met"

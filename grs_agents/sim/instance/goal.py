@@ -50,7 +50,7 @@ class Relation(Frozen):
     distance: Annotated[float, Field(allow_inf_nan=False, gt=0, le=1)] | None = None
 
     @model_validator(mode="after")
-    def _check_reference(self) -> Self:
+    def _check_reference_matches_kind(self) -> Self:
         if (self.reference is not None) != (self.kind in REFERENCED):
             raise ValueError(f"relation {self.kind} with reference {self.reference}: {REFERENCED} have one")
         return self
@@ -79,7 +79,7 @@ class Goal(Frozen):
     relation: Relation | None = None  # for its metric; such a goal has no targets
 
     @model_validator(mode="after")
-    def _check_consistency(self) -> Self:
+    def _check_goal_fields_agree(self) -> Self:
         if self.metric == "pose" and not self.targets:
             raise ValueError("a pose goal needs at least one target pose")
         if self.metric == "zone" and not self.zones:

@@ -6,7 +6,7 @@ from grs_agents.foreign import resolve_member_file
 from grs_agents.sim.instance.task_instance import TaskInstance
 
 
-def name_robot_in_folder(instance: TaskInstance, folder: Path) -> TaskInstance:
+def make_robot_path_relative(instance: TaskInstance, folder: Path) -> TaskInstance:
     """The instance as a file in ``folder`` says it: an arm's file that lies in there is named relative to it."""
     file, root = Path(instance.robot), folder.resolve()
     if not file.is_relative_to(root):
@@ -14,7 +14,7 @@ def name_robot_in_folder(instance: TaskInstance, folder: Path) -> TaskInstance:
     return instance.model_copy(update={"robot": file.relative_to(root).as_posix()})
 
 
-def find_robot_in_folder(instance: TaskInstance, folder: Path) -> TaskInstance:
+def resolve_robot_path(instance: TaskInstance, folder: Path) -> TaskInstance:
     """The instance that a file in ``folder`` holds, with the absolute path of the arm's file that lies in there.
 
     Raises InputError: the name leads out of the folder, or there is no such file.

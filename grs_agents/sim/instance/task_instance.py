@@ -169,7 +169,7 @@ class TaskInstance(Frozen):
         return ", then ".join(dict.fromkeys(goal.language for goal in self.goals if goal.language)) or self.task
 
     @model_validator(mode="after")
-    def _check_consistency(self) -> Self:
+    def _check_ids_pairs_and_ties(self) -> Self:
         ids = {item.id for item in self.objects}
         if len(ids) != len(self.objects):
             raise ValueError("object ids must differ")

@@ -7,7 +7,7 @@ from .joint_controller import JointController as JointController
 from .pick_place import PickPlace as PickPlace
 from .pick_place import PickPlaceResult as PickPlaceResult
 from .placement import TALLEST_STACK as TALLEST_STACK
-from .placement import Blocked as Blocked
+from .placement import BlockedTarget as BlockedTarget
 from .placement import FloatArray as FloatArray
 from .placement import ReachTest as ReachTest
 from .placement import Region as Region

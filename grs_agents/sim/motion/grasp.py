@@ -90,7 +90,7 @@ def find_grasp(physics: Physics, number: int, outline: Prism, others: Sequence[P
         leaks = roughness >= _LEAKS and number not in physics.world.beads
         if leaks or cost >= best[0]:
             continue
-        if _would_tip(physics, number, (x, y, height)):
+        if _would_tip_off_cup(physics, number, (x, y, height)):
             tips = True
             continue
         best = (cost, (x, y, height))
@@ -104,11 +104,11 @@ def _make_grasp_or_reason(point: Vec3 | None, covered: Counter[int], tips: bool)
     return Grasp(None, tuple(n for n, _ in covered.most_common() if n >= 0), "would_tip" if tips else "no_seal")
 
 
-def _would_tip(physics: Physics, number: int, point: Vec3) -> bool:
+def _would_tip_off_cup(physics: Physics, number: int, point: Vec3) -> bool:
     """Whether the weight of an object, lifted at a point, bends it off the cup; a rope hangs freely."""
     x, y, z = np.subtract(point, physics.center_of_mass(number)).tolist()
     burden = Payload(physics.object_mass(number), float(np.hypot(x, y)), max(0.0, z))
-    return burden.bends_too_hard and number not in physics.world.limp
+    return burden.would_peel_off_cup and number not in physics.world.limp
 
 
 def _score_grasp_point(physics: Physics, number: int, others: Sequence[Prism], point: Vec3) -> tuple[float, int]:

@@ -56,7 +56,7 @@ class JointController:
         # A speed that jumped from period to period would shake off what is held.
         speed = way * self.rate
         self.reference, self._speed = self.reference + way, speed
-        (command,) = physics.lead_commands(self.reference[None], self._speed)
+        (command,) = physics.compensate_joint_damping(self.reference[None], self._speed)
         if not suction and physics.held_object_id is not None:
             physics.cup.release()
         left = self.steps
@@ -70,4 +70,4 @@ class JointController:
 
     def _would_collide(self, joints: FloatArray) -> bool:
         arm = self.physics.arm
-        return arm.collision_at(joints) is not None or float(arm.tip_pose(joints)[0][2]) < _LOWEST
+        return arm.find_collision_at_joints(joints) is not None or float(arm.tip_pose(joints)[0][2]) < _LOWEST

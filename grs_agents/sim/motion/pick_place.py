@@ -18,13 +18,13 @@ from grs_agents.sim.motion.tool_paths import (
     Pace,
     Payload,
     ToolPose,
+    average_direction_if_compatible,
     candidate_routes,
-    common_direction,
-    find_rubbing_neighbours,
+    choose_safe_pace,
     max_obstacle_height_along,
+    measure_touching_neighbours,
     plan_joint_legs,
     polar_path,
-    safe_pace,
     smoothstep,
     split_into_yaw_and_tilt,
     tool_up_axis,
@@ -118,16 +118,16 @@ class PickPlace:
         physics = self.physics
         near = ToolPose((point[0], point[1], point[2] + 0.008), yaw)
         if not self._travel_over_obstacles(near, CUP_RADIUS + 0.04, 0.0, self.obstacles, FREE_SPEED):
-            return self._out_of_reach(point)
+            return self._make_out_of_reach_result(point)
         lowest = ToolPose((point[0], point[1], max(_LOWEST, point[2] - 0.03)), yaw)
         aimed, met = physics.surface_height_below(*point[:2])[1], set[int]()
 
         def touches() -> bool:
-            met.update(physics.objects_touching_robot())
+            met.update(physics.unheld_objects_touching_robot())
             return bool(physics.objects_touching_cup())
 
         if not self._descend_until(near, lowest, touches):
-            return self._out_of_reach(lowest.point)
+            return self._make_out_of_reach_result(lowest.point)
         touched = grasp.find_touched_object(physics)
         if touched is None:
             return self._explain_no_contact(point, aimed, met)
@@ -143,7 +143,7 @@ class PickPlace:
         physics.cup.grasp(best)
         return PickPlaceResult(best, False, "grasped")
 
-    def _out_of_reach(self, point: Vec3) -> PickPlaceResult:
+    def _make_out_of_reach_result(self, point: Vec3) -> PickPlaceResult:
         note = f"the arm cannot reach {format_point(point)} with the tool down{self._hindrance}"
         return PickPlaceResult(None, False, note, "unreachable")
 
@@ -190,11 +190,11 @@ class PickPlace:
         look anew: what rubs against them drags them along, the more the faster it goes, or tips off the cup."""
         if number in self.physics.world.limp:
             return
-        beside = find_rubbing_neighbours(number, self.obstacles)
+        beside = measure_touching_neighbours(number, self.obstacles)
         if beside:
             rise = min(max(height for height, _ in beside) + UNDER, _HIGHEST_DRAW)
             here = self._current_tool_pose()
-            apart = here.shifted_by(UNDER * (_UP + common_direction([away for _, away in beside])))
+            apart = here.shifted_by(UNDER * (_UP + average_direction_if_compatible([away for _, away in beside])))
             self._follow_tool_poses((here, apart, apart.shifted_by(rise * _UP)), DRAWING_SPEED)
             self.obstacles = self.look()
 
@@ -292,9 +292,9 @@ class PickPlace:
     def _follow_tool_poses(self, poses: Sequence[ToolPose], speed: float) -> bool:
         """Follow straight stretches; False, without moving, if the arm cannot or would hit the table or itself."""
         physics = self.physics
-        payload = None if physics.held_object_id is None else self._payload(physics.held_object_id)
+        payload = None if physics.held_object_id is None else self._compute_payload_of_object(physics.held_object_id)
         gaits = [
-            safe_pace(speed, payload, physics.timestep, _level_share(start.point, end.point))
+            choose_safe_pace(speed, payload, physics.timestep, _horizontal_fraction(start.point, end.point))
             for start, end in pairwise(poses)
         ]
         legs = plan_joint_legs(self.arm, poses, gaits, physics.commanded_joint_positions)
@@ -308,7 +308,7 @@ class PickPlace:
         self.yaw, self.tilt = poses[-1].yaw, poses[-1].tilt
         return True
 
-    def _payload(self, number: int) -> Payload:
+    def _compute_payload_of_object(self, number: int) -> Payload:
         """An object as the cup feels it, were it to hold it where the tip is now, the tool down."""
         x, y, z = np.subtract(self.physics.center_of_mass(number), self.physics.tip_position).tolist()
         return Payload(self.physics.object_mass(number), float(np.hypot(x, y)), max(0.0, -z))
@@ -332,7 +332,7 @@ class PickPlace:
         return gap is None
 
 
-def _level_share(start: Vec3, end: Vec3) -> float:
+def _horizontal_fraction(start: Vec3, end: Vec3) -> float:
     """How much of a straight way is level: 0 straight up or down, 1 over the table or on the spot."""
     length = float(np.linalg.norm(np.subtract(end, start)))
     return float(np.hypot(end[0] - start[0], end[1] - start[1])) / length if length > 1e-6 else 1.0

@@ -49,13 +49,13 @@ def sample_free_pose(
         if len(_drawn) >= _REMEMBERED:
             _drawn.clear()
         pose = _sample_free_pose(sides, bounds, obstacles, rng, arm, gap)
-        _drawn[key] = _Drawn(pose, rng.bit_generator.state, (*obstacles, arm))
+        _drawn[key] = _CachedPoseSample(pose, rng.bit_generator.state, (*obstacles, arm))
     rng.bit_generator.state = _drawn[key].state
     return _drawn[key].pose
 
 
 @dataclass(frozen=True)
-class _Drawn:
+class _CachedPoseSample:
     """A pose that was drawn, if there was one."""
 
     pose: Pose | None
@@ -64,7 +64,7 @@ class _Drawn:
 
 
 _REMEMBERED: Final = 256
-_drawn: dict[Any, _Drawn] = {}
+_drawn: dict[Any, _CachedPoseSample] = {}
 
 
 def _sample_free_pose(
@@ -80,7 +80,7 @@ def _sample_free_pose(
         yaw = float(rng.uniform(-np.pi, np.pi))
         outline = rectangle_outline((0.0, 0.0), (x, y), yaw)
         offsets = rng.uniform(bounds[:2, 0], bounds[:2, 1], size=(_BATCH, 2))
-        free = _find_free_rows(outline, z, offsets, bounds, obstacles, arm, gap)
+        free = _find_free_offset_indices(outline, z, offsets, bounds, obstacles, arm, gap)
         if len(free):
             chosen = offsets[free[0]]
             rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, yaw))
@@ -88,7 +88,7 @@ def _sample_free_pose(
     return None
 
 
-def _find_free_rows(
+def _find_free_offset_indices(
     outline: FloatArray,
     top: float,
     offsets: FloatArray,
@@ -171,7 +171,7 @@ def find_free_spot(
         floor = float(resting.min())
         rows = np.arange(len(heights)) if stack else np.flatnonzero(heights <= max(floor, 0.0) + _LEVEL)
         rows = rows[suits(inside[rows], heights[rows])]
-        steady = rows[_centre_held_mask(inside[rows], heights[rows], neighbours)]
+        steady = rows[_is_center_supported(inside[rows], heights[rows], neighbours)]
         rows = steady if len(steady) else rows
         if len(rows):
             points, levels = inside[rows], heights[rows]
@@ -184,7 +184,7 @@ def find_free_spot(
     return best
 
 
-def _centre_held_mask(offsets: FloatArray, heights: FloatArray, obstacles: Sequence[Prism]) -> npt.NDArray[np.bool_]:
+def _is_center_supported(offsets: FloatArray, heights: FloatArray, obstacles: Sequence[Prism]) -> npt.NDArray[np.bool_]:
     """Where (N,) a body's centre is over what carries it: it will not tip, as it would on a rim."""
     supported = heights < _FLUSH
     for prism in () if supported.all() else obstacles:
@@ -219,7 +219,7 @@ _APPROACH: Final = 0.04
 
 
 @dataclass(frozen=True)
-class Blocked:
+class BlockedTarget:
     """The target is taken by something that can be moved away first."""
 
     blocker: int
@@ -227,7 +227,7 @@ class Blocked:
     otherwise: Spot | None = None  # the target all the same, if the blocker cannot be moved; None if it must be
 
 
-Target = Spot | Blocked | Stop
+Target = Spot | BlockedTarget | Stop
 
 
 def wrap_angle(angle: float, period: float = 2 * np.pi) -> float:

@@ -65,7 +65,7 @@ class Payload:
     below: float
 
     @property
-    def bends_too_hard(self) -> bool:
+    def would_peel_off_cup(self) -> bool:
         """Whether its weight, with the gentlest motion, bends it off the cup."""
         return self.mass * (GRAVITY * self.aside + _SLOWEST * (self.aside + self.below)) > PEELING_MOMENT
 
@@ -77,7 +77,7 @@ class Payload:
         return max(min(pulled, bent), _SLOWEST)
 
 
-def safe_pace(speed: float, burden: Payload | None, timestep: float, level: float = 1.0) -> Pace:
+def choose_safe_pace(speed: float, burden: Payload | None, timestep: float, level: float = 1.0) -> Pace:
     """How to move with something on the cup, or nothing, so that its own inertia does not tear it off."""
     return Pace(speed, _QUICKEST if burden is None else min(_QUICKEST, burden.safe_acceleration(level)), timestep)
 
@@ -198,11 +198,11 @@ _RUBBING, UNDER = 0.01, 0.005
 it, metres."""
 
 
-def find_rubbing_neighbours(number: int, obstacles: Sequence[Prism]) -> list[tuple[float, FloatArray]]:
+def measure_touching_neighbours(number: int, obstacles: Sequence[Prism]) -> list[tuple[float, FloatArray]]:
     """How high (m) over an object's underside each thing beside it reaches, and the level way (3,) from it."""
     others = [other for other in obstacles if other.owner != number]
     return [
-        (other.high - part.low, _level_direction_between_outlines(part, other))
+        (other.high - part.low, _horizontal_direction_between_outlines(part, other))
         for part in obstacles
         if part.owner == number
         for other in find_nearby_prisms(part, others, (0.0, 0.0), _RUBBING)
@@ -211,14 +211,14 @@ def find_rubbing_neighbours(number: int, obstacles: Sequence[Prism]) -> list[tup
     ]
 
 
-def _level_direction_between_outlines(part: Prism, other: Prism) -> FloatArray:
+def _horizontal_direction_between_outlines(part: Prism, other: Prism) -> FloatArray:
     """The level unit vector (3,) from one outline to another beside it."""
     center = part.outline.mean(axis=0)
     away = center - nearest_point_of_outline(other.outline, center)
     return np.array([*away / max(float(np.linalg.norm(away)), 1e-9), 0.0])
 
 
-def common_direction(directions: Sequence[FloatArray]) -> FloatArray:
+def average_direction_if_compatible(directions: Sequence[FloatArray]) -> FloatArray:
     """A unit vector (3,) that leads the way of all directions; none, (0, 0, 0), where one leads against another."""
     total = np.sum(directions, axis=0)
     common = total / max(float(np.linalg.norm(total)), 1e-9)

@@ -23,7 +23,7 @@ class Lighting:
         colors = [head.ambient, head.diffuse, stage.model.light_diffuse[0]]
         self._colors: Floats = np.asarray(colors, np.float32)
 
-    def at_points(self, points: Floats, normals: Floats, facing: Floats) -> Floats:
+    def compute_light_at_points(self, points: Floats, normals: Floats, facing: Floats) -> Floats:
         """(N, 3) red, green, blue of the light, 1 shows a thing in its own colour.
 
         Args:

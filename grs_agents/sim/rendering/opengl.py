@@ -40,7 +40,7 @@ class OpenGLError(GrsError):
     """A graphics library is not there, or does not draw."""
 
 
-def choose_library() -> str | None:
+def choose_opengl_library() -> str | None:
     """The graphics library to draw with, None where none works; that of ``MUJOCO_GL`` if it names one.
 
     Each is first tried in a process of its own, once, since a broken driver may take its process with it.
@@ -49,11 +49,11 @@ def choose_library() -> str | None:
     if wanted in ("disable", "disabled", "off", "false", "0") or not sys.platform.startswith("linux"):
         return None
     names = (wanted,) if wanted in LIBRARIES else LIBRARIES
-    return next((name for name in names if is_working(name)), None)
+    return next((name for name in names if is_opengl_library_working(name)), None)
 
 
 @functools.cache
-def is_working(library: str) -> bool:
+def is_opengl_library_working(library: str) -> bool:
     """Whether a graphics library draws here; found out in a process of its own, remembered in this one."""
     command = [sys.executable, "-c", _PROBE, library]
     environment = {**os.environ, "MUJOCO_GL": "disabled"}  # or MuJoCo would look for another library first
@@ -69,7 +69,7 @@ _processes_that_drew: Final[set[int]] = set()
 _open: Final[WeakSet["OpenGLPainter"]] = WeakSet()
 
 
-def _close_all() -> None:
+def _close_all_painters() -> None:
     """Before the graphics library itself goes at the end of the process."""
     for painter in list(_open):
         painter.close()
@@ -86,7 +86,7 @@ def _make_context(library: str, height: int, width: int) -> Any:
     except Exception as error:
         raise OpenGLError(f"{library} does not draw here: {error}", "see `grs doctor`, or draw by rays") from error
     if not _processes_that_drew:
-        atexit.register(_close_all)
+        atexit.register(_close_all_painters)
     _processes_that_drew.add(os.getpid())
     return context
 
@@ -116,7 +116,7 @@ class OpenGLPainter:
         self._rectangle = mujoco.MjrRect(0, 0, width, height)
         self._owners: dict[bool, npt.NDArray[np.int32]] = {}
 
-    def look(self, lens: Lens, pose: FloatArray, arm: bool = True) -> None:
+    def prepare_view(self, lens: Lens, pose: FloatArray, arm: bool = True) -> None:
         """Take up how the stage is now, seen through ``lens`` from ``pose`` (T_robot_cam, OpenCV axes)."""
         self._option.geomgroup[ARM_GROUP] = arm
         stage, everything = self._stage, mujoco.mjtCatBit.mjCAT_ALL.value

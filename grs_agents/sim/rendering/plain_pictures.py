@@ -19,12 +19,12 @@ _SKY: Final = 0.93
 
 def render_views(sight: VisibleScene, views: Sequence[View]) -> list[Picture]:
     """One picture for each view, the robot as it looks."""
-    return _draw_views(_set_stage(sight, dressed=True), views)
+    return _draw_views(_build_stage(sight, dressed=True), views)
 
 
 def _draw_views(stage: Stage, views: Sequence[View]) -> list[Picture]:
     return [
-        _draw(stage, np.asarray(view.position), camera_ray_directions(view).reshape(view.height, view.width, 3))
+        _shade_rays(stage, np.asarray(view.position), camera_ray_directions(view).reshape(view.height, view.width, 3))
         for view in views
     ]
 
@@ -32,10 +32,10 @@ def _draw_views(stage: Stage, views: Sequence[View]) -> list[Picture]:
 def render_along_rays(sight: VisibleScene, eye: FloatArray, directions: FloatArray) -> Picture:
     """The picture that rays (H, W, 3) from ``eye`` (m) make, each of length 1 along the optical axis; of the robot,
     what touches things."""
-    return _draw(_set_stage(sight), eye, directions)
+    return _shade_rays(_build_stage(sight), eye, directions)
 
 
-def _set_stage(sight: VisibleScene, dressed: bool = False) -> Stage:
+def _build_stage(sight: VisibleScene, dressed: bool = False) -> Stage:
     arm = None if sight.joints is None else sight.arm or get_arm()
     props = Props(sight.objects, arm, sight.tool == "spatula", dressed, sight.background, textures=False)
     stage = Stage(props, sight.library)
@@ -50,11 +50,11 @@ def _set_stage(sight: VisibleScene, dressed: bool = False) -> Stage:
 
 def render_observation(sight: VisibleScene) -> dict[str, tuple[npt.NDArray[Any], ...]]:
     """The three observation cameras: ``color`` and ``depth``; a program sees of the robot what touches things."""
-    pictures = _draw_views(_set_stage(sight), (FRONT, LEFT, RIGHT))
+    pictures = _draw_views(_build_stage(sight), (FRONT, LEFT, RIGHT))
     return {"color": tuple(one.color for one in pictures), "depth": tuple(one.depth for one in pictures)}
 
 
-def _draw(stage: Stage, eye: FloatArray, directions: FloatArray) -> Picture:
+def _shade_rays(stage: Stage, eye: FloatArray, directions: FloatArray) -> Picture:
     """What rays (H, W, 3) from ``eye`` (m) meet, lit from above, each thing in its one colour."""
     shape = (directions.shape[0], directions.shape[1])
     hits = RayCaster(shape[0] * shape[1]).cast(stage, eye, directions.reshape(-1, 3))

@@ -38,12 +38,12 @@ class RayPainter:
         self._scenery, self._backdrop = Scenery(stage, self._lighting), None
         self._surfaces: SurfaceColors | None = None
 
-    def look(self, lens: Lens, pose: FloatArray, arm: bool = True) -> None:
+    def prepare_view(self, lens: Lens, pose: FloatArray, arm: bool = True) -> None:
         """Take up how the stage is now, seen through ``lens`` from ``pose`` (T_robot_cam, OpenCV axes)."""
         behind: Backdrop | None = self._backdrop
         if behind is None or behind.lens != lens or not np.array_equal(behind.pose, pose):
             behind = self._backdrop = self._scenery.draw_backdrop(lens, pose)
-        rows = np.flatnonzero(self._boxes.mask_in_picture(lens, pose, arm))
+        rows = np.flatnonzero(self._boxes.project_to_picture_mask(lens, pose, arm))
         directions = behind.directions[:, rows].T.astype(np.float64, order="C")
         hits = self._caster.cast(self._stage, pose[:3, 3], directions, table=False, arm=arm)
         nearer = np.flatnonzero((hits.geom >= 0) & (hits.depth < behind.depth[rows]))
@@ -57,9 +57,9 @@ class RayPainter:
         directions = behind.directions[:, rows]
         points = directions * self._depth + behind.pose[:3, 3:].astype(np.float32)
         facing = np.einsum("ij,ij->j", normals, directions) / -behind.lengths[rows]
-        light = self._lighting.at_points(points, normals * np.sign(facing), np.abs(facing))
+        light = self._lighting.compute_light_at_points(points, normals * np.sign(facing), np.abs(facing))
         color = behind.color.copy()
-        color[rows] = self._paint_lit(points, light)
+        color[rows] = self._compute_lit_colors(points, light)
         return color.reshape(*self._shape, 3)
 
     def draw_depth_and_owner(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]:
@@ -77,7 +77,7 @@ class RayPainter:
     def close(self) -> None:
         """Rays hold nothing."""
 
-    def _paint_lit(self, points: Floats, light: Floats) -> Floats:
+    def _compute_lit_colors(self, points: Floats, light: Floats) -> Floats:
         """(N, 3) colours, 0..255, of what was met at ``points`` (3, N), m, in ``light`` (N, 3)."""
         stage, geoms = self._stage, self._geoms
         if self._surfaces is None:
@@ -87,7 +87,7 @@ class RayPainter:
         if rows.size:
             data, bodies = stage.data, stage.model.geom_bodyid[geoms[rows]]
             offsets, turns = points[:, rows].T - data.xpos[bodies], data.xmat[bodies].reshape(-1, 3, 3)
-            own = self._surfaces.look_up(geoms[rows], np.einsum("ij,ijk->ik", offsets, turns))
+            own = self._surfaces.sample_colors_at_points(geoms[rows], np.einsum("ij,ijk->ik", offsets, turns))
             color[rows] = own * np.minimum(light[rows], 1)  # OpenGL, too, bounds the light before it looks a color up
         return np.minimum(color, 255)
 
@@ -113,7 +113,7 @@ class _BoxesOfGeoms:
         self._corners = np.reshape(middles, (-1, 1, 3)) + np.reshape(halves, (-1, 1, 3)) * _CORNERS
         self._is_arm = model.geom_group[self._geoms] == ARM_GROUP
 
-    def mask_in_picture(self, lens: Lens, pose: FloatArray, arm: bool) -> npt.NDArray[np.bool_]:
+    def project_to_picture_mask(self, lens: Lens, pose: FloatArray, arm: bool) -> npt.NDArray[np.bool_]:
         """(H * W,) the pixels that the boxes cover; not those of the robot's without ``arm``."""
         shown, data = slice(None) if arm else ~self._is_arm, self._stage.data
         geoms = self._geoms[shown]

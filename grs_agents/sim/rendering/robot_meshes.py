@@ -32,7 +32,7 @@ def build_robot_meshes(arm: Arm, push: bool = False) -> dict[str, RobotMesh]:
     model: Any = spec.compile()
     parts: dict[str, list[RobotMesh]] = {}
     for geom in np.flatnonzero(model.geom_rgba[:, 3] > 0).tolist():
-        solid = _solid_of_geom(model, geom)
+        solid = _geom_triangles_and_normals(model, geom)
         if solid is None:
             continue
         turn = np.empty(9)
@@ -44,10 +44,10 @@ def build_robot_meshes(arm: Arm, push: bool = False) -> dict[str, RobotMesh]:
             corners @ turn.T + model.geom_pos[geom], normals @ turn.T, np.arange(count).reshape(-1, 3), color
         )
         parts.setdefault(str(model.body(model.geom_bodyid[geom]).name), []).append(mesh)
-    return {name: _joined(meshes) for name, meshes in parts.items()}
+    return {name: _merge_meshes(meshes) for name, meshes in parts.items()}
 
 
-def _joined(meshes: list[RobotMesh]) -> RobotMesh:
+def _merge_meshes(meshes: list[RobotMesh]) -> RobotMesh:
     """One mesh of several, each corner a vertex of its own."""
     vertices, normals, colors = (
         np.concatenate([getattr(mesh, name) for mesh in meshes]) for name in ("vertices", "normals", "colors")
@@ -60,7 +60,7 @@ def _geom_color(model: Any, geom: int) -> FloatArray:
     return np.array(model.geom_rgba[geom] if material < 0 else model.mat_rgba[material], np.float64)
 
 
-def _solid_of_geom(model: Any, geom: int) -> tuple[FloatArray, FloatArray] | None:
+def _geom_triangles_and_normals(model: Any, geom: int) -> tuple[FloatArray, FloatArray] | None:
     """Corners (3 M, 3) of a geom's triangles in its own frame, m, and the normals there; None for endless planes."""
     kind, size = int(model.geom_type[geom]), model.geom_size[geom]
     if kind == _GEOM.mjGEOM_MESH:
@@ -68,22 +68,22 @@ def _solid_of_geom(model: Any, geom: int) -> tuple[FloatArray, FloatArray] | Non
         first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
         start, faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
         vertices = np.asarray(model.mesh_vert[first : first + count], np.float64)
-        return _flat(vertices[model.mesh_face[start : start + faces]])
+        return _flat_shaded_triangles(vertices[model.mesh_face[start : start + faces]])
     if kind == _GEOM.mjGEOM_BOX:
-        return _flat(_box_triangles() * size)
+        return _flat_shaded_triangles(_box_triangles() * size)
     if kind == _GEOM.mjGEOM_CYLINDER:
-        return _flat_ends(float(size[0]), float(size[1]))
+        return _cylinder_triangles(float(size[0]), float(size[1]))
     if kind in (_GEOM.mjGEOM_CAPSULE, _GEOM.mjGEOM_SPHERE):
         half = float(size[1]) if kind == _GEOM.mjGEOM_CAPSULE else 0.0
-        return _turned(_round_profile(float(size[0]), half))
+        return _revolve_about_z(_capsule_profile(float(size[0]), half))
     if kind == _GEOM.mjGEOM_ELLIPSOID:
-        corners, normals = _turned(_round_profile(1.0, 0.0))
+        corners, normals = _revolve_about_z(_capsule_profile(1.0, 0.0))
         normals = normals / size
         return corners * size, normals / np.linalg.norm(normals, axis=1, keepdims=True)
     return None
 
 
-def _flat(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _flat_shaded_triangles(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Of triangles (M, 3, 3), each as flat as it is."""
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
@@ -102,7 +102,7 @@ def _box_triangles() -> FloatArray:
     return np.array(faces)
 
 
-def _round_profile(radius: float, half: float) -> FloatArray:
+def _capsule_profile(radius: float, half: float) -> FloatArray:
     """(K, 4) distance from the axis and height, m, of a capsule from bottom to top, and the normal there."""
     angles = np.linspace(0.0, np.pi / 2, _SLICES // 4 + 1)
     sin, cos = np.sin(angles), np.cos(angles)
@@ -111,18 +111,18 @@ def _round_profile(radius: float, half: float) -> FloatArray:
     return np.concatenate([bottom, top])
 
 
-def _flat_ends(radius: float, half: float) -> tuple[FloatArray, FloatArray]:
+def _cylinder_triangles(radius: float, half: float) -> tuple[FloatArray, FloatArray]:
     """A cylinder with sharp edges."""
     profiles = (
         [(0, -half, 0, -1), (radius, -half, 0, -1)],
         [(radius, -half, 1, 0), (radius, half, 1, 0)],
         [(radius, half, 0, 1), (0, half, 0, 1)],
     )
-    parts = [_turned(np.array(profile, np.float64)) for profile in profiles]
+    parts = [_revolve_about_z(np.array(profile, np.float64)) for profile in profiles]
     return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
 
 
-def _turned(profile: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _revolve_about_z(profile: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Triangles of a profile (K, 4) turned about z."""
     angles = np.linspace(0.0, 2 * np.pi, _SLICES + 1)
     cos, sin = np.cos(angles), np.sin(angles)
@@ -135,7 +135,7 @@ def _turned(profile: FloatArray) -> tuple[FloatArray, FloatArray]:
     corners = [(0, 0), (0, 1), (1, 1), (0, 0), (1, 1), (1, 0)]
     last, around = len(profile) - 1, _SLICES
 
-    def spread(grid: FloatArray) -> FloatArray:
+    def triangle_corners_from_grid(grid: FloatArray) -> FloatArray:
         return np.stack([grid[i : i + last, j : j + around] for i, j in corners], axis=2).reshape(-1, 3)
 
-    return spread(points), spread(normals)
+    return triangle_corners_from_grid(points), triangle_corners_from_grid(normals)

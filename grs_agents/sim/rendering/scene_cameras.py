@@ -51,11 +51,11 @@ class SceneCameras:
         names: Sequence[str] = CAMERAS,
         backend: Backend = "auto",
     ) -> None:
-        _check_request(instance, size, names, backend)
+        _check_cameras_and_size(instance, size, names, backend)
         self._size = size
-        self._library = opengl.choose_library() if backend == "auto" else None if backend == "rays" else backend
+        self._library = opengl.choose_opengl_library() if backend == "auto" else None if backend == "rays" else backend
         self._automatic = backend == "auto"
-        if backend in opengl.LIBRARIES and not opengl.is_working(backend):
+        if backend in opengl.LIBRARIES and not opengl.is_opengl_library_working(backend):
             raise opengl.OpenGLError(f"{backend} does not draw here", "see `grs doctor`, or draw by rays")
         self._stage = Stage(replace(scene_props_from_instance(instance), **_QUICK), library)
         self._painter: Painter | None = None
@@ -81,23 +81,23 @@ class SceneCameras:
 
     def intrinsics(self, name: str) -> FloatArray:
         """(3, 3) camera matrix in pixels, the centre of the first pixel at (0, 0)."""
-        lens = self._lens(name)
+        lens = self._lens_by_name(name)
         return np.array([[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1.0]])
 
     def pose(self, name: str, physics: Physics) -> FloatArray:
         """T_robot_cam (4, 4), OpenCV axes, m."""
-        self._lens(name)
+        self._lens_by_name(name)
         self._stage.copy_state(physics)
         return self._pose(name)
 
     def render(self, physics: Physics, name: str) -> Picture:
         """What a camera sees: colour, depth and which object."""
-        painter = self._look(physics, name)
+        painter = self._aim_painter(physics, name)
         return Picture(painter.draw_color(), *painter.draw_depth_and_owner())
 
     def render_color(self, physics: Physics, name: str) -> npt.NDArray[np.uint8]:
         """(H, W, 3) what a camera sees, in colour alone, which is quicker."""
-        return self._look(physics, name).draw_color()
+        return self._aim_painter(physics, name).draw_color()
 
     def close(self) -> None:
         """Give back what the graphics library holds; a later picture takes it again."""
@@ -105,13 +105,15 @@ class SceneCameras:
             self._painter.close()
             self._painter = None
 
-    def _look(self, physics: Physics, name: str) -> "Painter":
-        lens = self._lens(name)
+    def _aim_painter(self, physics: Physics, name: str) -> "Painter":
+        lens = self._lens_by_name(name)
         self._stage.copy_state(physics)
         painter = self._painter
         if painter is None or not painter.is_usable:
             painter = self._make_painter()
-        painter.look(lens, self._pose(name), arm=not (name == "photo" and self._photo and self._photo.robot_placed))
+        painter.prepare_view(
+            lens, self._pose(name), arm=not (name == "photo" and self._photo and self._photo.robot_placed)
+        )
         return painter
 
     def _make_painter(self) -> "Painter":
@@ -126,7 +128,7 @@ class SceneCameras:
         self._painter = RayPainter(self._stage, *self._size)
         return self._painter
 
-    def _lens(self, name: str) -> Lens:
+    def _lens_by_name(self, name: str) -> Lens:
         if name not in self._lenses:
             raise UnknownNameError("camera", name, self.names)
         return self._lenses[name]
@@ -146,7 +148,7 @@ class Painter(Protocol):
         """Whether it can draw in this process."""
         ...
 
-    def look(self, lens: Lens, pose: FloatArray, arm: bool = True) -> None:
+    def prepare_view(self, lens: Lens, pose: FloatArray, arm: bool = True) -> None:
         """Take up how the stage is now, seen through ``lens`` from ``pose`` (T_robot_cam, OpenCV axes)."""
         ...
 
@@ -163,7 +165,7 @@ class Painter(Protocol):
         ...
 
 
-def _check_request(instance: TaskInstance, size: tuple[int, int], names: Sequence[str], backend: str) -> None:
+def _check_cameras_and_size(instance: TaskInstance, size: tuple[int, int], names: Sequence[str], backend: str) -> None:
     if backend not in BACKENDS:
         raise UnknownNameError("backend", backend, BACKENDS)
     there = tuple(name for name in CAMERAS if name != "photo" or instance.camera is not None)

@@ -11,7 +11,7 @@ from grs_agents.library import Lens
 from grs_agents.sim.rendering.lenses import lens_ray_directions
 from grs_agents.sim.rendering.lighting import Lighting
 from grs_agents.sim.rendering.stage import SKY, Stage
-from grs_agents.sim.world import table_pattern
+from grs_agents.sim.world import read_table_pattern
 
 Floats = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.int64]
@@ -37,7 +37,7 @@ class Scenery:
         self._place: Floats = np.asarray(table.pos, np.float32)
         self._half: Floats = np.asarray(table.size, np.float32)
         self._paint: Floats = np.asarray(table.rgba[:3] * 255, np.float32)
-        self._pattern, self._lighting = table_pattern(stage.model), lighting
+        self._pattern, self._lighting = read_table_pattern(stage.model), lighting
         self._rays: tuple[Lens, Floats, Floats] | None = None  # directions (3, N) in its frame, and lengths (N,)
 
     def draw_backdrop(self, lens: Lens, pose: FloatArray) -> Backdrop:
@@ -48,7 +48,7 @@ class Scenery:
         _, local, lengths = self._rays
         directions, eye = pose[:3, :3].astype(np.float32) @ local, pose[:3, 3].astype(np.float32)
         depth, color = np.full(len(lengths), np.inf, np.float32), np.empty((len(lengths), 3), np.uint8)
-        for axis, side, rows, reach in self._faces_towards(eye, directions):
+        for axis, side, rows, reach in self._visible_faces(eye, directions):
             color[rows] = self._color_of_face(eye, directions[:, rows], lengths[rows], reach, axis, side)
             depth[rows] = reach
         sky = np.flatnonzero(np.isinf(depth))
@@ -56,7 +56,7 @@ class Scenery:
         color[sky] = below + ((1 + directions[2, sky] / lengths[sky]) / 2)[:, None] * (above - below)
         return Backdrop(lens, pose.copy(), directions, lengths, depth, color)
 
-    def _faces_towards(self, eye: Floats, directions: Floats) -> Iterator[tuple[int, float, Indices | slice, Floats]]:
+    def _visible_faces(self, eye: Floats, directions: Floats) -> Iterator[tuple[int, float, Indices | slice, Floats]]:
         """The faces of the table that ``eye`` (3,) sees: their axis and side, the rays that meet them and how far."""
         for axis in range(3):
             side = float(np.sign(eye[axis] - self._place[axis]))
@@ -76,7 +76,7 @@ class Scenery:
     ) -> Floats:
         points, normal = directions * reach + eye[:, None], np.zeros((3, 1), np.float32)
         normal[axis] = side
-        light = self._lighting.at_points(points, normal, directions[axis] * np.float32(-side) / lengths)
+        light = self._lighting.compute_light_at_points(points, normal, directions[axis] * np.float32(-side) / lengths)
         if self._pattern is None:
             return np.minimum(light * self._paint, 255)
         pixels, period = self._pattern

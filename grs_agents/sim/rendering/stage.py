@@ -11,7 +11,7 @@ from grs_agents.errors import InputError
 from grs_agents.geometry import FloatArray, pose_matrix
 from grs_agents.library import Library, Shape, add_shape_geom
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.arms import Arm, dress_arm, get_arm, replace_cup_with_spatula
+from grs_agents.sim.arms import Arm, get_arm, replace_cup_with_spatula, set_arm_visuals
 from grs_agents.sim.instance import InstanceLight, InstanceObject, InstanceTable, TaskInstance
 from grs_agents.sim.world import (
     COLORS,
@@ -80,7 +80,7 @@ class Stage:
         spec = create_base_world_spec(TIMESTEP)
         spec.visual.global_.offwidth = spec.visual.global_.offheight = LARGEST_PICTURE
         spec.visual.quality.offsamples, spec.visual.quality.shadowsize = props.samples, _SHADOWS if props.shadows else 0
-        _set_looks(spec, props)
+        _apply_lighting_and_table(spec, props)
         _add_sky(spec)
         if props.arm is not None:
             add_robot(spec, props.arm, props.push, props.dressed)
@@ -153,10 +153,10 @@ def add_robot(spec: Any, arm: Arm, push: bool, dressed: bool = True) -> None:
     if push:
         replace_cup_with_spatula(spec)
     if dressed:
-        dress_arm(spec, arm.looks)
+        set_arm_visuals(spec, arm.looks)
 
 
-def _set_looks(spec: Any, props: Props) -> None:
+def _apply_lighting_and_table(spec: Any, props: Props) -> None:
     set_light_and_table(spec, props.light, props.table)
     spec.visual.headlight.diffuse = (props.flash,) * 3
     if not props.glossy:

@@ -7,7 +7,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.library import Library, Painted, Shape, build_textured_triangles, sample_triangle_colors
+from grs_agents.library import Library, PaintedTriangles, Shape, build_textured_triangles, sample_triangle_colors
 
 Floats = npt.NDArray[np.float32]
 _CELLS: Final = 48
@@ -27,7 +27,7 @@ class ColorGrid:
         colors: (X, Y, Z, 3) red, green, blue, 0..255.
     """
 
-    def __init__(self, painted: Painted) -> None:
+    def __init__(self, painted: PaintedTriangles) -> None:
         corners = painted.corners
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         self.cell = max(float((high - low).max()) / _CELLS, 1e-6)
@@ -84,7 +84,7 @@ class SurfaceColors:
             total += len(cells[-1])
         self._cells: Floats = np.concatenate(cells)
 
-    def look_up(self, geoms: npt.NDArray[np.int32], points: npt.NDArray[np.float64]) -> Floats:
+    def sample_colors_at_points(self, geoms: npt.NDArray[np.int32], points: npt.NDArray[np.float64]) -> Floats:
         """(N, 3) red, green, blue, 0..255, at points (N, 3) in the frames of the geoms' bodies, m."""
         count = self._count[geoms]
         x, y, z = np.clip(((points - self._low[geoms]) * self._scale[geoms]).astype(np.int64), 0, count - 1).T

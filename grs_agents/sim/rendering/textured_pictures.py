@@ -11,5 +11,5 @@ def render_from_camera(props: Props, library: Library, lens: Lens, pose: FloatAr
     """What a camera sees of props through ``lens`` from ``pose``, T_robot_cam (4, 4), OpenCV axes, m.
     Raises ``InputError`` for meshes and textures that MuJoCo does not take."""
     painter = RayPainter(Stage(props, library), lens.height, lens.width)
-    painter.look(lens, pose, arm=props.arm is not None)
+    painter.prepare_view(lens, pose, arm=props.arm is not None)
     return Picture(painter.draw_color(), *painter.draw_depth_and_owner())

@@ -39,15 +39,15 @@ def _scale_color(color: tuple[float, float, float], factor: float) -> tuple[floa
 def vary_table(instance: TaskInstance, rng: np.random.Generator) -> InstanceTable:
     """Another table top: its pattern and two colours, neither of them near that of a mark on it."""
     marks = [item.fill["COLOR"] for item in instance.objects if item.category == "fixed" and "COLOR" in item.fill]
-    first = _draw_color(rng, marks)
+    first = _table_color(rng, marks)
     return InstanceTable(
         color=first,
         pattern=_PATTERNS[int(rng.integers(len(_PATTERNS)))],
-        second_color=_draw_color(rng, marks),
+        second_color=_table_color(rng, marks),
     )
 
 
-def _draw_color(rng: np.random.Generator, marks: Sequence[Sequence[float | str]]) -> tuple[float, float, float, float]:
+def _table_color(rng: np.random.Generator, marks: Sequence[Sequence[float | str]]) -> tuple[float, float, float, float]:
     """Of a material that tables have: little saturated, neither black nor glaring."""
     red, green, blue = 0.8, 0.72, 0.6
     for _ in range(_TRIES):

@@ -17,7 +17,7 @@ from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.cliport import Environment
 from grs_agents.sim.goals import SceneView, match_rows_to_targets
 from grs_agents.sim.instance import Goal, InstanceObject, SimulationError, TaskInstance, hash_instance
-from grs_agents.sim.rollouts import InstanceTask, score_goals_by_last_word
+from grs_agents.sim.rollouts import InstanceTask, score_goals_by_latest_mention
 from grs_agents.sim.variation.parts import Part, find_parts
 from grs_agents.sim.variation.places import Place, outline_of_zone, prisms_of_objects
 from grs_agents.sim.world import (
@@ -25,11 +25,11 @@ from grs_agents.sim.world import (
     compile_world,
     find_nearby_prisms,
     find_prisms_at_pose,
+    instance_to_spec,
     load_object_model,
     margins_inside_outline,
     reset_world_to_poses,
     signed_outline_gaps,
-    spec_of,
 )
 
 Pair = tuple[int, int]
@@ -52,7 +52,7 @@ _ENDLESS: Final = 10**12
 
 
 @dataclass(frozen=True)
-class Standing:
+class RegionRelation:
     """How an object stands to a mark or a zone, seen from above."""
 
     touches: bool
@@ -88,15 +88,15 @@ class BaseScene:
         view = SceneView(self._env, task.grs.stated, task.goals)
         self.arm = self._env.arm
         self.parts = find_parts(instance, library, view, ids)
-        self.scores = score_goals_by_last_word(task)
+        self.scores = score_goals_by_latest_mention(task)
         self.restless = frozenset(self._find_objects_moved_by_settling(instance, task))
-        self.world = compile_world(spec_of(instance, library))
+        self.world = compile_world(instance_to_spec(instance, library))
         self.models = {item.id: load_object_model(item, library) for item in instance.objects}
-        self.end_depths = self.contact_depths(self.end_objects(instance.objects, instance.goals))
+        self.end_depths = self.contact_depths(self.objects_at_goals(instance.objects, instance.goals))
         self._prisms = prisms = prisms_of_objects(instance, library)
         self.ceilings = {part: self._lift_heights_needed(part, instance.objects, instance.goals) for part in self.parts}
         self.standings = {
-            (index, number): classify_standing(
+            (index, number): relation_to_region(
                 region, prisms[number], self._object_position_xy(number, instance.objects)
             )
             for index, region in enumerate(self.regions(instance.objects, instance.goals))
@@ -129,7 +129,7 @@ class BaseScene:
             return error.message
         if fallen := sorted(set(self._find_objects_moved_by_settling(instance, task)) - self.restless):
             return f"objects {fallen} do not stay where they are put"
-        scores = score_goals_by_last_word(task)
+        scores = score_goals_by_latest_mention(task)
         met = [index for index, score in enumerate(scores) if score >= MET > self.scores[index]]
         return f"goals {met} are met before anything is done" if met or min(scores, default=0.0) >= MET else ""
 
@@ -154,29 +154,29 @@ class BaseScene:
     def _table(self) -> int:
         return int(self.world.model.geom("table").id)
 
-    def _fixed_overlap(self, part: Part, objects: Sequence[InstanceObject]) -> bool:
+    def _has_new_fixed_overlap(self, part: Part, objects: Sequence[InstanceObject]) -> bool:
         """Whether a fixed thing of a part reaches into another one by upright prisms: these do not collide in MuJoCo.
 
         Those that overlap in the base already are let be.
         """
-        prisms = self._fixed_prisms(objects)
+        prisms = self._list_fixed_prisms(objects)
         own = [prism for prism in prisms if prism.owner in part.objects]
         others = [prism for prism in prisms if prism.owner not in part.objects]
         pairs = ((prism, other) for prism in own for other in find_nearby_prisms(prism, others, (0.0, 0.0), 0.0))
         return any(
-            _sorted_pair(one.owner, other.owner) not in self._fixed_in_one_another and _prisms_overlap(one, other)
+            _sorted_pair(one.owner, other.owner) not in self._base_fixed_overlap_pairs and _prisms_overlap(one, other)
             for one, other in pairs
         )
 
     @cached_property
-    def _fixed_in_one_another(self) -> frozenset[Pair]:
+    def _base_fixed_overlap_pairs(self) -> frozenset[Pair]:
         return frozenset(
             _sorted_pair(one.owner, other.owner)
-            for one, other in combinations(self._fixed_prisms(self.instance.objects), 2)
+            for one, other in combinations(self._list_fixed_prisms(self.instance.objects), 2)
             if one.owner != other.owner and _prisms_overlap(one, other)
         )
 
-    def _fixed_prisms(self, objects: Sequence[InstanceObject]) -> list[Prism]:
+    def _list_fixed_prisms(self, objects: Sequence[InstanceObject]) -> list[Prism]:
         fixed = [item for item in objects if item.id not in self.world.addresses]
         prisms = [prism for item in fixed for prism in find_prisms_at_pose(self.models[item.id], item.pose, item.id)[0]]
         return prisms + self._background
@@ -187,7 +187,7 @@ class BaseScene:
         pose: Pose = ((0.0, 0.0, 0.0), transforms.IDENTITY)
         return [] if name is None else find_prisms_at_pose(self.library.load_object_model(name), pose, -1)[0]
 
-    def end_objects(self, objects: Sequence[InstanceObject], goals: Sequence[Goal]) -> tuple[InstanceObject, ...]:
+    def objects_at_goals(self, objects: Sequence[InstanceObject], goals: Sequence[Goal]) -> tuple[InstanceObject, ...]:
         """The objects with those of pose goals at their targets, as far as these say where that is."""
         items = {item.id: item for item in objects}
         for goal in goals:
@@ -251,7 +251,7 @@ class BaseScene:
         solid = [prism.high for number, prism in self._prisms.items() if self.models[number].colliders]
         return max(solid, default=0.0)
 
-    def keeps_reach(self, part: Part, objects: Sequence[InstanceObject], goals: Sequence[Goal]) -> bool:
+    def keeps_lift_height(self, part: Part, objects: Sequence[InstanceObject], goals: Sequence[Goal]) -> bool:
         """Whether the arm still lifts as high at each place of a part as it did in the base."""
         return bool((self._lift_heights_needed(part, objects, goals) >= self.ceilings[part] - 1e-9).all())
 
@@ -264,27 +264,27 @@ class BaseScene:
             for number in (prisms.keys() - part.objects) if mine else part.objects:
                 if number == region.owner:
                     continue
-                before, now = self.standings[index, number], classify_standing(region, prisms[number], centers[number])
+                before, now = self.standings[index, number], relation_to_region(region, prisms[number], centers[number])
                 if now.centred != before.centred or (now.touches and not before.touches):
                     return False
         return True
 
-    def keeps_apart(self, part: Part, objects: Sequence[InstanceObject], goals: Sequence[Goal]) -> bool:
+    def keeps_clear_of_others(self, part: Part, objects: Sequence[InstanceObject], goals: Sequence[Goal]) -> bool:
         """Whether a part, as it stands now, touches nothing else, and the targets of pose goals are still free."""
         for (one, other), depth in self.contact_depths(objects).items():
             if depth > TOUCHING and (one in part.objects) != (other in part.objects):
                 return False
-        if self._fixed_overlap(part, objects):
+        if self._has_new_fixed_overlap(part, objects):
             return False
-        ends = self.contact_depths(self.end_objects(objects, goals))
+        ends = self.contact_depths(self.objects_at_goals(objects, goals))
         return all(depth <= max(TOUCHING, self.end_depths.get(pair, 0.0) + _DEEPER) for pair, depth in ends.items())
 
 
-def classify_standing(region: Region, prism: Prism, center: tuple[float, float]) -> Standing:
+def relation_to_region(region: Region, prism: Prism, center: tuple[float, float]) -> RegionRelation:
     """How an object stands to a region."""
     if len(prism.outline) < 3 or len(region.outline) < 3:
-        return Standing(False, False)
-    return Standing(
+        return RegionRelation(False, False)
+    return RegionRelation(
         touches=bool(signed_outline_gaps(prism.outline, region.outline, _POINT)[0] < -TOUCHING),
         centred=bool(margins_inside_outline(_POINT, region.outline, np.array([center]))[0] >= 0),
     )
@@ -308,7 +308,7 @@ def measure_base_scene(instance: TaskInstance, library: Library) -> BaseScene:
     return known[key]
 
 
-def masses_and_frictions(base: BaseScene) -> Mapping[int, tuple[float, float]]:
+def read_masses_and_frictions(base: BaseScene) -> Mapping[int, tuple[float, float]]:
     """Kilograms and the coefficient of sliding friction of each object that can move."""
     model: Any = base.world.model
     return {

@@ -32,11 +32,11 @@ def add_distractors(
     choice = list(_assets_unlike_those_of_task(instance, library))
     if not choice:
         raise SimulationError("the library has no other everyday assets", "leave distractors out")
-    taken = list(_taken_outlines(instance, library))
+    taken = list(_outlines_to_keep_clear(instance, library))
     objects = list(instance.objects)
     for _ in range(count):
         number = max([FIRST_BYSTANDER - 1, *(item.id for item in objects)]) + 1
-        item, outline = _place(number, choice, taken, rng, library)
+        item, outline = _place_distractor_at_random(number, choice, taken, rng, library)
         objects.append(item)
         taken.append((outline, _GAP))
     return tuple(objects)
@@ -52,7 +52,7 @@ def _assets_unlike_those_of_task(instance: TaskInstance, library: Library) -> It
             yield asset
 
 
-def _taken_outlines(instance: TaskInstance, library: Library) -> Iterator[tuple[FloatArray, float]]:
+def _outlines_to_keep_clear(instance: TaskInstance, library: Library) -> Iterator[tuple[FloatArray, float]]:
     """What distractors keep away from, each with the distance (m): objects, marks, zones and targets."""
     prisms = prisms_of_objects(instance, library)
     near = {goal.reference_id for goal in instance.goals if goal.relation_kind == "near"}
@@ -73,7 +73,7 @@ def _circle_points(center: tuple[float, float], radius: float) -> FloatArray:
     return np.array(center) + radius * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
-def _place(
+def _place_distractor_at_random(
     number: int,
     choice: list[Asset],
     taken: list[tuple[FloatArray, float]],

@@ -16,7 +16,7 @@ from grs_agents.sim.instance import TaskInstance
 from grs_agents.sim.variation.places import (
     OwnedPlaces,
     Place,
-    area_around,
+    bounding_box_area,
     find_owned_places,
     prisms_of_objects,
 )
@@ -49,7 +49,7 @@ def find_parts(instance: TaskInstance, library: Library, view: SceneView, ids: M
     groups = _Groups(item.id for item in instance.objects)
     for tie in instance.ties:
         groups.join_groups_of(tie.parent, tie.child)
-    for one, other in [*_carrying_pairs(view), *_leaning_pairs(view)]:
+    for one, other in [*_supported_or_enclosed_pairs(view), *_leaning_pairs(view)]:
         groups.join_groups_of(ids[one], ids[other])
     for one, other in places.between:
         groups.join_groups_of(one, other)
@@ -90,7 +90,7 @@ class _Groups:
         return list({id(group): group for group in self._group.values()}.values())
 
 
-def _carrying_pairs(view: SceneView) -> list[tuple[int, int]]:
+def _supported_or_enclosed_pairs(view: SceneView) -> list[tuple[int, int]]:
     """Pairs of objects of which one stands on the other, or in it."""
     solid = [number for number in view.object_ids if view.object_model(number).colliders]
     return [
@@ -115,7 +115,7 @@ def _make_part(members: list[int], instance: TaskInstance, prisms: Mapping[int, 
     lowest = min(prisms[number].low for number in own)
     base = max(
         (number for number in own if prisms[number].low < lowest + _FLOATING),
-        key=lambda number: (area_around(prisms[number]), -number),
+        key=lambda number: (bounding_box_area(prisms[number]), -number),
     )
     x, y, _ = next(item.pose[0] for item in instance.objects if item.id == base)
     return Part(

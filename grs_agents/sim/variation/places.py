@@ -59,7 +59,7 @@ def prisms_of_objects(instance: TaskInstance, library: Library) -> dict[int, Pri
     }
 
 
-def area_around(prism: Prism) -> float:
+def bounding_box_area(prism: Prism) -> float:
     """The area of the box around an outline, m^2."""
     x0, y0, x1, y1 = prism.bounding_box_xy
     return (x1 - x0) * (y1 - y0)
@@ -90,7 +90,7 @@ def _owner_of_zone(zone: Zone, prisms: Mapping[int, Prism]) -> int | None:
     """The smallest object that a zone lies over, or is shown by."""
     outline = outline_of_zone(zone)
     around = [
-        (area_around(prism), number)
+        (bounding_box_area(prism), number)
         for number, prism in prisms.items()
         if len(prism.outline) > 2 and margins_inside_outline(outline, prism.outline, _POINT)[0] >= -_SLACK
     ]
@@ -137,17 +137,17 @@ def _find_objects_named_in_goal(
         return []
     words = set(re.findall(r"[a-z]+", goal.language.lower()))
     outlines = [np.array([target[0][:2]]) for target in goal.targets] + [outline_of_zone(zone) for zone in goal.zones]
-    largest = max(area_around(prisms[number]) ** 0.5 / 2 for number in goal.objects)
+    largest = max(bounding_box_area(prisms[number]) ** 0.5 / 2 for number in goal.objects)
     found: list[tuple[float, int]] = []
     for item in instance.objects:
-        if item.id not in goal.objects and _is_named(item, words, library):
+        if item.id not in goal.objects and _is_asset_kind_in_words(item, words, library):
             gap = min((_gap_between_outlines(outline, prisms[item.id].outline) for outline in outlines), default=np.inf)
             if gap <= _BESIDE + largest:
                 found.append((gap, item.id))
     return [number for _, number in sorted(found)]
 
 
-def _is_named(item: InstanceObject, words: set[str], library: Library) -> bool:
+def _is_asset_kind_in_words(item: InstanceObject, words: set[str], library: Library) -> bool:
     kind = {word.lower() for word in re.findall(r"[A-Z]?[a-z]+", library.asset(item.asset).kind)}
     return bool(kind) and kind <= words
 

@@ -20,7 +20,7 @@ from grs_agents.sim.instance import (
     Zone,
 )
 from grs_agents.sim.variation.appearance import vary_light, vary_table
-from grs_agents.sim.variation.base_scene import BaseScene, masses_and_frictions, measure_base_scene
+from grs_agents.sim.variation.base_scene import BaseScene, measure_base_scene, read_masses_and_frictions
 from grs_agents.sim.variation.distractors import add_distractors
 from grs_agents.sim.variation.parts import Part
 from grs_agents.sim.variation.types import Variation
@@ -50,17 +50,17 @@ def vary_instance(
     """
     varied = _vary_poses(instance, variation, rng, library) if variation.jitter or variation.yaw else instance
     if variation.mass or variation.friction:
-        varied = _with_objects(varied, _vary_masses(varied, measure_base_scene(instance, library), variation, rng))
+        varied = _copy_with_objects(varied, _vary_masses(varied, measure_base_scene(instance, library), variation, rng))
     if variation.light:
         varied = varied.model_copy(update={"light": vary_light(varied.light, rng)})
     if variation.texture:
         varied = varied.model_copy(update={"table": vary_table(varied, rng)})
     if variation.distractors:
-        varied = _with_objects(varied, add_distractors(varied, variation.distractors, rng, library))
+        varied = _copy_with_objects(varied, add_distractors(varied, variation.distractors, rng, library))
     return TaskInstance.model_validate(dict(varied))
 
 
-def _with_objects(instance: TaskInstance, objects: Sequence[InstanceObject]) -> TaskInstance:
+def _copy_with_objects(instance: TaskInstance, objects: Sequence[InstanceObject]) -> TaskInstance:
     return instance.model_copy(update={"objects": tuple(objects)})
 
 
@@ -68,7 +68,7 @@ def _vary_masses(
     instance: TaskInstance, base: BaseScene, variation: Variation, rng: np.random.Generator
 ) -> list[InstanceObject]:
     """The objects, those that can move with a mass and a friction of their own."""
-    known, objects = masses_and_frictions(base), list[InstanceObject]()
+    known, objects = read_masses_and_frictions(base), list[InstanceObject]()
     for item in instance.objects:
         if item.id not in known:
             objects.append(item)
@@ -109,9 +109,9 @@ def _draw_poses(base: BaseScene, variation: Variation, rng: np.random.Generator)
         for rank in rng.permutation(len(waiting)):
             part = waiting[int(rank)]
             for _ in range(_TRIES):
-                move = _Move.draw_random(part, variation, rng)
+                move = _PlanarPartMove.draw_random(part, variation, rng)
                 tried, wanted = move.moved_objects(objects), move.moved_goals(goals)
-                if _is_on_table(part, tried) and _stands_well(base, part, tried, wanted):
+                if _is_on_table(part, tried) and _is_moved_part_valid(base, part, tried, wanted):
                     objects, goals = tried, wanted
                     break
             else:
@@ -126,16 +126,16 @@ def _is_on_table(part: Part, objects: Sequence[InstanceObject]) -> bool:
     return bool((np.array(places) > low).all() and (np.array(places) < high).all())
 
 
-def _stands_well(base: BaseScene, part: Part, objects: Sequence[InstanceObject], goals: Sequence[Goal]) -> bool:
+def _is_moved_part_valid(base: BaseScene, part: Part, objects: Sequence[InstanceObject], goals: Sequence[Goal]) -> bool:
     """Whether a part stands well where it was moved to; the cheapest question first."""
     return (
-        base.keeps_reach(part, objects, goals)
+        base.keeps_lift_height(part, objects, goals)
         and base.keeps_support_relations(part, objects, goals)
-        and base.keeps_apart(part, objects, goals)
+        and base.keeps_clear_of_others(part, objects, goals)
     )
 
 
-class _Move:
+class _PlanarPartMove:
     """A turn of a part about its pivot, then a shift along the table."""
 
     def __init__(self, part: Part, shift: tuple[float, float], turn: float) -> None:
@@ -143,7 +143,7 @@ class _Move:
         self._turn = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, turn))
 
     @classmethod
-    def draw_random(cls, part: Part, variation: Variation, rng: np.random.Generator) -> "_Move":
+    def draw_random(cls, part: Part, variation: Variation, rng: np.random.Generator) -> "_PlanarPartMove":
         """A random one."""
         x, y, turn = rng.uniform(-1, 1, 3).tolist()
         shift = (variation.jitter * x, variation.jitter * y)

@@ -32,7 +32,7 @@ def add_textures(
                 geom = spec.geom(f"object_{item.id}_visual_{index}")
                 file = str(library.mesh_or_texture_path(shape.texture))
                 spec.add_texture(name=geom.name, type=mujoco.mjtTexture.mjTEXTURE_2D, file=file)
-                _cover_with_material(spec, geom)
+                _apply_texture_to_geom(spec, geom)
 
 
 def set_light_and_table(spec: Any, light: InstanceLight, table: InstanceTable) -> None:
@@ -48,10 +48,10 @@ def set_light_and_table(spec: Any, light: InstanceLight, table: InstanceTable) -
     top.rgba = table.color
     if table.pattern != "plain":
         _add_pattern(spec, table)
-        _cover_with_material(spec, top, 2 * _SQUARE if table.pattern == "checker" else _PIXELS * _SPECK)
+        _apply_texture_to_geom(spec, top, 2 * _SQUARE if table.pattern == "checker" else _PIXELS * _SPECK)
 
 
-def table_pattern(model: Any) -> tuple[npt.NDArray[np.uint8], float] | None:
+def read_table_pattern(model: Any) -> tuple[npt.NDArray[np.uint8], float] | None:
     """One period of the pattern (H, W, 3) on a compiled model's table and its side, m; None for a plain table.
     Columns go along x from the table's lowest x on, rows against y from its greatest y on."""
     if int(model.geom("table").matid[0]) < 0:
@@ -72,7 +72,7 @@ def _add_pattern(spec: Any, table: InstanceTable) -> None:
         texture.mark, texture.markrgb, texture.random = mujoco.mjtMark.mjMARK_RANDOM, table.second_color[:3], _SPECKS
 
 
-def _cover_with_material(spec: Any, geom: Any, side: float = 0.0) -> None:
+def _apply_texture_to_geom(spec: Any, geom: Any, side: float = 0.0) -> None:
     """Cover a geom with the texture of its name, repeated every ``side`` metres; 0: as the mesh says."""
     material = spec.add_material(name=str(geom.name))
     material.textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = str(geom.name)

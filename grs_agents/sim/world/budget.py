@@ -23,13 +23,13 @@ DEFAULT_BUDGET: Final = Limits().simulated_steps
 
 
 @dataclass
-class _Call:
+class _CallBudget:
     limits: Limits = field(default_factory=Limits)
     steps_left: int | None = None
     reached: SimulationError | None = None
 
 
-_call = _Call()
+_call = _CallBudget()
 
 
 def set_call_limits(limits: Limits) -> None:

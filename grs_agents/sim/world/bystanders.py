@@ -19,13 +19,13 @@ _SAME_PLACE, _SAME_TURN = 0.03, math.radians(15)
 takes that for the photo's pose, and authors are told poses that are rounded."""
 
 
-def find_claimed_bystander(item: InstanceObject, around: Sequence[InstanceObject]) -> InstanceObject | None:
+def find_nearest_bystander_of_asset(item: InstanceObject, around: Sequence[InstanceObject]) -> InstanceObject | None:
     """The bystander that a task's object stands for: the nearest of its asset."""
     alike = [one for one in around if one.asset == item.asset and not item.fill]
     return min(alike, key=lambda one: math.dist(one.pose[0], item.pose[0]), default=None)
 
 
-def take_pose_at_rest(item: InstanceObject, claimed: InstanceObject) -> InstanceObject:
+def adopt_bystander_rest_pose(item: InstanceObject, claimed: InstanceObject) -> InstanceObject:
     """The task's object where its bystander rests, if it was put almost there.
 
     One that is loose is not put where a bystander is held in the air.
@@ -38,7 +38,7 @@ def take_pose_at_rest(item: InstanceObject, claimed: InstanceObject) -> Instance
     return item.model_copy(update={"pose": claimed.pose})
 
 
-def claim_bystanders(
+def match_objects_to_bystanders(
     objects: Sequence[InstanceObject], around: Sequence[InstanceObject]
 ) -> tuple[list[InstanceObject], list[InstanceObject]]:
     """The task's objects and the bystanders that none of them stands for.
@@ -47,8 +47,8 @@ def claim_bystanders(
     """
     left, placed = list(around), dict[int, InstanceObject]()
     for item in sorted(objects, key=lambda one: one.id):
-        claimed = find_claimed_bystander(item, left)
-        placed[item.id] = item if claimed is None else take_pose_at_rest(item, claimed)
+        claimed = find_nearest_bystander_of_asset(item, left)
+        placed[item.id] = item if claimed is None else adopt_bystander_rest_pose(item, claimed)
         if claimed is not None:
             left.remove(claimed)
     return [placed[item.id] for item in objects], _renumber_taken_ids(left, placed)
@@ -66,5 +66,5 @@ def place_bystanders(instance: TaskInstance, photo_objects: Sequence[InstanceObj
 
     Raises ``ValidationError`` where it then has too many objects, or speaks of a bystander that it had.
     """
-    placed, around = claim_bystanders(instance.task_objects, photo_objects)
+    placed, around = match_objects_to_bystanders(instance.task_objects, photo_objects)
     return TaskInstance.model_validate({**dict(instance), "objects": (*placed, *around)})

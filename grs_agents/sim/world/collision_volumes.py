@@ -64,15 +64,15 @@ def measure_inner_size(model: ObjectModel, library: Library) -> Vec3 | None:
     low, high = (np.asarray(corner, np.float64) for corner in model.bounds)
     cell = (high - low) / _CELLS
 
-    def are_filled(points: FloatArray) -> npt.NDArray[np.bool_]:
-        return np.any([solid.contains_placed(points) for solid in solids], axis=0)
+    def are_points_inside_solids(points: FloatArray) -> npt.NDArray[np.bool_]:
+        return np.any([solid.contains_points_in_object_frame(points) for solid in solids], axis=0)
 
     def find_hollow_cells(height: float) -> npt.NDArray[np.int64]:
         """The free cells (N, 2) of a level that have walls on all four sides."""
         level = _grid_cell_centers(
             np.array([*low[:2], height]), np.array([*high[:2], height]), np.array([_CELLS, _CELLS, 1])
         )
-        walls = are_filled(level).reshape(_CELLS, _CELLS)
+        walls = are_points_inside_solids(level).reshape(_CELLS, _CELLS)
         walled = ~walls
         for side in range(4):
             walled &= np.rot90(np.maximum.accumulate(np.rot90(walls, side)), -side)
@@ -83,7 +83,7 @@ def measure_inner_size(model: ObjectModel, library: Library) -> Vec3 | None:
         return None
     middle = low[:2] + (mouth.mean(axis=0) + 0.5) * cell[:2]
     column = _grid_cell_centers(np.array([*middle, low[2]]), np.array([*middle, high[2]]), np.array([1, 1, _CELLS]))
-    floor = float(column[2][are_filled(column)].max(initial=low[2]) + cell[2] / 2)
+    floor = float(column[2][are_points_inside_solids(column)].max(initial=low[2]) + cell[2] / 2)
     across = (np.ptp(find_hollow_cells((floor + high[2]) / 2), axis=0) + 1) * cell[:2]
     return (float(across[0]), float(across[1]), float(high[2] - floor))
 
@@ -145,7 +145,7 @@ class _Solid:
         kept = grid[:, inside] if inside.any() else ((self.low + self.high) / 2)[:, None]
         return transforms.transform_points((self.shape.position, self.shape.quaternion), kept)
 
-    def contains_placed(self, points: FloatArray) -> npt.NDArray[np.bool_]:
+    def contains_points_in_object_frame(self, points: FloatArray) -> npt.NDArray[np.bool_]:
         """Which of points (3, N), object frame, lie in the solid, (N,)."""
         own = transforms.transform_points(transforms.invert_pose((self.shape.position, self.shape.quaternion)), points)
         near = np.asarray(((own >= self.low[:, None]) & (own <= self.high[:, None])).all(axis=0), np.bool_)

@@ -19,7 +19,7 @@ from grs_agents.sim.world.spec import (
     Tool,
     WorldSpec,
     find_object_ids_in_point_ties,
-    spec_of_objects,
+    objects_to_spec,
 )
 
 
@@ -60,9 +60,9 @@ def build_world(
 ) -> World:
     """Compile a world. It does not depend on where the objects stand: ``reset_world_to_poses`` sets that.
 
-    Arguments and errors as ``spec_of_objects``; ``SimulationError`` also for a scene that MuJoCo takes for impossible.
+    Arguments and errors as ``objects_to_spec``; ``SimulationError`` also for a scene that MuJoCo takes for impossible.
     """
-    return compile_world(spec_of_objects(objects, library, timestep, visuals, ties, tool, arm, background))
+    return compile_world(objects_to_spec(objects, library, timestep, visuals, ties, tool, arm, background))
 
 
 def _group_rigidly_tied_objects(ties: Sequence[InstanceTie]) -> dict[int, frozenset[int]]:
@@ -131,7 +131,7 @@ def reset_world_to_poses(built: World, objects: Sequence[InstanceObject]) -> Non
             built.data.qpos[start : start + 7] = (*position, w, x, y, z)
 
 
-def arm_spheres_at_home(robot: str, library: Library) -> npt.NDArray[np.float64]:
+def compute_arm_spheres_at_home(robot: str, library: Library) -> npt.NDArray[np.float64]:
     """(N, 4) spheres, centre and radius (m, robot frame), around each part of an arm at its home position.
     Raises ``InputError`` where the arm's file cannot be read or holds no arm."""
     arm = get_arm(robot)

@@ -25,7 +25,7 @@ def cached_per_model(
     """Remember what a function made of each of the last few hundred models (by identity: they never change)."""
     known: dict[int, tuple[ObjectModel, Value]] = {}
 
-    def recall(model: ObjectModel, *rest: Rest.args, **more: Rest.kwargs) -> Value:
+    def compute_or_recall(model: ObjectModel, *rest: Rest.args, **more: Rest.kwargs) -> Value:
         entry = known.get(id(model))
         if entry is None:
             if len(known) >= _REMEMBERED:
@@ -33,7 +33,7 @@ def cached_per_model(
             entry = known[id(model)] = (model, function(model, *rest, **more))
         return entry[1]
 
-    return recall
+    return compute_or_recall
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ def object_prism_at_pose(model: ObjectModel, pose: Pose, owner: int = -1) -> Pri
 
 
 @cached_per_model
-def _known_prisms(model: ObjectModel) -> dict[tuple[Pose, int], tuple[list[Prism], Prism]]:
+def _get_prism_cache(model: ObjectModel) -> dict[tuple[Pose, int], tuple[list[Prism], Prism]]:
     """Those of an object by its pose and owner: each reset of an environment puts most objects where they were."""
     del model
     return {}
@@ -173,7 +173,7 @@ def _known_prisms(model: ObjectModel) -> dict[tuple[Pose, int], tuple[list[Prism
 
 def find_prisms_at_pose(model: ObjectModel, pose: Pose, owner: int) -> tuple[list[Prism], Prism]:
     """The prisms of an object's colliders, and the one around the whole of it; remembered."""
-    known = _known_prisms(model)
+    known = _get_prism_cache(model)
     if (pose, owner) not in known:
         if len(known) >= _REMEMBERED:
             known.clear()
@@ -234,7 +234,7 @@ def margins_inside_outline(moving: FloatArray, around: FloatArray, offsets: Floa
     """How far (N,) an outline shifted by ``offsets`` stays inside a convex outline; negative: it sticks out."""
     axes = _outward_edge_normals(around)
     limit = (around * axes).sum(axis=1)
-    margins = limit[:, None] - ((moving @ axes.T).max(axis=0)[:, None] + _along_axes(offsets, axes))
+    margins = limit[:, None] - ((moving @ axes.T).max(axis=0)[:, None] + _project_onto_axes(offsets, axes))
     return np.asarray(np.minimum.reduce(margins, axis=0))
 
 
@@ -250,11 +250,11 @@ def rest_heights_for_gaps(
     heights = np.zeros((len(gaps), len(offsets)))
     if not len(offsets) or len(body.outline) < 3:
         return heights
-    columns = np.ascontiguousarray(offsets.T)  # see `_along_axes`
+    columns = np.ascontiguousarray(offsets.T)  # see `_project_onto_axes`
     low, high = body.outline.min(axis=0) + columns.min(axis=1), body.outline.max(axis=0) + columns.max(axis=1)
     x2, y2, x3, y3 = low[0] - max(gaps), low[1] - max(gaps), high[0] + max(gaps), high[1] + max(gaps)
     axes, least, most = body.edge_ranges
-    shift = _along_axes(offsets, axes)
+    shift = _project_onto_axes(offsets, axes)
     for obstacle in obstacles:
         x0, y0, x1, y1 = obstacle.bounding_box_xy
         if x0 > x3 or y0 > y3 or x1 < x2 or y1 < y2 or len(obstacle.outline) < 3:
@@ -263,14 +263,14 @@ def rest_heights_for_gaps(
         apart = _largest_gap(along.min(axis=0) - most, least - along.max(axis=0), shift)
         normals, near, far = obstacle.edge_ranges
         own = body.outline @ normals.T
-        sideways = _largest_gap(near - own.max(axis=0), own.min(axis=0) - far, _along_axes(offsets, normals))
+        sideways = _largest_gap(near - own.max(axis=0), own.min(axis=0) - far, _project_onto_axes(offsets, normals))
         np.maximum(apart, sideways, out=apart)
         for row, gap in zip(heights, gaps, strict=True):
             np.maximum(row, obstacle.high, out=row, where=apart < gap)
     return heights
 
 
-def _along_axes(points: FloatArray, axes: FloatArray) -> FloatArray:
+def _project_onto_axes(points: FloatArray, axes: FloatArray) -> FloatArray:
     """How far points (N, 2) lie along axes (K, 2), as (K, N): numpy reduces along rows that are long."""
     return np.ascontiguousarray((points @ axes.T).T)
 

@@ -184,17 +184,17 @@ class Physics:
 
     def object_mass(self, number: int) -> float:
         """Of an object with what is rigidly tied to it, kg."""
-        return float(self.model.body_mass[self._joined_bodies(number)].sum())
+        return float(self.model.body_mass[self._bodies_tied_to_object(number)].sum())
 
     def center_of_mass(self, number: int) -> Vec3:
         """Of an object with what is rigidly tied to it, metres."""
-        bodies = self._joined_bodies(number)
+        bodies = self._bodies_tied_to_object(number)
         if len(bodies) == 1:  # which may be fixed, and have no mass
             return transforms.to_vec3(self.data.xipos[bodies[0]])
         weights: FloatArray = self.model.body_mass[bodies]
         return transforms.to_vec3(weights @ self.data.xipos[bodies] / weights.sum())
 
-    def _joined_bodies(self, number: int) -> list[int]:
+    def _bodies_tied_to_object(self, number: int) -> list[int]:
         return [self.world.bodies[one] for one in self.world.joined.get(number, (number,))]
 
     def max_free_body_speed(self) -> float:
@@ -258,7 +258,7 @@ class Physics:
         owners = self.world.owner_of_geom[self.data.contact.geom]
         return set(owners[(owners == number).any(axis=1)].ravel().tolist()) - {-1, number}
 
-    def objects_touching_robot(self) -> set[int]:
+    def unheld_objects_touching_robot(self) -> set[int]:
         """Ids of the objects that any part of the robot touches, but for what it holds."""
         pairs = self.data.contact.geom
         rows = pairs[(self.model.geom_contype[pairs] == ROBOT_CONTYPE).any(axis=1)]
@@ -273,7 +273,7 @@ class Physics:
         """Id of the object on the cup."""
         return self.cup.held
 
-    def lead_commands(self, path: FloatArray, speeds: FloatArray) -> FloatArray:
+    def compensate_joint_damping(self, path: FloatArray, speeds: FloatArray) -> FloatArray:
         """Commands (N, dof) that bring the arm through joint positions (N, dof) at ``speeds`` (N, dof) or (dof,): ahead
         of them by what the joints' damping costs."""
         return path + speeds * self._lead
@@ -289,7 +289,7 @@ class Physics:
             stride = _FEELING_STRIDE if held is None else 1
         # Ahead by what damping and inertia cost, the arm keeps to its path; else it would swing out to the side.
         torque = joint_paths.joint_speeds(rate, self.timestep) @ self.arm.inertia_matrix(path[len(path) // 2])
-        for command in (self.lead_commands(path, rate) + torque / self._stiffness)[stride - 1 :: stride]:
+        for command in (self.compensate_joint_damping(path, rate) + torque / self._stiffness)[stride - 1 :: stride]:
             self.lead_arm(command, stride, coarse=held is None)
             if self.cup.held != held or (stop is not None and stop()):
                 self.hold_arm(self.joint_positions)

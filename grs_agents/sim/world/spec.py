@@ -116,7 +116,7 @@ def is_movable(item: InstanceObject, shapes: ObjectModel) -> bool:
     return item.category != "fixed" and bool(shapes.colliders)
 
 
-def state_mass_and_friction(instance: TaskInstance, library: Library) -> TaskInstance:
+def fill_in_masses_and_frictions(instance: TaskInstance, library: Library) -> TaskInstance:
     """The instance with the mass and the friction that each object has in its world as numbers, whatever it said.
 
     Beyond what an instance may say it says None, and the asset's own holds.
@@ -163,7 +163,7 @@ def create_base_world_spec(timestep: float) -> Any:
     return spec
 
 
-def spec_of_objects(
+def objects_to_spec(
     objects: Sequence[InstanceObject],
     library: Library,
     timestep: float = TIMESTEP,
@@ -200,10 +200,10 @@ def spec_of_objects(
     return WorldSpec(spec, models, free, graspable, arm, tuple(ties))
 
 
-def spec_of(instance: TaskInstance, library: Library, visuals: bool = False) -> WorldSpec:
+def instance_to_spec(instance: TaskInstance, library: Library, visuals: bool = False) -> WorldSpec:
     """The spec of a task instance, its objects at their poses; with ``visuals`` it looks as the instance says, textures
-    included. Errors as ``spec_of_objects``."""
-    made = spec_of_objects(
+    included. Errors as ``objects_to_spec``."""
+    made = objects_to_spec(
         instance.objects,
         library,
         instance.timestep,

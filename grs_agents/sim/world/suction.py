@@ -24,7 +24,7 @@ _UPRIGHT: Final = 0.7
 
 
 @dataclass(frozen=True)
-class Slip:
+class SuctionLoss:
     """An object that was torn off the cup: its id, and the load (N) and the moment (N m) on the cup then."""
 
     number: int
@@ -50,7 +50,7 @@ class Cup:
     def __init__(self, world: World, data: Any) -> None:
         self._world, self._data = world, data
         self.held: int | None = None  # id of the object on the cup
-        self.slip: Slip | None = None  # how the last object that was held was torn off
+        self.slip: SuctionLoss | None = None  # how the last object that was held was torn off
         self.due = WATCHED  # time steps until the load is to be looked at
         self._strained = False
         self._dof, self._weight = world.arm.dof, 0.0
@@ -75,7 +75,7 @@ class Cup:
         data.eq_active[weld] = 1
         self.held, self.slip, self.due, self._strained = number, None, WATCHED, False
         self._weight = float(world.model.body_mass[body]) * GRAVITY
-        self._bear_weight(number)
+        self._compensate_held_weight(number)
         self._set_cup_collisions(False)
 
     def release(self) -> None:
@@ -86,7 +86,7 @@ class Cup:
         self._joint_forces[:] = 0.0
         self.held = None
 
-    def _bear_weight(self, number: int) -> None:
+    def _compensate_held_weight(self, number: int) -> None:
         """Let the arm bear the weight of what it holds where it is now, as arms do that are told what they carry: else
         the load would draw the tip down and aside."""
         world, data = self._world, self._data
@@ -107,14 +107,14 @@ class Cup:
         self.due = WATCHED
         if self.held is None:
             return
-        self._bear_weight(self.held)
+        self._compensate_held_weight(self.held)
         (load, moment), before = self.measure_load(self.held), self._strained
         bent = moment > PEELING_MOMENT and not is_supported(self._world, self._data, self.held)
         self._strained = load > HOLDING_FORCE or bent
         if self._strained and before:
             number = self.held
             self.release()
-            self.slip = Slip(number, load, moment)
+            self.slip = SuctionLoss(number, load, moment)
 
     def measure_load(self, number: int) -> tuple[float, float]:
         """How hard the object that is held pulls at the cup and shears along it, newtons (pressing on it is no load),

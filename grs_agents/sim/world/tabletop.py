@@ -21,7 +21,7 @@ from grs_agents.sim.world.physics import Physics
 
 
 @dataclass(frozen=True)
-class _Rested:
+class _RestState:
     """A scene before it settled, its state afterwards, and the steps that this took."""
 
     before: object
@@ -54,7 +54,7 @@ class Tabletop:
         self._physics: Physics | None = None
         self._stale, self._vertices = False, 0
         self._world: tuple[object, compilation.World] | None = None
-        self._rested: _Rested | None = None
+        self._rested: _RestState | None = None
 
     def seed(self, seed: int | None = None) -> int:
         """Seed ``rng``, which places objects at random; returns the seed used."""
@@ -116,17 +116,17 @@ class Tabletop:
         item = InstanceObject(
             id=number, asset=asset, fill=dict(filling.values) if filling else {}, color=rgba, pose=at, category=category
         )
-        return self.insert_object(self._claim_bystander(item))
+        return self.insert_object(self._replace_bystander_by_object(item))
 
-    def _claim_bystander(self, item: InstanceObject) -> InstanceObject:
+    def _replace_bystander_by_object(self, item: InstanceObject) -> InstanceObject:
         """Take the bystander that a task's object stands for off the table; the object takes its place there."""
         around = [one for one in self._objects.values() if one.role == "bystander"]
-        claimed = bystanders.find_claimed_bystander(item, around)
+        claimed = bystanders.find_nearest_bystander_of_asset(item, around)
         if claimed is None:
             return item
         del self._objects[claimed.id]
         self._vertices -= budget.add_to_vertex_count(0, self._models[claimed.id], self.library)
-        return bystanders.take_pose_at_rest(item, claimed)
+        return bystanders.adopt_bystander_rest_pose(item, claimed)
 
     def restore_bystanders(self) -> None:
         """Put bystanders where the photo shows them, as the task's objects claim them from where they stand now.
@@ -136,7 +136,7 @@ class Tabletop:
         if not templates.defaults.bystanders:
             return
         own = [item for item in self.objects if item.role == "task"]
-        placed, around = bystanders.claim_bystanders(own, templates.defaults.bystanders)
+        placed, around = bystanders.match_objects_to_bystanders(own, templates.defaults.bystanders)
         self._models |= {item.id: spec.load_object_model(item, self.library) for item in around}
         self._objects = {item.id: item for item in (*placed, *around)}
         self._physics, self._stale = None, False
@@ -144,7 +144,7 @@ class Tabletop:
     def insert_object(self, item: InstanceObject) -> int:
         """Add a typed object and return the id it has here; refuse what is too large, too thin or one too many."""
         budget.check_object_count(len(self._objects) + 1)
-        number = self._next_object_id if item.role == "task" else self._free_bystander_id(item.id)
+        number = self._next_object_id if item.role == "task" else self._choose_free_bystander_id(item.id)
         shapes = spec.load_object_model(item, self.library)
         self._vertices = budget.add_to_vertex_count(self._vertices, shapes, self.library)
         self._objects[number] = item if item.id == number else item.model_copy(update={"id": number})
@@ -156,7 +156,7 @@ class Tabletop:
         """The id of the task's next object."""
         return max((item.id for item in self._task_objects), default=0) + 1
 
-    def _free_bystander_id(self, wanted: int) -> int:
+    def _choose_free_bystander_id(self, wanted: int) -> int:
         """The id that a bystander has, or another one if the task's objects may come to have that."""
         if wanted >= bystanders.FIRST_BYSTANDER and wanted not in self._objects:
             return wanted
@@ -202,9 +202,9 @@ class Tabletop:
     @property
     def objects(self) -> tuple[InstanceObject, ...]:
         """Every object with its present pose."""
-        return tuple(self._with_current_pose(item) for item in self._objects.values())
+        return tuple(self._copy_with_current_pose(item) for item in self._objects.values())
 
-    def _with_current_pose(self, item: InstanceObject) -> InstanceObject:
+    def _copy_with_current_pose(self, item: InstanceObject) -> InstanceObject:
         pose = self.get_object_pose(item.id)
         return item if pose is item.pose else item.model_copy(update={"pose": pose})
 
@@ -312,7 +312,7 @@ class Tabletop:
         self.physics.separate_overlapping_bodies()
         self.physics.simulate_until_at_rest()
         older = known.state if known is not None and known.world is self.physics.world else None
-        self._rested = _Rested(before, self.physics.world, self.physics.save_state(older), start - self.budget.left)
+        self._rested = _RestState(before, self.physics.world, self.physics.save_state(older), start - self.budget.left)
 
     def step_simulation(self, steps: int = 1) -> None:
         """Simulate a number of time steps; errors as ``Physics.check``."""

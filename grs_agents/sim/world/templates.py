@@ -24,7 +24,7 @@ _REMEMBERED = 512
 
 
 @dataclass(frozen=True)
-class Filling:
+class FilledTemplate:
     """A template and the values of its placeholders."""
 
     template: str
@@ -43,7 +43,7 @@ class Defaults:
 
 
 defaults = Defaults()
-_filled: dict[str, Filling] = {}
+_filled: dict[str, FilledTemplate] = {}
 _known: WeakKeyDictionary[Library, dict[tuple[str, str, str], Any]] = WeakKeyDictionary()
 
 
@@ -127,11 +127,11 @@ def fill_template(library: Library, template: str, replace: Mapping[str, Any]) -
         return base
     for row in replace.values():
         _values_to_array(row)
-    values = resolve_template_values({**before, **_make_lengths_positive(replace, preset)}, preset)[0]
+    values = resolve_template_values({**before, **_make_placeholder_lengths_positive(replace, preset)}, preset)[0]
     _check_value_magnitudes(base, values)
     library.load_filled_template(base, values)
     name = f"{base}#{sorted(values.items())}"
-    _filled[name] = Filling(base, values)
+    _filled[name] = FilledTemplate(base, values)
     return name
 
 
@@ -164,7 +164,7 @@ def describe_assumed_values(library: Library, template: str, replace: Mapping[st
     if not preset:
         return ["it is no template, used as it is"]
     known = known_placeholder_stems(preset)
-    _, assumed = resolve_template_values(_make_lengths_positive(replace, preset), preset)
+    _, assumed = resolve_template_values(_make_placeholder_lengths_positive(replace, preset), preset)
     clauses = [f"{stem} left out takes its default {_format_row(row)}" for stem, row in assumed.items()]
     clauses += [f"{stem} is no placeholder of it, ignored" for stem in replace if stem not in known]
     lengths = [stem for stem in replace if stem in known and _is_length_placeholder(stem, preset)]
@@ -177,7 +177,7 @@ def _is_length_placeholder(stem: str, preset: Values) -> bool:
     return "DIM" in preset and stem.startswith(("DIM", "HALF", "SCALE"))
 
 
-def _make_lengths_positive(replace: Mapping[str, Any], preset: Values) -> dict[str, Any]:
+def _make_placeholder_lengths_positive(replace: Mapping[str, Any], preset: Values) -> dict[str, Any]:
     """Lengths made positive: box corners in the wrong order give negative ones."""
     return {
         stem: np.abs(value).tolist() if _is_length_placeholder(stem, preset) and _has_negative_value(value) else value
@@ -207,6 +207,6 @@ def _format_row(row: Sequence[float | str]) -> str:
     return f"({', '.join(value if isinstance(value, str) else f'{value:.4g}' for value in row)})"
 
 
-def find_filling_by_name(name: str) -> Filling | None:
+def find_filling_by_name(name: str) -> FilledTemplate | None:
     """What a filled template's name stands for, None for any other name."""
     return _filled.get(name)

@@ -50,7 +50,7 @@ class Step:
         return problem
 
     @property
-    def joined_details(self) -> str:
+    def details_as_text(self) -> str:
         """All that came of it, the latest first where one replaces another."""
         return "; ".join(self.details)
 
@@ -83,10 +83,10 @@ class Steps:
         elif isinstance(event, trace.RunEnded):
             self.ended = event
             self._interrupt_running_steps()
-        elif step := self._step_of(event):
+        elif step := self._find_step_of_event(event):
             self._add_event_to_step(step, event)
 
-    def _step_of(self, event: trace.Event) -> Step | None:
+    def _find_step_of_event(self, event: trace.Event) -> Step | None:
         """The step that an event belongs to; of threads that do not say so, the one that runs."""
         return self.running_step if event.step is None else self._steps.get(event.step)
 
@@ -96,7 +96,7 @@ class Steps:
                 step.status = "interrupted"
 
     def _end_step(self, event: trace.NodeEnded) -> None:
-        step = self._step_of(event)
+        step = self._find_step_of_event(event)
         if step is not None:
             step.status = "failed" if event.error else "done"
             step.seconds = event.seconds

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from grs_agents.errors import InputError
 from grs_agents.foreign import read_bytes, read_npz
-from grs_agents.sim.instance import MAX_BYTES, InstanceError, TaskInstance, find_robot_in_folder, parse_instance_json
+from grs_agents.sim.instance import MAX_BYTES, InstanceError, TaskInstance, parse_instance_json, resolve_robot_path
 
 Array = npt.NDArray[np.float32]
 _REMEDY = "restore the file or run again"
@@ -67,7 +67,7 @@ def read_task_instance(file: Path) -> TaskInstance:
         instance = parse_instance_json(read_bytes(file, _REMEDY, MAX_BYTES))
     except InstanceError as error:
         raise InputError(f"{file}: {error.message}", _REMEDY) from error
-    return find_robot_in_folder(instance, file.parent.parent)
+    return resolve_robot_path(instance, file.parent.parent)
 
 
 def read_motion(file: Path) -> Motion:
@@ -117,11 +117,11 @@ def find_grasps(motion: Motion) -> list[Grasp]:
         near = np.linalg.norm(motion.positions[1:, index] - motion.tool[1:], axis=1) < _GRASP_RADIUS
         moves = np.linalg.norm(tool_step, axis=1) > _LEAST_SPEED * seconds
         along = np.linalg.norm(step - tool_step, axis=1) < 0.5 * np.linalg.norm(tool_step, axis=1)
-        grasps.extend(_grasps_from_held_steps(name, near & moves & along, near & ~moves, motion.times))
+        grasps.extend(_group_held_steps_into_grasps(name, near & moves & along, near & ~moves, motion.times))
     return sorted(grasps, key=lambda grasp: grasp.start)
 
 
-def _grasps_from_held_steps(
+def _group_held_steps_into_grasps(
     name: str, held: npt.NDArray[np.bool_], waits: npt.NDArray[np.bool_], times: npt.NDArray[np.float64]
 ) -> list[Grasp]:
     """Stretches of ``held`` steps; a waiting tool does not end one, and what lasts a moment was a push."""

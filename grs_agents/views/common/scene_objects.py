@@ -53,13 +53,13 @@ def mask_bounding_boxes(labels: npt.NDArray[Any]) -> dict[int, Rectangle]:
 def library_with_run_assets(folder: Path, library: Library) -> Library:
     """``library`` with the assets laid over that the run has made so far."""
     own = folder / "assets"
-    return _cached_overlay(library, own, modification_time_ns(own / "manifest.json")) if own.is_dir() else library
+    return _overlay_run_assets(library, own, modification_time_ns(own / "manifest.json")) if own.is_dir() else library
 
 
 @lru_cache(maxsize=2)
-def _cached_overlay(library: Library, own: Path, _written: int) -> Library:
+def _overlay_run_assets(library: Library, own: Path, _written: int) -> Library:
     """Kept, since reading a manifest takes longer than showing its assets."""
-    return library.with_overlay(own)
+    return library.copy_with_overlay_root(own)
 
 
 def modification_time_ns(file: Path) -> int:

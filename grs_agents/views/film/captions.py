@@ -22,7 +22,7 @@ _SHADE = 0.45
 """How bright the picture stays behind the letters."""
 
 
-def describe_moments(
+def write_moment_captions(
     event: Rollout, instance: TaskInstance, motion: Motion, seconds: Sequence[float]
 ) -> Iterator[Caption]:
     """The caption of each moment (simulated seconds) of a rollout."""
@@ -33,10 +33,10 @@ def describe_moments(
         current = next((grasp for grasp in grasps if frame <= grasp.end), grasps[-1] if grasps else None)
         ended = moment >= over
         outcome = f"{event.outcome}, reward {event.reward:.2f}" if ended else f"{moment:.1f} s"
-        yield _name_goal(instance, current), _name_action(instance, grasps, current, frame), outcome
+        yield _find_goal_sentence(instance, current), _describe_robot_action(instance, grasps, current, frame), outcome
 
 
-def _name_goal(instance: TaskInstance, grasp: Grasp | None) -> str:
+def _find_goal_sentence(instance: TaskInstance, grasp: Grasp | None) -> str:
     """The sentence of the goal that the grasped body is for; of the first goal without one."""
     held = grasp.body.removeprefix("object_") if grasp else ""
     about = (goal for goal in instance.goals if held in map(str, goal.objects))
@@ -44,15 +44,15 @@ def _name_goal(instance: TaskInstance, grasp: Grasp | None) -> str:
     return goal.language if goal is not None else instance.task
 
 
-def _name_action(instance: TaskInstance, grasps: list[Grasp], grasp: Grasp | None, frame: int) -> str:
+def _describe_robot_action(instance: TaskInstance, grasps: list[Grasp], grasp: Grasp | None, frame: int) -> str:
     if grasp is None:
         return instance.primitive.replace("_", " ")
-    names = {f"object_{item.id}": _name_asset(item.asset) for item in instance.objects}
+    names = {f"object_{item.id}": _asset_name_as_words(item.asset) for item in instance.objects}
     does = "reaches for" if frame < grasp.start else "carries" if frame < grasp.end else "has placed"
     return f"action {grasps.index(grasp) + 1} of {len(grasps)}: {does} {names.get(grasp.body, grasp.body)}"
 
 
-def _name_asset(asset: str) -> str:
+def _asset_name_as_words(asset: str) -> str:
     """``HOPE/TomatoSauce.urdf`` as ``tomato sauce``."""
     return re.sub(r"(?<=[a-z])(?=[A-Z])|_", " ", Path(asset).stem).lower()
 
@@ -75,13 +75,13 @@ def _draw_caption(image: Picture, caption: Caption) -> Picture:
     goal, action, outcome = map(escape_control_chars, caption)
     right = width - margin - draw.textlength(outcome, font)
     top = height - 2 * line - margin
-    draw.text((margin, top), _shorten(draw, goal, font, width - 2 * margin), (255, 255, 255), font)
-    draw.text((margin, top + line), _shorten(draw, action, font, right - 2 * margin), (255, 214, 90), font)
+    draw.text((margin, top), _shorten_to_width(draw, goal, font, width - 2 * margin), (255, 255, 255), font)
+    draw.text((margin, top + line), _shorten_to_width(draw, action, font, right - 2 * margin), (255, 214, 90), font)
     draw.text((right, top + line), outcome, (255, 255, 255), font)
     return np.asarray(picture)
 
 
-def _shorten(
+def _shorten_to_width(
     draw: ImageDraw.ImageDraw, text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: float
 ) -> str:
     """``text``, cut off where it is wider than ``width`` pixels."""

@@ -48,8 +48,8 @@ def recover_joint_positions(model: Any, motion: Motion) -> FloatArray:
             angle = 2 * np.arctan2(turned[:, 1:] @ axis, turned[:, 0])
             positions[:, address] = (angle + np.pi) % (2 * np.pi) - np.pi + model.qpos0[address]
         else:
-            shift = motion.positions[:, rows[name]] - places - _rotate_points(turns, np.asarray(model.body_pos[body]))
-            positions[:, address] = np.einsum("ni,ni->n", shift, _rotate_points(start, axis)) + model.qpos0[address]
+            shift = motion.positions[:, rows[name]] - places - _rotate_vector(turns, np.asarray(model.body_pos[body]))
+            positions[:, address] = np.einsum("ni,ni->n", shift, _rotate_vector(start, axis)) + model.qpos0[address]
     return positions
 
 
@@ -59,7 +59,7 @@ def _quaternion_product(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.concatenate([w * s - (v * u).sum(axis=1, keepdims=True), w * u + s * v + np.cross(v, u)], axis=1)
 
 
-def _rotate_points(turns: FloatArray, vector: FloatArray) -> FloatArray:
+def _rotate_vector(turns: FloatArray, vector: FloatArray) -> FloatArray:
     """``vector`` (3,) turned by each quaternion (N, 4), wxyz."""
     pure = np.concatenate([np.zeros(1), vector])[None]
     return _quaternion_product(_quaternion_product(turns, pure), turns * (1, -1, -1, -1))[:, 1:]

@@ -20,7 +20,7 @@ from grs_agents.foreign import find_member_file, resolve_member_file
 from grs_agents.library import Library
 from grs_agents.trace import Event, Rollout, read_events
 from grs_agents.views.common import Motion, library_with_run_assets, read_motion, read_task_instance
-from grs_agents.views.film.captions import describe_moments, draw_captions
+from grs_agents.views.film.captions import draw_captions, write_moment_captions
 from grs_agents.views.rerun import has_display
 
 Image = npt.NDArray[np.uint8]
@@ -35,7 +35,7 @@ _RAYS = "rays"
 
 
 @dataclass(frozen=True)
-class Shot:
+class RolloutShot:
     """A rollout and how to look at it."""
 
     folder: Path  # the run
@@ -54,7 +54,7 @@ class Shot:
         return read_motion(resolve_member_file(self.folder, self.event.recording or ""))
 
 
-Take = tuple[Shot, Sequence[float]]
+Take = tuple[RolloutShot, Sequence[float]]
 """A shot, and the moments of it that are drawn, s."""
 
 
@@ -75,14 +75,14 @@ def find_recorded_rollout(events: Sequence[Event], folder: Path, seed: int | Non
     return played[seed]
 
 
-def shot_of_rollout(folder: Path, seed: int | None = None, size: tuple[int, int] | None = None) -> Shot:
+def make_rollout_shot(folder: Path, seed: int | None = None, size: tuple[int, int] | None = None) -> RolloutShot:
     """The rollout of ``seed``, or the first, of the run in ``folder``, to be filmed in ``size`` (width, height)."""
     rollout = find_recorded_rollout(read_events(folder / "events.jsonl"), folder, seed)
-    shot = Shot(folder.resolve(), rollout, library_with_run_assets(folder, Library()))
+    shot = RolloutShot(folder.resolve(), rollout, library_with_run_assets(folder, Library()))
     return shot if size is None else replace(shot, width=size[0], height=size[1])
 
 
-def render_frames(shot: Shot, seconds: Sequence[float]) -> Iterator[Image]:
+def render_frames(shot: RolloutShot, seconds: Sequence[float]) -> Iterator[Image]:
     """The pictures (H, W, 3) of ``shot`` at these moments, drawn with EGL, OSMesa, or rays where neither is there."""
     return render_takes([(shot, seconds)])
 
@@ -154,7 +154,7 @@ def _encode_render_job(takes: Sequence[Take], rays: bool = False, window: bool =
     return json.dumps({**look, "rollouts": rollouts, "rays": rays, "window": window}).encode()
 
 
-def write_film(shot: Shot, path: Path, rate: float = 15.0, show: Callable[[str], None] | None = None) -> int:
+def write_film(shot: RolloutShot, path: Path, rate: float = 15.0, show: Callable[[str], None] | None = None) -> int:
     """Write the rollout in real time to a .webp, .mp4 or .gif file, and return the number of frames."""
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"cannot write a film to {path.name}", f"name a file that ends in {' or '.join(SUFFIXES)}")
@@ -174,22 +174,22 @@ def write_film(shot: Shot, path: Path, rate: float = 15.0, show: Callable[[str],
     return len(frames)
 
 
-def render_film_frames(shot: Shot, rate: float, show: Callable[[str], None] | None = None) -> Iterator[Image]:
+def render_film_frames(shot: RolloutShot, rate: float, show: Callable[[str], None] | None = None) -> Iterator[Image]:
     """The pictures of ``shot`` with captions, ``rate`` of them a second; ``show`` is told what is drawn."""
-    take = take_film(shot, rate)
-    return caption_take(take, _report_frame_progress(render_takes([take]), len(take[1]), show))
+    take = make_film_take(shot, rate)
+    return draw_take_captions(take, _report_frame_progress(render_takes([take]), len(take[1]), show))
 
 
-def take_film(shot: Shot, rate: float) -> Take:
+def make_film_take(shot: RolloutShot, rate: float) -> Take:
     """The moments of a film with ``rate`` pictures a second."""
     return shot, [frame / rate for frame in range(int(shot.recorded_motion.duration_seconds * rate) + 1)]
 
 
-def caption_take(take: Take, images: Iterator[Image]) -> Iterator[Image]:
+def draw_take_captions(take: Take, images: Iterator[Image]) -> Iterator[Image]:
     """The pictures of a take, each with its caption."""
     shot, seconds = take
     instance = read_task_instance(resolve_member_file(shot.folder, shot.event.instance or ""))
-    return draw_captions(images, describe_moments(shot.event, instance, shot.recorded_motion, seconds))
+    return draw_captions(images, write_moment_captions(shot.event, instance, shot.recorded_motion, seconds))
 
 
 def _report_frame_progress(images: Iterator[Image], total: int, show: Callable[[str], None] | None) -> Iterator[Image]:
@@ -199,7 +199,7 @@ def _report_frame_progress(images: Iterator[Image], total: int, show: Callable[[
         yield image
 
 
-def _write_mp4(images: Iterator[Image], path: Path, rate: float, shot: Shot) -> int:
+def _write_mp4(images: Iterator[Image], path: Path, rate: float, shot: RolloutShot) -> int:
     """VP9, which browsers play; where OpenCV cannot, MPEG-4."""
     import cv2
 
@@ -231,7 +231,7 @@ def encode_animation(images: Sequence[Image], rate: float, kind: str) -> bytes:
     return file.getvalue()
 
 
-def play_in_mujoco_window(shot: Shot) -> int:
+def play_in_mujoco_window(shot: RolloutShot) -> int:
     """Play the rollout in MuJoCo's window until it is closed."""
     if not has_display():
         raise InputError(

@@ -35,7 +35,7 @@ class _Stages:
         self._shown: Any = None  # the things of the last stage, wherever they are, and where they come from
         self._stage: Any = None
 
-    def set_up(self, rollout: dict[str, Any]) -> tuple[Any, Any, Any]:
+    def set_up_rollout_stage(self, rollout: dict[str, Any]) -> tuple[Any, Any, Any]:
         """The stage, with everything where the rollout began, the motion, and the joints of the arm in it."""
         from grs_agents.library import Library
         from grs_agents.sim.rendering import Stage, scene_props_from_instance
@@ -43,7 +43,7 @@ class _Stages:
         from grs_agents.views.film.recorded_motion import recover_joint_positions
 
         props = scene_props_from_instance(read_task_instance(Path(rollout["instance"])))
-        props = replace(props, samples=self._samples, table=_grained(props.table))
+        props = replace(props, samples=self._samples, table=_add_speckles_to_plain_table(props.table))
         somewhere = [item.model_copy(update={"pose": _NOWHERE}) for item in props.objects]
         shown = (replace(props, objects=somewhere), rollout["roots"])
         if shown != self._shown:
@@ -55,7 +55,7 @@ class _Stages:
         return self._stage, motion, recover_joint_positions(self._stage.model, motion)
 
 
-def _grained(table: Any) -> Any:
+def _add_speckles_to_plain_table(table: Any) -> Any:
     """The look of a table top, speckled where it is of one colour: what moves over it is seen to move."""
     darker = (*(0.86 * channel for channel in table.color[:3]), 1.0)
     return (
@@ -80,7 +80,7 @@ def write_rendered_frames(order: dict[str, Any], output: BinaryIO) -> None:
 
     stages, drawn, picture = _Stages(order), None, None
     for rollout in order["rollouts"]:
-        stage, motion, joints = stages.set_up(rollout)
+        stage, motion, joints = stages.set_up_rollout_stage(rollout)
         if picture is None or stage is not drawn:
             drawn, picture = stage, make(stage, order)
         for seconds in rollout["seconds"]:
@@ -115,7 +115,7 @@ def _make_raycast_renderer(stage: Any, order: dict[str, Any]) -> Callable[[], Im
     lens, pose = lens_from_field_of_view(view.field_of_view, view.height, view.width), view_pose(view)
 
     def paint() -> Image:
-        painter.look(lens, pose)
+        painter.prepare_view(lens, pose)
         return painter.draw_color()
 
     return paint
@@ -127,12 +127,12 @@ def play_in_mujoco_window(order: dict[str, Any]) -> None:
     viewer_module = importlib.import_module("mujoco.viewer")
     from grs_agents.views.film.recorded_motion import show_recorded_frame
 
-    stage, motion, joints = _Stages(order).set_up(order["rollouts"][0])
+    stage, motion, joints = _Stages(order).set_up_rollout_stage(order["rollouts"][0])
     with viewer_module.launch_passive(stage.model, stage.data, show_left_ui=False, show_right_ui=False) as viewer:
         camera = _make_camera(mujoco, order)
         viewer.cam.lookat[:], viewer.cam.distance = camera.lookat, camera.distance
         viewer.cam.azimuth, viewer.cam.elevation = camera.azimuth, camera.elevation
-        for seconds in _iter_looped_seconds(motion.duration_seconds + 1.0):
+        for seconds in _iterate_looped_seconds(motion.duration_seconds + 1.0):
             if not viewer.is_running():
                 return
             with viewer.lock():
@@ -141,7 +141,7 @@ def play_in_mujoco_window(order: dict[str, Any]) -> None:
             time.sleep(1 / 60)
 
 
-def _iter_looped_seconds(period: float) -> Iterator[float]:
+def _iterate_looped_seconds(period: float) -> Iterator[float]:
     """Seconds since the beginning, from 0 again after each ``period``."""
     begin = time.monotonic()
     while True:

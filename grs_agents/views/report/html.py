@@ -53,14 +53,14 @@ def render_table(
 ) -> str:
     """A table of text; the columns ``numbers`` are set right, ``verdicts`` are the colours of the rows, if any."""
 
-    def cells(tag: str, values: Sequence[object]) -> str:
+    def render_table_cells(tag: str, values: Sequence[object]) -> str:
         kinds = [' class="n"' if index in numbers else "" for index in range(len(values))]
         return "".join(f"<{tag}{kind}>{escape_html(value)}</{tag}>" for kind, value in zip(kinds, values, strict=True))
 
     colors: Iterable[Verdict] = verdicts or repeat("")
     pairs = zip(rows, colors, strict=False)
-    lines = "".join(f"<tr{_class_attribute(color)}>{cells('td', row)}</tr>\n" for row, color in pairs)
-    return f'<div class="table"><table><tr>{cells("th", heads)}</tr>\n{lines}</table></div>'
+    lines = "".join(f"<tr{_class_attribute(color)}>{render_table_cells('td', row)}</tr>\n" for row, color in pairs)
+    return f'<div class="table"><table><tr>{render_table_cells("th", heads)}</tr>\n{lines}</table></div>'
 
 
 def _class_attribute(name: str) -> str:
@@ -73,7 +73,7 @@ def render_collapsible(summary: str, inner: str, opened: bool = False, verdict: 
     return f"<details{' open' if opened else ''}>{head}\n{inner}</details>"
 
 
-def render_row(*parts: str) -> str:
+def render_side_by_side(*parts: str) -> str:
     """Parts beside one another, where the page is wide enough; nothing without parts."""
     inner = "".join(part for part in parts if part)
     return f'<div class="row">{inner}</div>' if inner else ""

@@ -16,19 +16,19 @@ from grs_agents.views.report.steps import render_findings, render_steps
 def render_html_report(record: dict[str, Any], events: Sequence[trace.Event], sources: pictures.Sources) -> str:
     """The page."""
     steps = group_events_into_steps(list(events))
-    photo, drawn = pictures.collect_photo_parts(events), pictures.draw_rollouts(events, sources)
+    photo, drawn = pictures.merge_scene_stage_summaries(events), pictures.draw_last_audit_rollouts(events, sources)
     findings = pictures.last_audit_events(events, trace.Finding)
     held = sum(finding.passed for finding in findings)
     audit = html.render_collapsible("each check", render_findings(findings), opened=held < len(findings))
     parts = [
         _render_header(record, events, steps),
-        html.render_row(pictures.render_photo_or_twin(photo, sources.folder), pictures.render_film(drawn)),
+        html.render_side_by_side(pictures.render_photo_or_twin(photo, sources.folder), pictures.render_film(drawn)),
         html.render_section("Steps", *render_steps(steps)),
         html.render_section("The robot plays it", *pictures.render_rollouts(drawn)),
         html.render_section(f"Audit: {held} of {len(findings)} checks hold", audit) if findings else "",
         html.render_section("The scene", *pictures.render_scene(events, photo, sources)),
         html.render_section("The programs", *_render_programs(events, sources.folder)),
-        html.render_section("Figures", _render_figures(record)),
+        html.render_section("Figures", _render_counts_and_seconds(record)),
         html.render_paragraph(f"Made by grs-agents {record.get('versions', {}).get('grs-agents', '')}.", "quiet"),
     ]
     return html.render_page(f"GRS run {record.get('id', '')}", [part for part in parts if part])
@@ -43,18 +43,18 @@ def _render_header(record: dict[str, Any], events: Sequence[trace.Event], steps:
     title = task.get("task-description") or task.get("task-name") or name
     verdict = f'<b class="{"good" if status == "accepted" else "bad"}">{html.escape_html(status)}</b>'
     others = (
-        html.render_paragraph(f"{key}: {_format_field(value)}", "quiet")
+        html.render_paragraph(f"{key}: {_format_task_field(value)}", "quiet")
         for key, value in task.items()
         if key != "task-description"
     )
     return (
-        f"<header>{html.render_paragraph(' · '.join(_list_facts(record, events, steps)), 'quiet')}\n"
+        f"<header>{html.render_paragraph(' · '.join(_list_header_facts(record, events, steps)), 'quiet')}\n"
         f"<h1>{html.escape_html(title)}</h1>\n"
         f'<p class="verdict">{verdict} {html.escape_html(record.get("reason", ""))}</p>{"".join(others)}</header>'
     )
 
 
-def _list_facts(record: dict[str, Any], events: Sequence[trace.Event], steps: Sequence[Step]) -> Iterator[str]:
+def _list_header_facts(record: dict[str, Any], events: Sequence[trace.Event], steps: Sequence[Step]) -> Iterator[str]:
     yield str(record.get("id", "run"))
     started = next((event for event in events if isinstance(event, trace.RunStarted)), None)
     if started:
@@ -70,11 +70,11 @@ def _list_facts(record: dict[str, Any], events: Sequence[trace.Event], steps: Se
     yield f"{sum(step.seconds for step in steps):.1f} s"
 
 
-def _format_field(value: Any) -> str:
+def _format_task_field(value: Any) -> str:
     return ", ".join(map(str, cast("list[Any]", value))) if isinstance(value, list) else str(value)
 
 
-def _render_figures(record: dict[str, Any]) -> str:
+def _render_counts_and_seconds(record: dict[str, Any]) -> str:
     counts: dict[str, Any] = record.get("counts") or {}
     seconds: dict[str, Any] = record.get("seconds") or {}
     rows = [*counts.items(), *((f"seconds of {key}", value) for key, value in seconds.items())]

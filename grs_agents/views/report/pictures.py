@@ -24,7 +24,7 @@ from grs_agents.views.common import (
     object_mask_label,
     read_task_instance,
 )
-from grs_agents.views.film import Shot, Take, caption_take, encode_animation, render_takes, take_film
+from grs_agents.views.film import RolloutShot, Take, draw_take_captions, encode_animation, make_film_take, render_takes
 from grs_agents.views.report import html
 
 AuditEvent = TypeVar("AuditEvent", trace.Rollout, trace.Finding)
@@ -46,7 +46,7 @@ class Sources:
     library: Library  # 3D assets, the run's own laid over
     show: Callable[[str], None] | None = None  # is told what is drawn next
 
-    def announce_drawing(self, what: str) -> None:
+    def report_drawing_progress(self, what: str) -> None:
         """Say what is drawn next."""
         if self.show is not None:
             self.show(f"drawing {what}")
@@ -70,7 +70,7 @@ class DrawnRollout:
 
 
 @dataclass(frozen=True)
-class _Plan:
+class _DrawingPlan:
     """What is to be drawn of a rollout."""
 
     take: Take
@@ -78,7 +78,7 @@ class _Plan:
 
     def finish(self, images: Iterator[Image]) -> DrawnRollout:
         """The rollout with its pictures; those of a film with captions."""
-        shown = caption_take(self.take, images) if self.rate else images
+        shown = draw_take_captions(self.take, images) if self.rate else images
         return DrawnRollout(self.take[0].event, list(shown), self.rate)
 
 
@@ -88,32 +88,32 @@ def last_audit_events(events: Sequence[trace.Event], kind: type[AuditEvent]) -> 
     return [event for event in events[starts[-1] if starts else 0 :] if isinstance(event, kind)]
 
 
-def draw_rollouts(events: Sequence[trace.Event], sources: Sources) -> list[DrawnRollout]:
+def draw_last_audit_rollouts(events: Sequence[trace.Event], sources: Sources) -> list[DrawnRollout]:
     """The rollouts of the last audit; the first that failed, or else the first, as a film."""
     played = last_audit_events(events, trace.Rollout)
     filmed = next((event for event in played if event.outcome != "success"), next(iter(played), None))
     planned = [_plan_rollout(event, sources, event is filmed) for event in played]
-    sources.announce_drawing(f"{len(played)} rollouts")
-    drawn = iter(_draw_takes([plan for plan in planned if not isinstance(plan, DrawnRollout)]))
+    sources.report_drawing_progress(f"{len(played)} rollouts")
+    drawn = iter(_draw_planned_rollouts([plan for plan in planned if not isinstance(plan, DrawnRollout)]))
     return [plan if isinstance(plan, DrawnRollout) else next(drawn) for plan in planned]
 
 
-def _plan_rollout(event: trace.Rollout, sources: Sources, filmed: bool) -> _Plan | DrawnRollout:
+def _plan_rollout(event: trace.Rollout, sources: Sources, filmed: bool) -> _DrawingPlan | DrawnRollout:
     """What is to be drawn of a rollout; what came of it where nothing can be."""
     if not (event.instance and event.recording and find_member_file(sources.folder, event.recording)):
         return DrawnRollout(event)
-    shot = Shot(sources.folder.resolve(), event, sources.library, *_FILM_SIZE)
+    shot = RolloutShot(sources.folder.resolve(), event, sources.library, *_FILM_SIZE)
     try:
         seconds = shot.recorded_motion.duration_seconds
     except GrsError as error:
         return DrawnRollout(event, problem=str(error))
     if not filmed:
-        return _Plan((shot, [0.0, seconds]))
+        return _DrawingPlan((shot, [0.0, seconds]))
     rate = min(FILM_RATE, _MOST_PICTURES / max(seconds, 1.0))
-    return _Plan(take_film(shot, rate), rate)
+    return _DrawingPlan(make_film_take(shot, rate), rate)
 
 
-def _draw_takes(plans: Sequence[_Plan]) -> list[DrawnRollout]:
+def _draw_planned_rollouts(plans: Sequence[_DrawingPlan]) -> list[DrawnRollout]:
     """The rollouts, drawn by one process; where it fails, each by its own."""
     try:
         images = render_takes([plan.take for plan in plans]) if plans else iter(())
@@ -121,7 +121,7 @@ def _draw_takes(plans: Sequence[_Plan]) -> list[DrawnRollout]:
     except GrsError as error:
         if len(plans) == 1:
             return [DrawnRollout(plans[0].take[0].event, problem=str(error))]
-        return [drawn for plan in plans for drawn in _draw_takes([plan])]
+        return [drawn for plan in plans for drawn in _draw_planned_rollouts([plan])]
 
 
 def render_film(drawn: Sequence[DrawnRollout]) -> str:
@@ -142,7 +142,7 @@ def render_rollouts(drawn: Sequence[DrawnRollout]) -> Iterator[str]:
             yield html.render_paragraph(f"There is no picture of it: {one.problem}", "quiet")
         if one.images:
             stills = ((one.images[0], "before"), (one.images[-1], "after"))
-            yield html.render_row(
+            yield html.render_side_by_side(
                 *(html.render_picture(image, f"{name}, seed {one.event.seed}") for image, name in stills)
             )
 
@@ -156,7 +156,7 @@ class PhotoParts:
     objects: list[dict[str, Any]] = field(default_factory=list[dict[str, Any]])
 
 
-def collect_photo_parts(events: Sequence[trace.Event]) -> PhotoParts:
+def merge_scene_stage_summaries(events: Sequence[trace.Event]) -> PhotoParts:
     """What later stages say replaces what earlier ones said."""
     parts = PhotoParts()
     for event in events:
@@ -175,11 +175,11 @@ def render_photo_or_twin(photo: PhotoParts, folder: Path) -> str:
 def render_scene(events: Sequence[trace.Event], photo: PhotoParts, sources: Sources) -> Iterator[str]:
     """The photo with a numbered box around each object, the task as the photo's camera would see it, and the objects
     as a table."""
-    sources.announce_drawing("the camera's view of the simulation")
+    sources.report_drawing_progress("the camera's view of the simulation")
     boxed = _render_annotated_photo(photo, sources.folder)
-    yield html.render_row(boxed, _render_task_view(events, sources, photo.camera))
+    yield html.render_side_by_side(boxed, _render_task_view(events, sources, photo.camera))
     if photo.objects:
-        others = _find_bystanders(events, sources.folder)
+        others = _find_bystander_labels(events, sources.folder)
         rows = [(*_object_row_cells(at, item), others.get(at, "")) for at, item in enumerate(photo.objects)]
         yield html.render_table(["", "name", "size (cm)", "asset", "description", "in the task"], rows, (0,))
 
@@ -189,7 +189,7 @@ def _object_row_cells(index: int, item: dict[str, Any]) -> tuple[object, ...]:
     return object_mask_label(item, index), object_display_name(item), format_object_size(item), asset, description
 
 
-def _find_bystanders(events: Sequence[trace.Event], folder: Path) -> dict[int, str]:
+def _find_bystander_labels(events: Sequence[trace.Event], folder: Path) -> dict[int, str]:
     """What the objects of the scene are, by their place in its list, that no goal of the last audit's task is about."""
     played = [event.instance for event in last_audit_events(events, trace.Rollout) if event.instance]
     try:

@@ -29,7 +29,7 @@ class _Evidence:
 
     def add_step(self, step: Step) -> None:
         """Take in what ``step`` found."""
-        found = [failure for event in step.events for failure in _list_failures(event)]
+        found = [failure for event in step.events for failure in _list_failures_in_event(event)]
         if found or any(isinstance(event, trace.TestsRun) for event in step.events):
             self.failures = found
         for event in step.events:
@@ -37,18 +37,18 @@ class _Evidence:
                 self.decision = event
 
 
-def _list_failures(event: trace.Event) -> Iterator[tuple[str, str]]:
+def _list_failures_in_event(event: trace.Event) -> Iterator[tuple[str, str]]:
     if isinstance(event, trace.Finding) and not event.passed:
         yield f"audit: {event.check}", event.detail
     if isinstance(event, trace.TestsRun):
         for case in event_markdown.get_test_cases(event):
             if case.get("outcome") not in ("passed", "skipped"):
-                yield _case_name(case), str(case.get("traceback") or case.get("message") or case.get("outcome"))
+                yield _short_case_name(case), str(case.get("traceback") or case.get("message") or case.get("outcome"))
         if event.report.get("message"):
             yield str(event.report.get("outcome")), str(event.report["message"])
 
 
-def _case_name(case: dict[str, Any]) -> str:
+def _short_case_name(case: dict[str, Any]) -> str:
     return str(case.get("id")).rpartition(".")[2]
 
 
@@ -59,7 +59,7 @@ def render_steps(steps: Sequence[Step]) -> Iterator[str]:
         if step.attempt != attempt:
             attempt = step.attempt
             yield f"<h3>After fix {attempt}</h3>"
-        fix = "".join(_render_fix(event, evidence) for event in step.events if _is_fix(event))
+        fix = "".join(_render_program_fix(event, evidence) for event in step.events if _is_program_fix(event))
         body = fix + "".join(_render_events(step.events))
         opened = bool(fix) or (step is steps[-1] and bool(step.problem_summary))
         yield _render_step(step, body, opened)
@@ -71,7 +71,7 @@ def _render_step(step: Step, body: str, opened: bool) -> str:
     visit = f" ×{step.visit}" if step.visit > 1 else ""
     spent = [f"{step.total_tokens:,} tokens"] if step.total_tokens else []
     spent += [f"${step.cost:.4f}"] if step.cost is not None else []
-    told = step.joined_details
+    told = step.details_as_text
     told = told if len(told) <= _LONGEST else told[:_LONGEST].rstrip() + " …"
     summary = (
         f'<summary><span class="{verdict}">{mark}</span> {step.number} <b>{html.escape_html(step.node)}{visit}</b> '
@@ -80,11 +80,11 @@ def _render_step(step: Step, body: str, opened: bool) -> str:
     return f'<details class="step"{" open" if opened else ""}>{summary}\n{body}</details>'
 
 
-def _is_fix(event: trace.Event) -> bool:
+def _is_program_fix(event: trace.Event) -> bool:
     return isinstance(event, trace.ProgramVersion) and event.parent is not None and bool(event.diff)
 
 
-def _render_fix(event: trace.Event, evidence: _Evidence) -> str:
+def _render_program_fix(event: trace.Event, evidence: _Evidence) -> str:
     """What changed, beside what had failed and why this program was to change."""
     assert isinstance(event, trace.ProgramVersion)
     why = evidence.decision
@@ -96,11 +96,11 @@ def _render_fix(event: trace.Event, evidence: _Evidence) -> str:
     ]
     more = len(evidence.failures) - _FEW
     rest = html.render_paragraph(f"and {more} more", "quiet") if more > 0 else ""
-    changed = f"<h4>{html.escape_html(_version_name(event))}</h4>{html.render_diff(event.diff)}"
-    return html.render_row(f"<div>{''.join(failures)}{rest}{reason}</div>", f"<div>{changed}</div>")
+    changed = f"<h4>{html.escape_html(_format_program_version(event))}</h4>{html.render_diff(event.diff)}"
+    return html.render_side_by_side(f"<div>{''.join(failures)}{rest}{reason}</div>", f"<div>{changed}</div>")
 
 
-def _version_name(event: trace.ProgramVersion) -> str:
+def _format_program_version(event: trace.ProgramVersion) -> str:
     author = f" by {event.author_role}" if event.author_role else ""
     return f"{event.program}, version {event.number}{author}"
 
@@ -113,7 +113,7 @@ def _render_events(events: Iterable[trace.Event]) -> Iterator[str]:
                 findings.append(event)
             case trace.TestsRun():
                 yield render_tests(event)
-            case trace.ProgramVersion() if _is_fix(event):
+            case trace.ProgramVersion() if _is_program_fix(event):
                 pass  # stands above
             case _:
                 yield _render_section(event)
@@ -137,7 +137,7 @@ def render_tests(event: trace.TestsRun) -> str:
     """A run of the tests: each test in the colour of its outcome, with the traceback of those that failed."""
     parts = [html.render_paragraph(event.report["message"], "bad")] if event.report.get("message") else []
     for case in event_markdown.get_test_cases(event):
-        heading = f"{_case_name(case)}: {case.get('outcome')} in {case.get('seconds') or 0:.2f} s"
+        heading = f"{_short_case_name(case)}: {case.get('outcome')} in {case.get('seconds') or 0:.2f} s"
         well = case.get("outcome") in ("passed", "skipped")
         text = "\n".join(str(case[key]).rstrip() for key in ("message", "traceback", "output") if case.get(key))
         shown = html.render_code_block(text) if text else ""

@@ -14,7 +14,7 @@ from grs_agents.views.rerun.rollout_view import RolloutView, rollout_duration
 from grs_agents.views.rerun.scene_view import SceneView, log_picture
 from grs_agents.views.rerun.state_machine_view import MachineView
 from grs_agents.views.rerun.viewer_layout import build_run_blueprint
-from grs_agents.views.rerun.waiting import NOT_YET, end_waiting, log_waiting_panes
+from grs_agents.views.rerun.waiting import NOT_YET, clear_placeholder, log_placeholders
 
 _COLORS = {"+": (30, 150, 70), "-": (215, 70, 70), "@": (60, 130, 230)}
 _GREY, _VIOLET = (125, 125, 132), (150, 100, 215)
@@ -30,14 +30,14 @@ def log_program_version(recording: Recording, folder: Path, event: trace.Program
     source = read_bytes(resolve_member_file(folder, event.path)).decode("utf-8", "replace")
     recording.log_markdown(path, event_markdown.format_program(event, source))
     head = f"{event.program} version {event.number}" + (f" by {event.author_role}" if event.author_role else "")
-    lines = [head, *_diff_lines(event, source)]
+    lines = [head, *_list_diff_lines(event, source)]
     text = [replace_undrawable_chars(line) for line in lines]
     color = [_VIOLET, *(_COLORS.get(line[:1], _GREY) for line in lines[1:])]
     columns = rr.TextLog.columns(text=text, level=["INFO"] * len(lines), color=color)
     recording.log_columns(Paths.DIFF, np.zeros(len(lines)), columns)
 
 
-def _diff_lines(event: trace.ProgramVersion, source: str) -> list[str]:
+def _list_diff_lines(event: trace.ProgramVersion, source: str) -> list[str]:
     """The lines of the diff without its file names; of a first version only how long it is."""
     if event.parent is None or not event.diff:
         return [f"  {len(source.splitlines())} lines, new"]
@@ -60,7 +60,7 @@ class EventView:
         self._findings: list[trace.Finding] = []
         self._recording: Recording | None = None
 
-    def track_without_writing(self, event: trace.Event) -> None:
+    def track_event_without_logging(self, event: trace.Event) -> None:
         """Take in an event that an earlier part of the recording shows."""
         self._remember_event_context(event)
         self._clock.advance_to_event(event)
@@ -100,7 +100,7 @@ class EventView:
             if self._clock.now == recording.moment:  # the run begins
                 for path in (*_DOCUMENTS, Paths.PROMPT, Paths.REPLY):
                     recording.log_markdown(path, NOT_YET)
-                log_waiting_panes(recording)
+                log_placeholders(recording)
                 for name in ("tests/passed", "tests/failed", "tokens"):
                     recording.log_row(f"{Paths.METRICS}/{name}", rr.Scalars, scalars=[0])
                 self._machine.log_current_state(recording)
@@ -171,7 +171,7 @@ class EventView:
         """The first picture of the prompt, if it is another than the one shown."""
         picture = event.images[0] if event.images else None
         if picture and self._picture is None:
-            end_waiting(recording, Paths.IMAGE)
+            clear_placeholder(recording, Paths.IMAGE)
         if picture and picture != self._picture:
             log_picture(recording, Paths.IMAGE, resolve_member_file(self._folder, picture))
             self._picture = picture

@@ -29,7 +29,7 @@ class RerunView:
         self._live = live is not None
         file = _next_rrd_file_path(run_folder) if self._resumed else run_folder / TRACE
         self._view = EventView(run_folder, library, file, live)
-        show = self._view.track_without_writing if self._resumed else self._view.write_event
+        show = self._view.track_event_without_logging if self._resumed else self._view.write_event
         with ExitStack() as opened:
             opened.callback(self._view.close)
             for event in earlier:

@@ -29,7 +29,7 @@ from grs_agents.views.common import (
     replace_undrawable_chars,
 )
 from grs_agents.views.rerun.recording import Paths, Recording
-from grs_agents.views.rerun.waiting import end_waiting, log_table
+from grs_agents.views.rerun.waiting import clear_placeholder, log_table_top
 
 TEXTURE_EDGE = 256
 """Pixels; larger textures are shown smaller to keep recordings small."""
@@ -188,15 +188,15 @@ class RolloutView:
                     vertex_colors=solid.colors,
                     triangle_indices=solid.triangles,
                 )
-                recording.log(f"{_robot_path(body)}/solid", mesh)
+                recording.log(f"{_robot_body_path(body)}/solid", mesh)
 
     def _show_static_world(self, recording: Recording, looks: InstanceTable) -> None:
         """What all rollouts have in common, with the first of them."""
         if self._table_shown:
             return
         self._table_shown = True
-        end_waiting(recording, Paths.WORLD)
-        log_table(recording, looks)
+        clear_placeholder(recording, Paths.WORLD)
+        log_table_top(recording, looks)
         recording.log(f"{Paths.WORLD}/tool", rr.Points3D.from_fields(radii=[0.012], colors=[_YELLOW]), static=True)
 
 
@@ -244,7 +244,7 @@ def _show_goals(recording: Recording, instance: TaskInstance) -> None:
     recording.log(f"{Paths.WORLD}/task", rr.TextDocument("\n".join(goal.language for goal in instance.goals)))
 
 
-def _robot_path(body: str) -> str:
+def _robot_body_path(body: str) -> str:
     """Where the pose of one of the robot's bodies lies; a user's model may give it any name."""
     return f"{Paths.WORLD}/robot/{rr.escape_entity_path_part(body)}"
 
@@ -252,7 +252,7 @@ def _robot_path(body: str) -> str:
 def _show_motion(recording: Recording, motion: Motion) -> None:
     seconds = motion.times
     for index, name in enumerate(motion.names):
-        path = f"{Paths.WORLD}/{name}" if name.startswith("object_") else _robot_path(name)
+        path = f"{Paths.WORLD}/{name}" if name.startswith("object_") else _robot_body_path(name)
         _show_body_poses(recording, path, seconds, motion.positions[:, index], motion.quaternions[:, index])
     recording.log_columns(f"{Paths.WORLD}/tool", seconds, rr.Points3D.columns(positions=motion.tool))
     recording.log(f"{Paths.WORLD}/tool_path", rr.LineStrips3D([motion.tool], colors=[_YELLOW], radii=[0.0015]))

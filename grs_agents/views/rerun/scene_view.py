@@ -28,7 +28,7 @@ from grs_agents.views.common import (
 )
 from grs_agents.views.rerun.recording import Paths, Recording
 from grs_agents.views.rerun.rollout_view import log_asset_shapes
-from grs_agents.views.rerun.waiting import end_waiting
+from grs_agents.views.rerun.waiting import clear_placeholder
 
 MOST_POINTS = 40_000
 """Points of the cloud that are kept, evenly spread over the picture."""
@@ -113,7 +113,7 @@ class SceneView:
             if file is None or file == self._shown.get(kind):
                 continue
             if kind not in self._shown:
-                end_waiting(recording, path)
+                clear_placeholder(recording, path)
             self._shown[kind] = file
             if kind == "depth":
                 self._show_depth_image(recording)

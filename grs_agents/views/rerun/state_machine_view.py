@@ -99,11 +99,11 @@ class MachineView:
         elif isinstance(event, NodeStarted):
             self.nodes = tuple(dict.fromkeys((*self.nodes, event.node)))
             self._visits[event.node] = max(event.visit, self._visits.get(event.node, 0))
-            self._go_to(event.node)
+            self._move_to_node(event.node)
         elif isinstance(event, RunEnded):
-            self._go_to(END)
+            self._move_to_node(END)
 
-    def _go_to(self, node: str) -> None:
+    def _move_to_node(self, node: str) -> None:
         edge = (self._active, node)
         if edge in self._edges:
             self._taken[edge] = self._taken.get(edge, 0) + 1

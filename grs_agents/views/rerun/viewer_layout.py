@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 from grs_agents.base import Vec3
 from grs_agents.views.rerun import state_machine_view
 from grs_agents.views.rerun.recording import Paths
-from grs_agents.views.rerun.waiting import waiting_path
+from grs_agents.views.rerun.waiting import placeholder_path
 
 
 def build_run_blueprint(nodes: tuple[str, ...]) -> rrb.Blueprint:
@@ -132,16 +132,16 @@ class _Views:
         )
 
     def _photo_view(self) -> rrb.Spatial2DView:
-        shown = (Paths.PHOTO, waiting_path(Paths.PHOTO), f"{Paths.CAMERA}/masks", f"{Paths.CAMERA}/boxes")
+        shown = (Paths.PHOTO, placeholder_path(Paths.PHOTO), f"{Paths.CAMERA}/masks", f"{Paths.CAMERA}/boxes")
         return self._camera_view("Photo", *shown)
 
     def _depth_view(self) -> rrb.Spatial2DView:
-        return self._camera_view("Depth", Paths.DEPTH, waiting_path(Paths.DEPTH))
+        return self._camera_view("Depth", Paths.DEPTH, placeholder_path(Paths.DEPTH))
 
     def _twin_view(self) -> rrb.Spatial2DView:
         """The assets as the camera of the photo sees them, over the picture of the twin that MuJoCo drew."""
         shapes = (f"{Paths.TWIN}/**", f"{Paths.SURROUNDINGS}/**")
-        return self._camera_view("Twin, same camera", Paths.TWIN_PICTURE, waiting_path(Paths.TWIN_PICTURE), *shapes)
+        return self._camera_view("Twin, same camera", Paths.TWIN_PICTURE, placeholder_path(Paths.TWIN_PICTURE), *shapes)
 
     def _camera_view(self, name: str, *paths: str) -> rrb.Spatial2DView:
         """What lies at ``paths``, as the camera of the photo sees it."""
@@ -151,7 +151,7 @@ class _Views:
     def _scene_3d_view(self) -> rrb.Spatial3DView:
         scene, camera = self._prefixed_path(Paths.SCENE), self._prefixed_path(Paths.CAMERA)
         contents = [f"{scene}/**", *(f"- {camera}/{part}/**" for part in ("masks", "boxes", "depth", "twin"))]
-        eye_controls = _eye_controls((-0.15, -0.5, 0.6), (0.5, 0.0, 0.0))
+        eye_controls = _make_eye_controls((-0.15, -0.5, 0.6), (0.5, 0.0, 0.0))
         return rrb.Spatial3DView(
             origin=scene, contents=contents, name="Scene in 3D", eye_controls=eye_controls, line_grid=False
         )
@@ -161,7 +161,7 @@ class _Views:
             origin=self._prefixed_path(Paths.WORLD),
             contents=f"{self._prefixed_path(Paths.WORLD)}/**",
             name="Rollout",
-            eye_controls=_eye_controls((1.05, -0.75, 0.6), (0.42, 0.0, 0.12)),
+            eye_controls=_make_eye_controls((1.05, -0.75, 0.6), (0.42, 0.0, 0.12)),
             line_grid=False,
         )
 
@@ -173,5 +173,5 @@ class _Views:
         return rrb.Tabs(reward, *others, active_tab=first)
 
 
-def _eye_controls(position: Vec3, target: Vec3) -> rrb.archetypes.EyeControls3D:
+def _make_eye_controls(position: Vec3, target: Vec3) -> rrb.archetypes.EyeControls3D:
     return rrb.archetypes.EyeControls3D(position=position, look_target=target, eye_up=(0, 0, 1))

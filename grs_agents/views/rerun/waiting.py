@@ -21,31 +21,31 @@ _ABOVE_TABLE = (0.45, 0.0, 0.1)
 _PICTURES = (Paths.PHOTO, Paths.DEPTH, Paths.TWIN_PICTURE, Paths.COVERAGE, Paths.IMAGE)
 
 
-def waiting_path(path: str) -> str:
+def placeholder_path(path: str) -> str:
     """Where the words stand until there is something at ``path``: one path holds pictures of one kind and size."""
     return f"{path}/not_yet"
 
 
-def log_waiting_panes(recording: Recording) -> None:
+def log_placeholders(recording: Recording) -> None:
     """Say in every picture and in the worlds that there is nothing yet."""
-    picture = rr.Image(_draw_words())  # of encoded ones the viewer makes a film, from which nothing is cleared
+    picture = rr.Image(_draw_placeholder())  # of encoded ones the viewer makes a film, from which nothing is cleared
     for path in _PICTURES:
-        recording.log(waiting_path(path), picture)
+        recording.log(placeholder_path(path), picture)
     lens = rr.Pinhole(
         focal_length=float(_SIZE[0]), resolution=_SIZE, camera_xyz=rr.ViewCoordinates.RDF, image_plane_distance=0.25
     )
     recording.log(Paths.CAMERA, lens)
-    log_table(recording, InstanceTable())
+    log_table_top(recording, InstanceTable())
     words = rr.Points3D([_ABOVE_TABLE], labels=[_WORDS], show_labels=True, radii=[0.001], colors=[(_INK,) * 3])
-    recording.log(waiting_path(Paths.WORLD), words)
+    recording.log(placeholder_path(Paths.WORLD), words)
 
 
-def end_waiting(recording: Recording, path: str) -> None:
+def clear_placeholder(recording: Recording, path: str) -> None:
     """Take the words away: now there is something at ``path``."""
-    recording.log(waiting_path(path), rr.Clear(recursive=False))
+    recording.log(placeholder_path(path), rr.Clear(recursive=False))
 
 
-def log_table(recording: Recording, looks: InstanceTable) -> None:
+def log_table_top(recording: Recording, looks: InstanceTable) -> None:
     """The table top in the world of the rollouts."""
     recording.log(Paths.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     (center, size), color = _TABLE, [round(255 * channel) for channel in looks.color]
@@ -53,7 +53,7 @@ def log_table(recording: Recording, looks: InstanceTable) -> None:
 
 
 @lru_cache(maxsize=1)
-def _draw_words() -> npt.NDArray[np.uint8]:
+def _draw_placeholder() -> npt.NDArray[np.uint8]:
     """The words in the middle of a grey picture (H, W)."""
     image = Image.new("L", _SIZE, _GROUND)
     middle = (_SIZE[0] / 2, _SIZE[1] / 2)

@@ -13,14 +13,14 @@ from grs_agents.library import Library
 
 def test_strange_things_are_assets_of_the_size_they_say(tmp_path: Path) -> None:
     names = write_assets(tmp_path, build_distractors(60, np.random.default_rng(0)))
-    library = Library().with_overlay(tmp_path)
+    library = Library().copy_with_overlay_root(tmp_path)
     assert len({library.asset(name).kind for name in names}) == 9
     _check_sizes(names, library)
 
 
 def test_absent_products_are_of_every_form_and_none_of_the_library(tmp_path: Path) -> None:
     names = write_assets(tmp_path, build_products(16, Library(), np.random.default_rng(0)))
-    library = Library().with_overlay(tmp_path)
+    library = Library().copy_with_overlay_root(tmp_path)
     assert {library.asset(name).category for name in names[:8]} == {*FORMS, "mug"}
     assert len(set(names)) == 16
     assert not any(name in Library() for name in names)

@@ -47,7 +47,7 @@ def test_the_robots_pixels_are_where_its_joints_bring_it(crowded: SynthesisedSce
     tip, _ = arm.tip_pose(joints)
     reached = _points(crowded, crowded.robot)
     assert len(joints) == arm.dof
-    assert arm.collision_at(joints) is None
+    assert arm.find_collision_at_joints(joints) is None
     assert (np.linalg.norm(reached, axis=1) < 1.3).all()
     assert tip[2] > 0.05
 

@@ -9,7 +9,7 @@ from grs_agents.base import Vec3
 from grs_agents.library import Library, mesh_files
 from grs_agents.perception import Solid, UprightBox
 from grs_agents.perception.proxies import Proxy, primitive_proxy, write_proxy
-from grs_agents.perception.shapes import Hull, TexturedMesh, view_object
+from grs_agents.perception.shapes import Hull, TexturedMesh, make_object_view
 from grs_agents.sim.instance import InstanceObject
 from grs_agents.sim.world import build_world, measure_inner_size
 from tests.perception.settling.photo import LIBRARY, MILK, photo_of, standing
@@ -33,7 +33,7 @@ def test_a_primitive_has_the_measured_size_and_room_if_it_is_hollow(tmp_path: Pa
 def test_a_primitive_shows_what_the_photo_shows(tmp_path: Path) -> None:
     frame, table, mask = photo_of([standing(MILK, 0.5, 0.0)], LIBRARY)
     box = UprightBox(center=(0.5, 0.0, 0.095), size=(0.072, 0.073, 0.19), yaw=0.0)
-    proxy = primitive_proxy("box", box.size, RED, view=view_object(frame, table, mask, box, 0.001))
+    proxy = primitive_proxy("box", box.size, RED, view=make_object_view(frame, table, mask, box, 0.001))
     seen = frame.rgb[mask].mean(axis=0)
     assert proxy.mesh.texture.reshape(-1, 3).mean(axis=0) == pytest.approx(seen, abs=12)
     assert np.ptp(proxy.mesh.uvs, axis=0).min() > 0.5

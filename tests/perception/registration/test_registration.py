@@ -75,7 +75,7 @@ def test_a_taller_can_is_not_sunk_into_the_table_to_fit_a_lower_one(tmp_path: Pa
             primitive_proxy("cylinder", (0.08, 0.08, height), (0.5, 0.5, 0.5)),
             f"a {name} can",
         )
-    library = LIBRARY.with_overlay(tmp_path)
+    library = LIBRARY.copy_with_overlay_root(tmp_path)
     frame, table, mask = photo_of([PlacedObject("proxy/low.urdf", ((0.5, 0.0, 0.025), (0.0, 0.0, 0.0, 1.0)))], library)
     box = UprightBox(center=(0.504, 0.003, 0.025), size=(0.08, 0.08, 0.05), yaw=0.0)
     low, tall = (register_asset(f"proxy/{name}.urdf", library, box, frame, table, mask) for name in ("low", "tall"))

@@ -26,7 +26,7 @@ def _occlusion_edges(scene: Rendered, labels: np.ndarray) -> OcclusionEdges:
 
 def test_the_inside_of_a_bowl_closes_at_its_near_wall(bowl: tuple[Rendered, np.ndarray]) -> None:
     edges = _occlusion_edges(*bowl)
-    assert edges.is_seen_over_edge(NEAR, FAR, 40)
+    assert edges.is_far_label_seen_over_edge(NEAR, FAR, 40)
     assert edges.reaches_rim_at_ends(NEAR, FAR, top=0.07)
 
 
@@ -34,7 +34,7 @@ def test_a_box_behind_a_box_does_not_close() -> None:
     boxes = (Thing("box", (0.4, 0.0), (0.08, 0.12, 0.1)), Thing("box", (0.55, 0.02), (0.08, 0.14, 0.1)))
     scene = render(boxes, noise=0.0, calibrated=True)
     edges = _occlusion_edges(scene, scene.labels)
-    assert edges.is_seen_over_edge(NEAR, FAR, 40)
+    assert edges.is_far_label_seen_over_edge(NEAR, FAR, 40)
     assert not edges.reaches_rim_at_ends(NEAR, FAR, top=0.1)
 
 
@@ -47,7 +47,7 @@ def test_a_renamed_part_keeps_its_edges(bowl: tuple[Rendered, np.ndarray]) -> No
     edges = _occlusion_edges(*bowl)
     edges.relabel_part(NEAR, 7)
     assert edges.reaches_rim_at_ends(7, FAR, top=0.07)
-    assert not edges.is_seen_over_edge(NEAR, FAR, 40)
+    assert not edges.is_far_label_seen_over_edge(NEAR, FAR, 40)
 
 
 @pytest.mark.parametrize("wall", [0.006, 0.01])

@@ -1,13 +1,13 @@
 """What would fall stays where the photo shows it."""
 
-from grs_agents.perception.settling import PlacedObject, settle_and_report, settle_objects
+from grs_agents.perception.settling import PlacedObject, settle_and_measure_fidelity, settle_objects
 from tests.perception.settling.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 
 
 def test_what_the_photo_shows_in_the_air_is_held_there() -> None:
     hanging = standing(BLOCK, 0.5, 0.0, above=0.1)
     frame, table, mask = photo_of([hanging], LIBRARY)
-    rest, report = settle_and_report([hanging], LIBRARY, frame, table, mask)
+    rest, report = settle_and_measure_fidelity([hanging], LIBRARY, frame, table, mask)
     assert report.held == 1 and report.drift < 0.002 and report.fidelity is not None and report.fidelity > 0.9
     assert rest.placed[0] is not None and rest.placed[0].held
 

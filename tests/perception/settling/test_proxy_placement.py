@@ -9,7 +9,12 @@ import trimesh
 from grs_agents.library import Library, matrix_from_quaternion
 from grs_agents.perception import UprightBox
 from grs_agents.perception.proxies import Proxy, primitive_proxy
-from grs_agents.perception.settling import UnknownObject, place_apart, reach_support, settle_steadily
+from grs_agents.perception.settling import (
+    UnknownObject,
+    extend_box_to_support,
+    place_with_cleared_colliders,
+    settle_with_stable_colliders,
+)
 from grs_agents.perception.shapes import Hull, TexturedMesh
 from tests.perception.settling.photo import LIBRARY, MILK, photo_of, standing
 
@@ -37,15 +42,15 @@ def pointed() -> Proxy:
 def test_neighbours_stand_clear_of_each_other_and_of_assets_without_moving(tmp_path: Path) -> None:
     things = [standing(MILK, 0.5, 0.0), unknown("one", box_at(0.5, 0.055)), unknown("two", box_at(0.545, 0.09))]
     photo = photo_of([standing(MILK, 0.5, 0.0)], LIBRARY)
-    steady = settle_steadily(things, tmp_path, lambda: LIBRARY.with_overlay(tmp_path), *photo)
+    steady = settle_with_stable_colliders(things, tmp_path, lambda: LIBRARY.copy_with_overlay_root(tmp_path), *photo)
     assert steady.rest.found < 0.001
     assert max(end.drift for end in steady.rest.placed if end is not None) < 0.002
     assert {one.asset for one in steady.placed} == {MILK, "proxy/one.urdf", "proxy/two.urdf"}
 
 
 def test_what_would_tip_over_stands_on_its_box_and_looks_as_before(tmp_path: Path) -> None:
-    photo, reload = photo_of([standing(MILK, 0.5, 0.2)], LIBRARY), lambda: LIBRARY.with_overlay(tmp_path)
-    steady = settle_steadily([unknown("one", box_at(0.5, 0.0), pointed())], tmp_path, reload, *photo)
+    photo, reload = photo_of([standing(MILK, 0.5, 0.2)], LIBRARY), lambda: LIBRARY.copy_with_overlay_root(tmp_path)
+    steady = settle_with_stable_colliders([unknown("one", box_at(0.5, 0.0), pointed())], tmp_path, reload, *photo)
     (end,) = steady.rest.placed
     assert end is not None and end.drift < 0.001 and not end.held
     assert matrix_from_quaternion(end.pose[1])[2, 2] == pytest.approx(1.0, abs=1e-4)
@@ -55,12 +60,12 @@ def test_what_would_tip_over_stands_on_its_box_and_looks_as_before(tmp_path: Pat
 
 def test_what_was_cut_off_above_its_support_stands_on_it(tmp_path: Path) -> None:
     lower, upper = unknown("lower", box_at(0.5, 0.0)), box_at(0.5, 0.0, SIZE[2] + 0.006)
-    reaching = reach_support(upper)
+    reaching = extend_box_to_support(upper)
     assert reaching.size[2] == pytest.approx(SIZE[2] + 0.01)
     assert reaching.center[2] + reaching.size[2] / 2 == pytest.approx(upper.center[2] + SIZE[2] / 2)
-    assert reach_support(box_at(0.5, 0.0)) == box_at(0.5, 0.0)
+    assert extend_box_to_support(box_at(0.5, 0.0)) == box_at(0.5, 0.0)
     stacked = UnknownObject("upper", "a thing", "box", reaching, primitive_proxy("box", reaching.size, RED))
-    placed = place_apart([lower, stacked], tmp_path, LIBRARY)
+    placed = place_with_cleared_colliders([lower, stacked], tmp_path, LIBRARY)
     library = Library(tmp_path)
     heights = [library.load_object_model(one.asset).size[2] for one in placed]
     low, high = (one.pose[0][2] for one in placed)

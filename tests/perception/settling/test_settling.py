@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from grs_agents.perception.settling import measure_depth_fidelity, settle_and_report, settle_objects
+from grs_agents.perception.settling import measure_depth_fidelity, settle_and_measure_fidelity, settle_objects
 from tests.perception.settling.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 
 
@@ -29,7 +29,7 @@ def test_what_is_off_the_table_has_no_twin() -> None:
 def test_a_true_twin_shows_what_the_photo_shows() -> None:
     things = [standing(MILK, 0.5, 0.0), standing(BLOCK, 0.4, 0.1)]
     frame, table, mask = photo_of(things, LIBRARY)
-    _, report = settle_and_report(things, LIBRARY, frame, table, mask)
+    _, report = settle_and_measure_fidelity(things, LIBRARY, frame, table, mask)
     assert report.fidelity is not None and report.fidelity > 0.97 and report.drift < 0.002
     assert (measure_depth_fidelity(things[1:], LIBRARY, frame, table, mask) or 0.0) < 0.3
     assert measure_depth_fidelity(things, LIBRARY, frame, table, np.zeros_like(mask)) is None

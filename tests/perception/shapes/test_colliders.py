@@ -8,7 +8,14 @@ from hypothesis import strategies as st
 
 from grs_agents.library import Shape
 from grs_agents.perception import Array, Mask
-from grs_agents.perception.shapes import Collider, Hull, ObjectShape, TexturedMesh, cut_hull, fit_colliders
+from grs_agents.perception.shapes import (
+    Collider,
+    Hull,
+    ObjectShape,
+    TexturedMesh,
+    clip_hull_corners_to_half_space,
+    fit_colliders,
+)
 
 RNG = np.random.default_rng(0)
 
@@ -143,7 +150,7 @@ def test_a_cut_hull_is_what_lies_on_one_side(seed: int, share: float) -> None:
     normal /= np.linalg.norm(normal)
     along = corners @ normal
     offset = float(along.mean() + share * np.ptp(along) / 2)
-    left = cut_hull(corners, normal, offset)
+    left = clip_hull_corners_to_half_space(corners, normal, offset)
     assert (left @ normal <= offset + 1e-9).all()
     assert {tuple(one) for one in corners[along <= offset]} >= {
         tuple(one) for one in left if abs(one @ normal - offset) > 1e-9

@@ -32,12 +32,12 @@ PATCHES: dict[str, tuple[object, str]] = {
 def test_a_replacement_is_named(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     integrity = Integrity(with_numpy=True)
     owner, attribute = PATCHES[name]
-    assert integrity.find_violation() is None
+    assert integrity.find_replaced_definition() is None
     with monkeypatch.context() as patch:
         patch.setattr(owner, attribute, nothing)
-        broken = integrity.find_violation()
+        broken = integrity.find_replaced_definition()
     assert broken is not None and broken[0].endswith(f"{attribute} was replaced")
-    assert integrity.find_violation() is None
+    assert integrity.find_replaced_definition() is None
 
 
 @pytest.mark.parametrize(("attribute", "value"), [("__code__", nothing.__code__), ("__defaults__", (9.0, 9.0, True))])
@@ -45,7 +45,7 @@ def test_an_exchange_within_a_function_is_seen(attribute: str, value: object, mo
     integrity = Integrity(with_numpy=True)
     with monkeypatch.context() as patch:
         patch.setattr(np.testing.assert_allclose, attribute, value)
-        broken = integrity.find_violation()
+        broken = integrity.find_replaced_definition()
     assert broken is not None and broken[0].endswith("was replaced")
 
 
@@ -55,14 +55,14 @@ def test_the_program_that_replaced_something_is_named(monkeypatch: pytest.Monkey
     exec(compile("def replacement(*_): pass", "task_code.py", "exec"), scope)
     with monkeypatch.context() as patch:
         patch.setattr(unittest.TestCase, "assertEqual", scope["replacement"])
-        assert integrity.find_violation() == ("unittest.case.TestCase.assertEqual was replaced", "simulation")
+        assert integrity.find_replaced_definition() == ("unittest.case.TestCase.assertEqual was replaced", "simulation")
 
 
 def test_what_identity_does_not_show_the_probes_do(monkeypatch: pytest.MonkeyPatch) -> None:
     integrity = Integrity(with_numpy=False)
     with monkeypatch.context() as patch:
         patch.delattr(difflib, "ndiff")
-        assert integrity.find_violation() == ("unittest's assertEqual no longer fails", None)
+        assert integrity.find_replaced_definition() == ("unittest's assertEqual no longer fails", None)
 
 
 def test_honest_customs_pass(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -82,7 +82,7 @@ def test_honest_customs_pass(monkeypatch: pytest.MonkeyPatch) -> None:
     test = Honest("assertPlaced")
     test.addTypeEqualityFunc(list, nothing)
     assert (
-        integrity.find_violation(),
+        integrity.find_replaced_definition(),
         find_overridden_method(Honest),
         find_shadowed_method(test, unittest.TestResult()),
     ) == (None, None, None)

@@ -3,7 +3,7 @@
 import pytest
 
 from grs_agents.config import Limits
-from grs_agents.sandbox import BatchResult, Sandbox, call_batch
+from grs_agents.sandbox import BatchResult, Sandbox, call_tool_for_each_item
 
 CODE = """
 import os
@@ -20,7 +20,7 @@ for item in request["items"]:
 
 def each(sandbox: Sandbox, *items: str, code: str = CODE, hopeless: bool = False) -> BatchResult:
     limits = Limits(wall_seconds=0.6)
-    return call_batch(sandbox, "execute", {"code": code}, items, limits, lambda call: hopeless)
+    return call_tool_for_each_item(sandbox, "execute", {"code": code}, items, limits, lambda call: hopeless)
 
 
 def test_all_items_share_a_worker(sandbox: Sandbox) -> None:

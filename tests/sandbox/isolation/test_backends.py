@@ -131,7 +131,7 @@ def test_refusal_lists_each_reason_and_how_to_get_what_is_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setattr(hardening, "missing_layers", lambda: {"landlock": "the kernel was started without it"})
+    monkeypatch.setattr(hardening, "find_missing_layers", lambda: {"landlock": "the kernel was started without it"})
     with Sandbox() as sandbox, pytest.raises(SandboxError) as refusal:
         sandbox.call("execute", {"code": ""})
     for part in (

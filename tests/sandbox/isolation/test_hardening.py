@@ -239,7 +239,7 @@ def test_an_older_landlock_is_told_and_made_up_for(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(landlock, "abi_version", lambda: 2)
     library = tmp_path / "library"
     library.write_text("known")
-    assert hardening.missing_layers().keys() == {"landlock 6"}
+    assert hardening.find_missing_layers().keys() == {"landlock 6"}
 
     def attempt(flags: int) -> Got:
         return hardened(lambda: os.open(library, flags), readable=[library])
@@ -256,13 +256,13 @@ def test_what_a_kernel_lacks_is_left_out_and_told(monkeypatch: pytest.MonkeyPatc
     layers = forked(lambda: list(hardening.harden_process(hardening.create_file_rules([], []), Allowance()))).value
     assert layers == ["no capabilities", "limits", "thread limit"]
     monkeypatch.setattr(kernel, "detect_architecture", lambda: None)
-    assert hardening.missing_layers() == {"landlock": landlock.unavailability_reason(), "seccomp": "no filters"}
+    assert hardening.find_missing_layers() == {"landlock": landlock.unavailability_reason(), "seccomp": "no filters"}
     assert "x86-64 and aarch64" in landlock.unavailability_reason()
 
 
 def test_preparing_ahead_of_a_fork_changes_nothing_but_the_cost() -> None:
     def prepare_and_harden() -> list[object]:
-        hardening.prepare_before_fork()
+        hardening.prepare_hardening_before_fork()
         layers = hardening.harden_process(hardening.create_file_rules(PYTHON, []), Allowance())
         return [len(layers), kernel.prctl(39)]
 

@@ -158,4 +158,4 @@ def test_every_link_touches_objects(robot) -> None:
         body = physics.model.body(name).id
         geom = int(np.flatnonzero(physics.model.geom_bodyid == body)[0])
         physics.teleport_object(1, (tuple(physics.data.geom_xpos[geom]), (0.0, 0.0, 0.0, 1.0)))
-        assert physics.objects_touching_robot() == {1}, name
+        assert physics.unheld_objects_touching_robot() == {1}, name

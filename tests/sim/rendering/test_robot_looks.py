@@ -10,14 +10,14 @@ from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.arms import get_arm
 from grs_agents.sim.instance import TaskInstance
 from grs_agents.sim.rendering import Props, Stage, build_robot_meshes
-from grs_agents.sim.world import compile_world, spec_of
+from grs_agents.sim.world import compile_world, instance_to_spec
 
 LIBRARY = Library()
 
 
 def model_bytes(instance: TaskInstance) -> bytes:
     """The world that simulates an instance, as MuJoCo writes it."""
-    model = compile_world(spec_of(instance, LIBRARY)).model
+    model = compile_world(instance_to_spec(instance, LIBRARY)).model
     content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, content)
     return content.tobytes()

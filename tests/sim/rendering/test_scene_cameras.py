@@ -15,7 +15,7 @@ from grs_agents.geometry import transforms
 from grs_agents.library import Library
 from grs_agents.sim.instance import InstanceCamera, InstanceLight, InstanceObject, InstanceTable, TaskInstance
 from grs_agents.sim.rendering import OpenGLError, SceneCameras, opengl
-from grs_agents.sim.world import Budget, Physics, compile_world, spec_of
+from grs_agents.sim.world import Budget, Physics, compile_world, instance_to_spec
 from tests.needs import needs
 
 LIBRARY = Library()
@@ -45,7 +45,7 @@ def make_instance(**changes: object) -> TaskInstance:
 
 def start(instance: TaskInstance) -> Physics:
     """The instance's world at its beginning."""
-    return Physics(compile_world(spec_of(instance, LIBRARY)), Budget(), instance.objects)
+    return Physics(compile_world(instance_to_spec(instance, LIBRARY)), Budget(), instance.objects)
 
 
 INSTANCE = make_instance()
@@ -180,12 +180,12 @@ def test_a_forked_process_draws_by_rays_where_its_parent_has_drawn_with_opengl(p
 
 
 def test_without_a_graphics_library_there_are_rays(physics: Physics, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(opengl, "is_working", lambda _: False)
+    monkeypatch.setattr(opengl, "is_opengl_library_working", lambda _: False)
     cameras = SceneCameras(INSTANCE, LIBRARY, SIZE)
     assert cameras.backend == "rays" and cameras.names == ("photo", "front", "wrist")
     with pytest.raises(OpenGLError, match=r"osmesa does not draw here.*rays"):
         SceneCameras(INSTANCE, LIBRARY, SIZE, backend="osmesa")
-    monkeypatch.setattr(opengl, "is_working", lambda _: True)
+    monkeypatch.setattr(opengl, "is_opengl_library_working", lambda _: True)
     monkeypatch.setenv("MUJOCO_GL", "disabled")
     assert SceneCameras(INSTANCE, LIBRARY, SIZE).backend == "rays"
     monkeypatch.setenv("MUJOCO_GL", "egl")

@@ -8,7 +8,7 @@ import pytest
 from grs_agents.library import Library, write_background_asset
 from grs_agents.sim import Environment, InstanceObject, InstanceTask, TaskInstance
 from grs_agents.sim.rendering import View, VisibleScene, render_views
-from grs_agents.sim.world import arm_spheres_at_home
+from grs_agents.sim.world import compute_arm_spheres_at_home
 
 SHELF = np.array([[[0.4, -0.3, 0.10], [0.6, -0.1, 0.12]]])
 MESH = (np.array([[0.4, -0.3, 0.12], [0.6, -0.3, 0.12], [0.6, -0.1, 0.12], [0.4, -0.1, 0.12]]),)
@@ -18,7 +18,7 @@ MESH = (np.array([[0.4, -0.3, 0.12], [0.6, -0.3, 0.12], [0.6, -0.1, 0.12], [0.4,
 def library(tmp_path: Path) -> Library:
     """The shipped one and a shelf over the table."""
     write_background_asset(tmp_path, MESH[0], np.array([[0, 1, 2], [0, 2, 3]]), SHELF, (0.1, 0.2, 0.9))
-    return Library().with_overlay(tmp_path)
+    return Library().copy_with_overlay_root(tmp_path)
 
 
 def instance(background: str | None) -> TaskInstance:
@@ -57,7 +57,7 @@ def test_cameras_see_it(library: Library) -> None:
 
 @pytest.mark.parametrize("robot", ["ur5e", "panda"])
 def test_the_arm_at_home_reaches_from_its_base_to_over_the_table(robot: str) -> None:
-    spheres = arm_spheres_at_home(robot, Library())
+    spheres = compute_arm_spheres_at_home(robot, Library())
     assert np.linalg.norm(spheres[:, :2], axis=1).min() < 0.05
     assert spheres[:, 0].max() > 0.3
     assert (spheres[:, 3] > 0).all() and (spheres[:, 3] < 0.5).all()

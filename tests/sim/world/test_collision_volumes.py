@@ -42,7 +42,7 @@ def pyramid(folder: Path) -> Library:
     """A library beside the shipped one that has a mesh: a square base of 10 cm, its tip 10 cm above one edge."""
     corners = [(-0.05, -0.05, 0), (0.05, -0.05, 0), (0.05, 0.05, 0), (-0.05, 0.05, 0), (-0.05, 0, 0.1)]
     (folder / "pyramid.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in corners))
-    return LIBRARY.with_overlay(folder)
+    return LIBRARY.copy_with_overlay_root(folder)
 
 
 def test_a_mesh_counts_as_its_hull_not_as_its_box(tmp_path: Path) -> None:

@@ -38,7 +38,7 @@ def overlay(folder: Path, text: str) -> Library:
     (folder / "own" / "own-template.urdf").write_text(text)
     (folder / "manifest.json").write_text(json.dumps({"assets": [entry]}))
     (folder.parent / "outside.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n")
-    return Library().with_overlay(folder)
+    return Library().copy_with_overlay_root(folder)
 
 
 WORDS = {

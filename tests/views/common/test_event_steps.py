@@ -17,9 +17,9 @@ def test_a_run_becomes_one_step_a_visit(script: Callable[[], Any]) -> None:
     assert {row.status for row in rows} == {"done"}
     assert [row.attempt for row in rows] == [0, 0, 0, 0, 0, 1, 1, 1]
     assert rows[2].total_tokens == 1020
-    assert rows[3].joined_details == "1 passed, 1 failed"
-    assert rows[4].joined_details.startswith("→ fix_code: The oracle")
-    assert "seed 1: success, reward 1.00" in rows[-1].joined_details
+    assert rows[3].details_as_text == "1 passed, 1 failed"
+    assert rows[4].details_as_text.startswith("→ fix_code: The oracle")
+    assert "seed 1: success, reward 1.00" in rows[-1].details_as_text
 
 
 def test_errors_and_interruptions_show() -> None:
@@ -33,5 +33,5 @@ def test_errors_and_interruptions_show() -> None:
     folded.add_event(NodeStarted(node="b", visit=2))
     folded.add_event(RunEnded(status="interrupted"))
     assert [row.status for row in folded.rows] == ["failed", "interrupted", "interrupted"]
-    assert [row.joined_details for row in folded.rows] == ["boom", "slow", ""]
+    assert [row.details_as_text for row in folded.rows] == ["boom", "slow", ""]
     assert folded.ended is not None

@@ -18,8 +18,7 @@ from grs_agents.sim.rendering import Stage, scene_props_from_instance
 from grs_agents.trace import NodeStarted, Rollout
 from grs_agents.views.common import find_grasps, read_motion, read_task_instance
 from grs_agents.views.film import (
-    Shot,
-    describe_moments,
+    RolloutShot,
     draw_captions,
     find_recorded_rollout,
     play_in_mujoco_window,
@@ -28,6 +27,7 @@ from grs_agents.views.film import (
     rollout_film,
     show_recorded_frame,
     write_film,
+    write_moment_captions,
 )
 from tests.views.conftest import write_rollout
 
@@ -88,7 +88,7 @@ def test_a_film_shows_what_moves_with_or_without_a_graphics_library(
     played: tuple[Path, Rollout], library: Library, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder, event = played
-    shot = Shot(folder, event, library, width=160, height=120)
+    shot = RolloutShot(folder, event, library, width=160, height=120)
     drawn = [image.astype(int) for image in render_frames(shot, [0.0, shot.recorded_motion.duration_seconds])]
     monkeypatch.setattr(rollout_film, "_rendering_backends", lambda: ("nonsense", "rays"))
     cast = [image.astype(int) for image in render_frames(shot, [0.0, shot.recorded_motion.duration_seconds])]
@@ -104,7 +104,7 @@ def test_a_film_is_written_in_real_time(
 ) -> None:
     folder, event = played
     monkeypatch.setattr(rollout_film, "_rendering_backends", lambda: ("rays",))
-    shot = Shot(folder, event, library, width=96, height=64)
+    shot = RolloutShot(folder, event, library, width=96, height=64)
     frames = write_film(shot, tmp_path / name, rate=2)
     assert frames == int(shot.recorded_motion.duration_seconds * 2) + 1
     if name.endswith("mp4"):
@@ -124,7 +124,7 @@ def test_a_film_tells_goal_action_and_reward(played: tuple[Path, Rollout], libra
     motion = read_motion(folder / (event.recording or ""))
     (carried,) = find_grasps(motion)
     during = motion.times[(carried.start + carried.end) // 2]
-    told = list(describe_moments(event, instance, motion, [0.0, during, motion.duration_seconds]))
+    told = list(write_moment_captions(event, instance, motion, [0.0, during, motion.duration_seconds]))
     assert {goal for goal, _, _ in told} == {"put the milk on the left"}
     actions = ["reaches for milk", "carries milk", "has placed milk"]
     assert [action for _, action, _ in told] == [f"action 1 of 1: {words}" for words in actions]
@@ -144,7 +144,7 @@ def test_what_cannot_be_played_is_an_input_error(
         find_recorded_rollout([event], folder, 3)
     with pytest.raises(InputError, match="no recorded rollout"):
         find_recorded_rollout([event.model_copy(update={"recording": "gone.npz"})], folder)
-    shot = Shot(folder, event, library)
+    shot = RolloutShot(folder, event, library)
     with pytest.raises(InputError, match=r"ends in \.webp or \.mp4 or \.gif"):
         write_film(shot, tmp_path / "film.avi")
     with pytest.raises(InputError, match="does not exist"):
@@ -152,7 +152,7 @@ def test_what_cannot_be_played_is_an_input_error(
     (tmp_path / "bad.npz").write_bytes(b"PK")
     with pytest.raises(InputError, match=r"bad\.npz is not a readable"):
         read_motion(tmp_path / "bad.npz")
-    broken = Shot(folder, event.model_copy(update={"instance": "gone.json"}), library)
+    broken = RolloutShot(folder, event.model_copy(update={"instance": "gone.json"}), library)
     with pytest.raises(InputError, match=r"cannot read .*gone\.json"):
         list(render_frames(broken, [0.0]))
 
@@ -162,4 +162,4 @@ def test_without_a_display_the_remedy_is_a_film(
 ) -> None:
     monkeypatch.setattr(rollout_film, "has_display", lambda: False)
     with pytest.raises(GrsError, match=r"no display.*--out film\.webp"):
-        play_in_mujoco_window(Shot(*played, library))
+        play_in_mujoco_window(RolloutShot(*played, library))

@@ -11,7 +11,7 @@ from grs_agents.models.offline.judging.places import (
     Places,
     Unclear,
     explain_misplacement,
-    settle_reference,
+    narrow_to_things_meant,
 )
 from grs_agents.models.offline.judging.reading import (
     CLEARING,
@@ -48,7 +48,7 @@ class _Mention:
 
 
 @dataclass
-class _Check:
+class _RequestChecker:
     """One reading of the words, checked against the scene."""
 
     scene: Scene
@@ -57,7 +57,7 @@ class _Check:
         default_factory=list[tuple[list[int] | None, Callable[[list[Thing]], None]]]
     )
 
-    def mention_movers(self, request: Request, places: Places, least: float = _FAR_ENOUGH) -> list[int]:
+    def add_mentions_of_moved_things(self, request: Request, places: Places, least: float = _FAR_ENOUGH) -> list[int]:
         """Mentions of all that a request moves; gives their numbers."""
         added: list[int] = []
         for phrase in request.movers:
@@ -66,8 +66,8 @@ class _Check:
                 fixed = self.scene.find(phrase)
                 raise Differs(f"{phrase.text} cannot move" if fixed else f"there is no such thing as {phrase.text}")
             if not self._was_introduced(phrase):
-                found = settle_reference(phrase, found)
-            faults = {thing.id: self._find_fault(thing, request, places, least) for thing in found}
+                found = narrow_to_things_meant(phrase, found)
+            faults = {thing.id: self._explain_unmet_request(thing, request, places, least) for thing in found}
             for numbers in _split_mention(phrase, list(faults), request):
                 added.append(len(self.mentions))
                 good = tuple(number for number in numbers if not faults[number])
@@ -79,28 +79,28 @@ class _Check:
         """Whether the words spoke of such a thing before, as any one: a can, then the can."""
         return any(one.phrase.article == "a" and one.phrase.nouns == phrase.nouns for one in self.mentions)
 
-    def _find_fault(self, thing: Thing, request: Request, places: Places, least: float) -> str:
-        return explain_stillness(thing, least) or explain_misplacement(thing, request, places, self.scene)
+    def _explain_unmet_request(self, thing: Thing, request: Request, places: Places, least: float) -> str:
+        return explain_why_thing_stays(thing, least) or explain_misplacement(thing, request, places, self.scene)
 
-    def match_mentions(self) -> dict[int, int]:
+    def assign_things_to_mentions(self) -> dict[int, int]:
         """A thing for each mention, no thing for two; requests in the same words may share one where they must."""
         owner: dict[int, int] = {}  # thing -> mention
 
-        def assign(index: int, seen: set[int]) -> bool:
+        def assign_thing_to_mention(index: int, seen: set[int]) -> bool:
             for number in self.mentions[index].options:
                 if number not in seen:
                     seen.add(number)
-                    if number not in owner or assign(owner[number], seen):
+                    if number not in owner or assign_thing_to_mention(owner[number], seen):
                         owner[number] = index
                         return True
             return False
 
         for index in sorted(range(len(self.mentions)), key=lambda index: len(self.mentions[index].options)):
-            if not assign(index, set()) and not self._has_twin(index):
+            if not assign_thing_to_mention(index, set()) and not self._is_mentioned_by_another_request(index):
                 raise Differs(self.mentions[index].fault)
         return {index: number for number, index in owner.items()}
 
-    def _has_twin(self, index: int) -> bool:
+    def _is_mentioned_by_another_request(self, index: int) -> bool:
         """Whether another request speaks of the same thing in the same words."""
         own = self.mentions[index]
         return bool(own.options) and any(
@@ -108,7 +108,7 @@ class _Check:
         )
 
 
-def explain_stillness(thing: Thing, least: float) -> str:
+def explain_why_thing_stays(thing: Thing, least: float) -> str:
     """What speaks against a thing's being moved by ``least`` metres as a goal asks, empty where nothing does."""
     if thing.bystander:
         return f"{thing.label} is a bystander, the words move it"
@@ -129,13 +129,13 @@ def _split_mention(phrase: Phrase, numbers: list[int], request: Request) -> Iter
         yield numbers
 
 
-def check_requests(requests: Sequence[Request], places: Sequence[Places], scene: Scene) -> None:
+def require_requests_are_met(requests: Sequence[Request], places: Sequence[Places], scene: Scene) -> None:
     """Raises ``Differs`` unless all that is asked for happens, and nothing else moves."""
-    check = _Check(scene)
+    check = _RequestChecker(scene)
     for request, chosen in zip(requests, places, strict=True):
-        _CHECKS[_kind_of_request(request)](request, chosen, check)
-    taken = check.match_mentions()
-    _refuse_unnamed(scene.moved - set(taken.values()), check)
+        _CHECKS[_classify_request(request)](request, chosen, check)
+    taken = check.assign_things_to_mentions()
+    _require_no_unnamed_moves(scene.moved - set(taken.values()), check)
     things = {index: scene.things[number] for index, number in taken.items()}
     movers = [
         [things[i] for i, one in enumerate(check.mentions) if one.request is request and i in things]
@@ -147,7 +147,7 @@ def check_requests(requests: Sequence[Request], places: Sequence[Places], scene:
         follow([scene.things[number] for number in numbers])
 
 
-def _refuse_unnamed(unnamed: set[int], check: _Check) -> None:
+def _require_no_unnamed_moves(unnamed: set[int], check: _RequestChecker) -> None:
     """Raises where something moves that no mention means."""
     scene = check.scene
     loosely = [mention.phrase for mention in check.mentions if mention.phrase.article == "a"]
@@ -158,7 +158,7 @@ def _refuse_unnamed(unnamed: set[int], check: _Check) -> None:
         raise Differs(f"the words do not name {names}, which moves")
 
 
-def _kind_of_request(request: Request) -> str:
+def _classify_request(request: Request) -> str:
     if request.verb in LEAVING:
         return "leave"
     if request.heading:
@@ -167,49 +167,49 @@ def _kind_of_request(request: Request) -> str:
     return next((kind for kind, verbs in kinds if request.verb in verbs), "move")
 
 
-def _check_moving(request: Request, places: Places, check: _Check) -> None:
+def _check_move_request(request: Request, places: Places, check: _RequestChecker) -> None:
     """Things are put somewhere."""
     if not request.movers or (request.verb in PICKING and not request.relations):
         raise Unclear(f"what to {request.verb}, and whereto, is not said")
-    added = check.mention_movers(request, places)
-    if _asks_for_own_places(request):
-        check.later.append((added, _require_own_places))
+    added = check.add_mentions_of_moved_things(request, places)
+    if _asks_for_separate_places(request):
+        check.later.append((added, _require_separate_places))
     if "sizedfirst" not in request.orders or "sidebyside" in request.orders:
-        check.later.append((added, lambda things: _require_order(request, things)))
+        check.later.append((added, lambda things: _require_order_in_row(request, things)))
 
 
-def _asks_for_own_places(request: Request) -> bool:
+def _asks_for_separate_places(request: Request) -> bool:
     each = any(phrase.article == "each" for _, phrases in request.relations for phrase in phrases)
     return each or "own" in request.orders
 
 
-def _require_own_places(things: Sequence[Thing]) -> None:
+def _require_separate_places(things: Sequence[Thing]) -> None:
     if len({thing.ends for thing in things}) < len(things):
         raise Differs("two things share a place, the words give each its own")
 
 
-def _check_heading(request: Request, places: Places, check: _Check) -> None:
+def _check_heading_request(request: Request, places: Places, check: _RequestChecker) -> None:
     """What is said in detail afterwards: all that moves must keep to it."""
     if request.verb in CLEARING:
-        check.later.append((None, lambda things: _require_cleared(request, check.scene)))
+        check.later.append((None, lambda things: _require_places_are_cleared(request, check.scene)))
         return
-    if not all(phrase.is_generic for phrase in request.movers):
+    if not all(phrase.has_no_specific_noun for phrase in request.movers):
         raise Unclear("the part before the colon names things of its own")
 
     def follow(things: list[Thing]) -> None:
         for fault in (explain_misplacement(thing, request, places, check.scene) for thing in things):
             if fault:
                 raise Differs(fault)
-        if _asks_for_own_places(request):
-            _require_own_places(things)
-        _require_groups(request, things)
+        if _asks_for_separate_places(request):
+            _require_separate_places(things)
+        _require_sorted_into_groups(request, things)
         if "bycolor" in request.orders:
-            _require_own_colors(things, check)
+            _require_places_match_colors(things, check)
 
     check.later.append((None, follow))
 
 
-def _require_groups(request: Request, things: Sequence[Thing]) -> None:
+def _require_sorted_into_groups(request: Request, things: Sequence[Thing]) -> None:
     """Things of one colour or kind share a place, and others do not."""
     for order, values in (
         ("bycolor", [thing.color for thing in things]),
@@ -220,68 +220,68 @@ def _require_groups(request: Request, things: Sequence[Thing]) -> None:
             raise Differs(f"things are not sorted {order[:2]} {order[2:]}")
 
 
-def _require_own_colors(things: Sequence[Thing], check: _Check) -> None:
+def _require_places_match_colors(things: Sequence[Thing], check: _RequestChecker) -> None:
     """Where places have the colours of the things that are sorted, each lies in its own, unless the words say where."""
     spoken = (phrase for one in check.mentions for _, phrases in one.request.relations for phrase in phrases)
     if any(phrase.colors for phrase in spoken):
         return
     colors = {thing.color for thing in things}
     for thing in things:
-        for place in (check.scene.things[number] for _, number in check.scene.all_under(thing.ends)):
+        for place in (check.scene.things[number] for _, number in check.scene.trace_final_supports(thing.ends)):
             if place.fixed and place.color in colors - {thing.color}:
                 raise Differs(f"{thing.label} ends on {place.label}, the words sort by colour")
 
 
-def _find_standing(request: Request, scene: Scene) -> dict[str, list[Thing]]:
+def _find_things_to_clear(request: Request, scene: Scene) -> dict[str, list[Thing]]:
     """What stands at the start in or on each of what a request clears, by the words for it."""
     standing: dict[str, list[Thing]] = {}
     for phrase in request.movers:
         areas = {thing.id for thing in scene.find(phrase) if thing.fixed}
-        standing[phrase.text] = [thing for thing in scene.things.values() if thing.stands_in(areas)]
+        standing[phrase.text] = [thing for thing in scene.things.values() if thing.is_initially_in_any(areas)]
     return standing
 
 
-def _require_cleared(request: Request, scene: Scene) -> None:
+def _require_places_are_cleared(request: Request, scene: Scene) -> None:
     """Something stood there at the start, and nothing of it does at the end."""
-    for words, things in _find_standing(request, scene).items():
+    for words, things in _find_things_to_clear(request, scene).items():
         if not things:
             raise Differs(f"nothing stands on {words} at the start")
         if left := [thing for thing in things if set(thing.stood) & set(thing.ends)]:
             raise Differs(f"{left[0].label} still is on {words}")
 
 
-def _check_clearing(request: Request, places: Places, check: _Check) -> None:
+def _check_request_to_clear_place(request: Request, places: Places, check: _RequestChecker) -> None:
     """All that stands in or on something goes."""
-    for thing in (thing for things in _find_standing(request, check.scene).values() for thing in things):
-        fault = explain_stillness(thing, _FAR_ENOUGH) or explain_misplacement(thing, request, places, check.scene)
+    for thing in (thing for things in _find_things_to_clear(request, check.scene).values() for thing in things):
+        fault = explain_why_thing_stays(thing, _FAR_ENOUGH) or explain_misplacement(thing, request, places, check.scene)
         check.mentions.append(_Mention(Phrase((thing.called,)), request, () if fault else (thing.id,), fault))
-    check.later.append((None, lambda things: _require_cleared(request, check.scene)))
+    check.later.append((None, lambda things: _require_places_are_cleared(request, check.scene)))
 
 
-def _check_sorting(request: Request, places: Places, check: _Check) -> None:
+def _check_sort_request(request: Request, places: Places, check: _RequestChecker) -> None:
     """Each colour or kind gets a place."""
     if not request.orders & {"bycolor", "bykind"}:
         raise Unclear("by what to sort is not said")
-    added = check.mention_movers(request, places)
-    check.later.append((added, lambda things: _require_groups(request, things)))
+    added = check.add_mentions_of_moved_things(request, places)
+    check.later.append((added, lambda things: _require_sorted_into_groups(request, things)))
     if "bycolor" in request.orders:
-        check.later.append((added, lambda things: _require_own_colors(things, check)))
+        check.later.append((added, lambda things: _require_places_match_colors(things, check)))
 
 
-def _check_stacking(request: Request, places: Places, check: _Check) -> None:
+def _check_stack_request(request: Request, places: Places, check: _RequestChecker) -> None:
     """Things lie on one another; without a place, the lowest may stay where it is."""
     if request.verb not in ("stack", "pile"):
         raise Unclear(f"what it is to {request.verb} something is not known here")
-    base = _find_base(request, check.scene)
+    base = _find_stack_base(request, check.scene)
     without = replace(request, movers=[phrase for phrase in request.movers if phrase is not base])
-    added = check.mention_movers(without, places)
+    added = check.add_mentions_of_moved_things(without, places)
     for index in added:
         check.mentions[index] = replace(check.mentions[index], request=request)
     foot = check.scene.find(base)[:1] if base is not None else []
-    check.later.append((added, lambda things: _require_stack(request, [*foot, *things], check.scene)))
+    check.later.append((added, lambda things: _require_things_are_stacked(request, [*foot, *things], check.scene)))
 
 
-def _find_base(request: Request, scene: Scene) -> Phrase | None:
+def _find_stack_base(request: Request, scene: Scene) -> Phrase | None:
     """The first or last thing of a stack without a place, where that one stays."""
     ends = [request.movers[0], request.movers[-1]] if request.movers and not request.relations else []
     for phrase in ends:
@@ -291,7 +291,7 @@ def _find_base(request: Request, scene: Scene) -> Phrase | None:
     return None
 
 
-def _require_stack(request: Request, things: Sequence[Thing], scene: Scene) -> None:
+def _require_things_are_stacked(request: Request, things: Sequence[Thing], scene: Scene) -> None:
     stack = sorted(things, key=lambda thing: thing.end[2])
     for below, above in pairwise(stack):
         if not scene.lies(above, "on", [below]):
@@ -302,18 +302,18 @@ def _require_stack(request: Request, things: Sequence[Thing], scene: Scene) -> N
     listed = not measures and bool(request.orders & {"bottomup", "topdown", "inorder"})
     if listed and [thing.called for thing in things] != [thing.called for thing in seen]:
         raise Differs(names)
-    if not all(_grows(seen, order) for order in measures):
+    if not all(_is_ordered_by_size(seen, order) for order in measures):
         raise Differs(f"{names}, another order than by size")
 
 
-def _check_line(request: Request, places: Places, check: _Check) -> None:
+def _check_line_request(request: Request, places: Places, check: _RequestChecker) -> None:
     """Things end in one line."""
-    added = check.mention_movers(request, places)
-    check.later.append((added, _require_line))
-    check.later.append((added, lambda things: _require_order(request, things)))
+    added = check.add_mentions_of_moved_things(request, places)
+    check.later.append((added, _require_things_in_line))
+    check.later.append((added, lambda things: _require_order_in_row(request, things)))
 
 
-def _require_line(things: Sequence[Thing]) -> None:
+def _require_things_in_line(things: Sequence[Thing]) -> None:
     points = [thing.end[:2] for thing in things]
     (ax, ay), (bx, by) = max(((a, b) for a in points for b in points), key=lambda pair: math.dist(*pair))
     length = math.dist((ax, ay), (bx, by))
@@ -325,28 +325,28 @@ _MEASURES = {"shortfirst": (2, 1), "tallfirst": (2, -1), "smallfirst": (3, 1), "
 """Orders by size: which measure, and whether it grows or shrinks."""
 
 
-def _require_order(request: Request, things: Sequence[Thing]) -> None:
+def _require_order_in_row(request: Request, things: Sequence[Thing]) -> None:
     """By size along a row, from either side unless the words say from which; or as the words list them."""
     sided, measures = request.orders & {"leftright", "rightleft"}, request.orders & _MEASURES.keys()
     listed = {"inorder"} & request.orders if request.verb in LINING else set[str]()
     if not things or not (sided | measures | listed):
         return
-    axis = 1 if sided else _find_longer_axis(things)
+    axis = 1 if sided else _find_axis_of_row(things)
     row = sorted(things, key=lambda thing: thing.end[axis], reverse="leftright" in request.orders)
     ways = [row] if sided else [row, row[::-1]]
     names = ", ".join(thing.label for thing in row)
-    if not all(_grows(row, order) or _grows(ways[-1], order) for order in measures):
+    if not all(_is_ordered_by_size(row, order) or _is_ordered_by_size(ways[-1], order) for order in measures):
         raise Differs(f"the row is {names}, another order than by size")
     if not measures and list(things) not in ways:
         raise Differs(f"the row is {names}, in another order than the words")
 
 
-def _find_longer_axis(things: Sequence[Thing]) -> int:
+def _find_axis_of_row(things: Sequence[Thing]) -> int:
     spans = [max(ends) - min(ends) for ends in zip(*(thing.end[:2] for thing in things), strict=True)]
     return spans.index(max(spans))
 
 
-def _grows(row: Sequence[Thing], order: str) -> bool:
+def _is_ordered_by_size(row: Sequence[Thing], order: str) -> bool:
     """Whether a row keeps to an order by size."""
     measure, sign = _MEASURES[order]
     sizes = [sign * thing.measure(measure) for thing in row]
@@ -354,14 +354,14 @@ def _grows(row: Sequence[Thing], order: str) -> bool:
     return all(a <= b + slack for a, b in pairwise(sizes))
 
 
-def _check_swap(request: Request, places: Places, check: _Check) -> None:
+def _check_swap_request(request: Request, places: Places, check: _RequestChecker) -> None:
     """Two things end where the other one stood."""
     if request.relations or not request.movers:
         raise Unclear("what changes places is not said plainly")
-    check.later.append((check.mention_movers(request, places), _require_swap))
+    check.later.append((check.add_mentions_of_moved_things(request, places), _require_things_swap_places))
 
 
-def _require_swap(things: Sequence[Thing]) -> None:
+def _require_things_swap_places(things: Sequence[Thing]) -> None:
     if len(things) != 2:
         raise Unclear(f"{len(things)} things change places")
     for thing, other in (things, things[::-1]):
@@ -369,17 +369,17 @@ def _require_swap(things: Sequence[Thing]) -> None:
             raise Differs(f"{thing.label} is not asked to end where {other.label} stands at the start")
 
 
-def _check_leaving(request: Request, places: Places, check: _Check) -> None:
+def _check_leave_request(request: Request, places: Places, check: _RequestChecker) -> None:
     """What is left alone does not move."""
     for phrase in request.movers:
         found = check.scene.find(phrase)
         if not found and not phrase.pronoun:
             raise Differs(f"there is no such thing as {phrase.text}")
         if phrase.pronoun not in OTHERS:
-            _require_still(phrase, [thing for thing in found if not thing.fixed])
+            _require_things_stay(phrase, [thing for thing in found if not thing.fixed])
 
 
-def _require_still(phrase: Phrase, loose: Sequence[Thing]) -> None:
+def _require_things_stay(phrase: Phrase, loose: Sequence[Thing]) -> None:
     moved = [thing for thing in loose if thing.has_moved]
     if moved and (len(moved) == len(loose) or phrase.plural or phrase.article == "all"):
         raise Differs(f"{phrase.text} moves, the words leave it alone")
@@ -387,13 +387,13 @@ def _require_still(phrase: Phrase, loose: Sequence[Thing]) -> None:
         raise Unclear(f"which of {len(loose)} is {phrase.text} that stays is not understood")
 
 
-_CHECKS: dict[str, Callable[[Request, Places, _Check], None]] = {
-    "heading": _check_heading,
-    "move": _check_moving,
-    "stack": _check_stacking,
-    "sort": _check_sorting,
-    "line": _check_line,
-    "clear": _check_clearing,
-    "swap": _check_swap,
-    "leave": _check_leaving,
+_CHECKS: dict[str, Callable[[Request, Places, _RequestChecker], None]] = {
+    "heading": _check_heading_request,
+    "move": _check_move_request,
+    "stack": _check_stack_request,
+    "sort": _check_sort_request,
+    "line": _check_line_request,
+    "clear": _check_request_to_clear_place,
+    "swap": _check_swap_request,
+    "leave": _check_leave_request,
 }

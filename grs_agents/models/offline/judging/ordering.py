@@ -18,16 +18,16 @@ def require_order_in_time(requests: Sequence[Request], movers: Sequence[Sequence
         requests: what the words ask for.
         movers: what each of them moves.
     """
-    for earlier, later in _list_pairs(requests):
+    for earlier, later in _list_ordered_request_pairs(requests):
         for one in movers[earlier]:
             for other in movers[later]:
-                _require_before(one, other)
+                _require_moved_before(one, other)
     for request, things in zip(requests, movers, strict=True):
-        for one, other in pairwise(_order_in_time(request, things)):
-            _require_before(one, other)
+        for one, other in pairwise(_list_things_in_move_order(request, things)):
+            _require_moved_before(one, other)
 
 
-def _list_pairs(requests: Sequence[Request]) -> Iterator[tuple[int, int]]:
+def _list_ordered_request_pairs(requests: Sequence[Request]) -> Iterator[tuple[int, int]]:
     """Which request comes before which other one, as far as the words say."""
     for number, request in enumerate(requests):
         if request.after:
@@ -38,7 +38,7 @@ def _list_pairs(requests: Sequence[Request]) -> Iterator[tuple[int, int]]:
             yield from ((other, number) for other in range(number))
 
 
-def _order_in_time(request: Request, things: Sequence[Thing]) -> Sequence[Thing]:
+def _list_things_in_move_order(request: Request, things: Sequence[Thing]) -> Sequence[Thing]:
     """The things of one request as they are to be moved; none where the words leave it open, or speak of places."""
     if request.verb in LINING or request.orders & _SPATIAL:
         return ()
@@ -49,7 +49,7 @@ def _order_in_time(request: Request, things: Sequence[Thing]) -> Sequence[Thing]
     return things if "inorder" in request.orders else ()
 
 
-def _require_before(one: Thing, other: Thing) -> None:
+def _require_moved_before(one: Thing, other: Thing) -> None:
     if one is other:
         return
     if not one.actions or not other.actions or one.actions[-1] >= other.actions[-1]:

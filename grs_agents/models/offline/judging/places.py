@@ -27,7 +27,7 @@ class Differs(Exception):
     """What the words ask for does not happen, or no goal asks for it."""
 
 
-def choose_places(request: Request, scene: Scene) -> list[Places]:
+def list_place_combinations(request: Request, scene: Scene) -> list[Places]:
     """All that the places of a request may be.
 
     Raises:
@@ -36,29 +36,29 @@ def choose_places(request: Request, scene: Scene) -> list[Places]:
     """
     for_each = bool(request.orders & {"own", "owncolor"})
     spoken = [(how, phrase) for how, phrases in request.relations for phrase in phrases]
-    return list(product(*(_list_places(how, phrase, for_each, scene) for how, phrase in spoken)))
+    return list(product(*(_list_places_for_phrase(how, phrase, for_each, scene) for how, phrase in spoken)))
 
 
-def _list_places(how: str, phrase: Phrase, for_each: bool, scene: Scene) -> Sequence[Thing | None]:
+def _list_places_for_phrase(how: str, phrase: Phrase, for_each: bool, scene: Scene) -> Sequence[Thing | None]:
     """What one phrase may be."""
-    if phrase.is_table:
+    if phrase.is_bare_table:
         return [None]
     found = scene.find(phrase)
     if not found and not phrase.pronoun:
         raise Differs(f"there is no such thing as {phrase.text}")
     if phrase.vacant:
-        _refuse_taken(phrase, found, scene)
+        _require_place_is_free(phrase, found, scene)
     one = phrase.article == "the" and not phrase.plural and not for_each
     if not (found and one):
         return [None]
-    return settle_reference(phrase, _prefer_hollow(found) if how == "in" else found)
+    return narrow_to_things_meant(phrase, _prefer_hollow_things(found) if how == "in" else found)
 
 
-def _prefer_hollow(found: list[Thing]) -> list[Thing]:
+def _prefer_hollow_things(found: list[Thing]) -> list[Thing]:
     return [thing for thing in found if thing.hollow] or found
 
 
-def settle_reference(phrase: Phrase, found: Sequence[Thing]) -> list[Thing]:
+def narrow_to_things_meant(phrase: Phrase, found: Sequence[Thing]) -> list[Thing]:
     """What words may mean of what they fit: of several the one that is called just so, if there is one.
 
     Raises:
@@ -74,9 +74,9 @@ def settle_reference(phrase: Phrase, found: Sequence[Thing]) -> list[Thing]:
     return called
 
 
-def _refuse_taken(phrase: Phrase, found: Sequence[Thing], scene: Scene) -> None:
+def _require_place_is_free(phrase: Phrase, found: Sequence[Thing], scene: Scene) -> None:
     for thing in scene.things.values():
-        if thing.stands_in({place.id for place in found}):
+        if thing.is_initially_in_any({place.id for place in found}):
             raise Differs(f"{thing.label} stands there at the start, the words call {phrase.text} free")
 
 
@@ -84,15 +84,15 @@ def explain_misplacement(thing: Thing, request: Request, places: Places, scene: 
     """What is wrong with where a thing ends, empty where nothing is."""
     chosen = iter(places)
     for how, phrases in request.relations:
-        options = [_list_options(phrase, next(chosen), scene) for phrase in phrases]
-        if any(phrase.is_table for phrase in phrases):
+        options = [_list_reference_things(phrase, next(chosen), scene) for phrase in phrases]
+        if any(phrase.is_bare_table for phrase in phrases):
             if len(request.relations) == 1 and (fault := _explain_not_on_table(thing, request, scene)):
                 return fault
             continue
         if "owncolor" in request.orders:
             options = [[place for place in row if place.color == thing.color] for row in options]
-        if not _holds(how, thing, options, scene):
-            return f"{thing.label} is not asked to end {_describe_relation(how, phrases)}"
+        if not _is_relation_met(how, thing, options, scene):
+            return f"{thing.label} is not asked to end {_format_relation_as_words(how, phrases)}"
     return ""
 
 
@@ -109,16 +109,16 @@ def _explain_not_on_table(thing: Thing, request: Request, scene: Scene) -> str:
     return ""
 
 
-def _list_options(phrase: Phrase, chosen: Thing | None, scene: Scene) -> list[Thing]:
+def _list_reference_things(phrase: Phrase, chosen: Thing | None, scene: Scene) -> list[Thing]:
     return [chosen] if chosen is not None else scene.find(phrase)
 
 
-def _describe_relation(how: str, phrases: Sequence[Phrase]) -> str:
+def _format_relation_as_words(how: str, phrases: Sequence[Phrase]) -> str:
     spoken = {"leftof": "left of", "rightof": "right of", "infront": "in front of", "outof": "out of"}
     return f"{spoken.get(how, how)} {' and '.join(phrase.text for phrase in phrases)}"
 
 
-def _holds(how: str, thing: Thing, options: Sequence[Sequence[Thing]], scene: Scene) -> bool:
+def _is_relation_met(how: str, thing: Thing, options: Sequence[Sequence[Thing]], scene: Scene) -> bool:
     if how == "between":
         options = [*options, *options] if len(options) == 1 else options
         return len(options) == 2 and any(_is_between(thing, *pair) for pair in product(*options))
@@ -137,32 +137,32 @@ def _is_between(thing: Thing, one: Thing, other: Thing) -> bool:
 
 def _is_to_the_side(how: str, thing: Thing, place: Thing, scene: Scene) -> bool:
     axis, sign = _SIDES[how]
-    return _is_aside(thing, place, scene) and sign * (thing.end[axis] - place.end[axis]) > _ASIDE
+    return _is_outside_of_place(thing, place, scene) and sign * (thing.end[axis] - place.end[axis]) > _ASIDE
 
 
-def _is_beside(how: str, thing: Thing, place: Thing, scene: Scene) -> bool:
+def _is_next_to_place(how: str, thing: Thing, place: Thing, scene: Scene) -> bool:
     asked = any(("beside", place.id) in references for goal in thing.goals for references in goal)
     bound = 2 * BESIDE if how == "around" else BESIDE
-    return asked or (_is_aside(thing, place, scene) and scene.gap(thing, place) <= bound)
+    return asked or (_is_outside_of_place(thing, place, scene) and scene.gap(thing, place) <= bound)
 
 
-def _is_aside(thing: Thing, place: Thing, scene: Scene) -> bool:
+def _is_outside_of_place(thing: Thing, place: Thing, scene: Scene) -> bool:
     """Whether a thing ends neither in nor on another one, and not anywhere that its goal leaves open."""
     if any(how == "beside" for goal in thing.goals for references in goal for how, _ in references):
         return False
-    return place.id not in {number for _, number in scene.all_under(thing.ends)}
+    return place.id not in {number for _, number in scene.trace_final_supports(thing.ends)}
 
 
-def _is_taken_out(how: str, thing: Thing, place: Thing, scene: Scene) -> bool:
+def _is_taken_out_of_place(how: str, thing: Thing, place: Thing, scene: Scene) -> bool:
     del how
-    stood, ends = ({number for _, number in scene.all_under(row)} for row in (thing.stood, thing.ends))
+    stood, ends = ({number for _, number in scene.trace_final_supports(row)} for row in (thing.stood, thing.ends))
     return place.id in stood - ends
 
 
 _HOLDS: dict[str, Callable[[str, Thing, Thing, Scene], bool]] = {
-    "beside": _is_beside,
-    "around": _is_beside,
-    "outof": _is_taken_out,
+    "beside": _is_next_to_place,
+    "around": _is_next_to_place,
+    "outof": _is_taken_out_of_place,
 }
 _SIDES = {"leftof": (1, 1), "rightof": (1, -1), "behind": (0, 1), "infront": (0, -1)}
 """Axis and sign of each side, as the robot sees it: x away from it, y to its left."""

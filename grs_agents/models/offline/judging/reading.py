@@ -10,12 +10,12 @@ from dataclasses import dataclass, field, replace
 from grs_agents.models.offline.prompt_text import COLORS, split_words
 
 
-def set_of_words(text: str) -> frozenset[str]:
+def split_into_word_set(text: str) -> frozenset[str]:
     """The words of a text."""
     return frozenset(split_words(text))
 
 
-MOVING = set_of_words(
+MOVING = split_into_word_set(
     "put place move set lay stand bring carry take transfer drop position park pack stow load store insert deposit "
     "distribute gather collect arrange organize relocate shift return deliver align serve tidy let remove"
 )
@@ -28,7 +28,7 @@ SWAPPING = {"swap", "exchange", "switch", "trade"}
 LEAVING = {"leave", "keep"}
 PICKING = {"pickup", "grab", "grasp", "lift"}
 KNOWN = MOVING | PUSHING | STACKING | SORTING | LINING | CLEARING | SWAPPING | LEAVING | PICKING
-IMPOSSIBLE = set_of_words(
+IMPOSSIBLE = split_into_word_set(
     "fold unfold pour sing open close cut slice chop wash clean wipe cook heat eat drink dance flip stir mix screw "
     "unscrew press peel shake crush throw toss break tear roll spin tie write draw paint fill squeeze hang juggle wrap "
     "burn read play buy spill pull knock tap hit smash bake fry plug"
@@ -52,11 +52,11 @@ PRONOUNS = {"it", "them", "they", "everything", "both", "all", "each", "these", 
 OTHERS = {"rest", "other", "others", "remaining", "else"}
 _PLAIN = {"open", "empty", "free", "loose", "cardboard", "plastic", "wooden", "single", "movable", "toy"}
 """Adjectives that tell nothing apart."""
-ORDERS = set_of_words(
+ORDERS = split_into_word_set(
     "bottomup topdown shortfirst tallfirst smallfirst largefirst leftright rightleft bycolor bykind own owncolor "
     "inorder sizedfirst sidebyside freeplace"
 )
-_IDLE = set_of_words(
+_IDLE = split_into_word_set(
     "please robot arm carefully neatly gently up down so there now should must be "
     "is are ends end go goes belong belongs together away also onto that position and with but "
     "place places just directly using suction cup gripper of straight alone back"
@@ -146,17 +146,17 @@ class Phrase:
         return " ".join(["the", *self.colors, *(self.nouns or self.unknown or (self.pronoun or "thing",))])
 
     @property
-    def is_table(self) -> bool:
+    def is_bare_table(self) -> bool:
         """Whether it means the bare table."""
         return "table" in self.nouns
 
     @property
-    def is_generic(self) -> bool:
+    def has_no_specific_noun(self) -> bool:
         """Whether it names no kind of thing: the objects."""
         return {*self.nouns} <= GENERIC
 
     @property
-    def is_whole(self) -> bool:
+    def has_referent(self) -> bool:
         """Whether it says what kind of thing it is."""
         return bool(self.nouns or self.pronoun or self.unknown)
 
@@ -207,7 +207,7 @@ def read_request_words(words: str, nouns: set[str]) -> Reading:
             _ClauseReader(clause, nouns, reading).read(heading=mark == ":")
     for request in reading.requests[:-1]:
         alone = request.verb in SORTING and not request.relations
-        request.heading |= alone and all(phrase.is_generic for phrase in request.movers)
+        request.heading |= alone and all(phrase.has_no_specific_noun for phrase in request.movers)
     return reading
 
 
@@ -218,7 +218,7 @@ def _split_clauses(tokens: Sequence[str]) -> Iterator[list[str]]:
         before = tokens[index - 1] if index else ","
         is_verb = token in KNOWN | IMPOSSIBLE and before in _JOINTS | AFTER | LAST | FIRST
         if is_verb and clause:
-            end = _find_end(clause)
+            end = _count_own_clause_words(clause)
             if end:
                 yield clause[:end]
             clause = clause[end:]
@@ -227,7 +227,7 @@ def _split_clauses(tokens: Sequence[str]) -> Iterator[list[str]]:
         yield clause
 
 
-def _find_end(clause: Sequence[str]) -> int:
+def _count_own_clause_words(clause: Sequence[str]) -> int:
     """How many words of a clause are its own: what joins it to the next one, and says when that happens, is not."""
     end = len(clause)
     while end and clause[end - 1] in _JOINTS | AFTER | LAST:
@@ -241,8 +241,8 @@ def resolve_pronouns(requests: Sequence[Request]) -> list[Request]:
     spoken_of: list[Phrase] = []  # what "it" may be where something is put there
     resolved: list[Request] = []
     for request in requests:
-        movers, points_back = _resolve_movers(request, known)
-        relations = [(how, _resolve_places(places, spoken_of)) for how, places in request.relations]
+        movers, points_back = _resolve_moved_phrases(request, known)
+        relations = [(how, _replace_place_pronouns(places, spoken_of)) for how, places in request.relations]
         whole = replace(request, movers=movers, relations=relations)
         if points_back and resolved and resolved[-1].verb in PICKING:
             picked = resolved.pop()
@@ -255,14 +255,14 @@ def resolve_pronouns(requests: Sequence[Request]) -> list[Request]:
     return resolved
 
 
-def _resolve_movers(request: Request, known: list[Phrase]) -> tuple[list[Phrase], bool]:
+def _resolve_moved_phrases(request: Request, known: list[Phrase]) -> tuple[list[Phrase], bool]:
     """What a request moves, and whether it points back at what was ``known``."""
     named = [phrase for phrase in request.movers if not (phrase.pronoun in PRONOUNS and known)]
     points_back = len(named) < len(request.movers) or (not request.movers and bool(request.relations))
     return [*(known if points_back else ()), *named], points_back
 
 
-def _resolve_places(places: Sequence[Phrase], spoken_of: Sequence[Phrase]) -> list[Phrase]:
+def _replace_place_pronouns(places: Sequence[Phrase], spoken_of: Sequence[Phrase]) -> list[Phrase]:
     return [other for phrase in places for other in (spoken_of if phrase.pronoun in PRONOUNS else [phrase])]
 
 
@@ -277,27 +277,27 @@ class _ClauseReader:
 
     def read(self, heading: bool) -> None:
         """Add what the clause asks for to the reading."""
-        verb = self._take_verb()
+        verb = self._consume_verb()
         if not verb:
             return
-        request = self._begin(Request(verb, heading=heading))
+        request = self._append_request(Request(verb, heading=heading))
         while self.at < len(self.tokens):
-            request = self._read_next(request)
-        self._say_when(request)
-        _complete_colors(self.reading.requests)
+            request = self._parse_next_part(request)
+        self._set_order_in_time(request)
+        _share_noun_among_colors(self.reading.requests)
 
-    def _begin(self, request: Request) -> Request:
-        self._say_when(request)
+    def _append_request(self, request: Request) -> Request:
+        self._set_order_in_time(request)
         self.reading.requests.append(request)
         return request
 
-    def _say_when(self, request: Request) -> None:
+    def _set_order_in_time(self, request: Request) -> None:
         request.after |= bool(self.when & AFTER)
         request.first |= bool(self.when & FIRST)
         request.last |= bool(self.when & LAST)
         self.when.clear()
 
-    def _take_verb(self) -> str:
+    def _consume_verb(self) -> str:
         passed = {",", "and", "but", *_IDLE, *AFTER, *FIRST, *LAST} - KNOWN - {"place"}
         while self.at < len(self.tokens) and self.tokens[self.at] in passed:
             self.when |= {self.tokens[self.at]} & {*AFTER, *FIRST, *LAST}
@@ -313,26 +313,26 @@ class _ClauseReader:
             return first
         return "put"  # a description: the can is in the box; or a list that goes on
 
-    def _read_next(self, request: Request) -> Request:
+    def _parse_next_part(self, request: Request) -> Request:
         token = self.tokens[self.at]
         if token in PREPOSITIONS:
             return self._read_relation(request)
         if token in {*SWAPPING, *ORDERS, *FIRST, *AFTER, *LAST}:
-            self._take_in(token, request)
+            self._add_word_to_request(token, request)
             return request
         phrase = self._read_phrase()
         if phrase is None:
-            self._pass_over(token)
+            self._skip_unused_word(token)
             return request
         if request.relations and request.verb not in CLEARING:
-            request = self._begin(Request(request.verb, orders=request.orders, heading=request.heading))
+            request = self._append_request(Request(request.verb, orders=request.orders, heading=request.heading))
         if request.movers and self.when:
             request.orders.add("inorder")
             self.when.clear()
         request.movers.append(phrase)
         return request
 
-    def _take_in(self, token: str, request: Request) -> None:
+    def _add_word_to_request(self, token: str, request: Request) -> None:
         """A word about the request as a whole."""
         self.at += 1
         request.verb = token if token in SWAPPING else request.verb
@@ -340,7 +340,7 @@ class _ClauseReader:
         request.first |= token in FIRST
         self.when |= {token} & {*AFTER, *LAST}
 
-    def _pass_over(self, token: str) -> None:
+    def _skip_unused_word(self, token: str) -> None:
         self.at += 1
         if token in IMPOSSIBLE:
             self.reading.impossible.append(token)
@@ -367,16 +367,16 @@ class _ClauseReader:
         """A run of words that name things; nothing where the next word is none of these."""
         phrase, begin = Phrase(), self.at
         while self.at < len(self.tokens):
-            grown = self._grow(phrase, self.tokens[self.at])
+            grown = self._add_token(phrase, self.tokens[self.at])
             if grown is None:
                 break
             phrase = grown
             self.at += 1
-        if phrase.article in ("the", "a") and not phrase.is_whole and not (phrase.colors or phrase.sizes):
-            return self._take_unknown_noun(phrase)
+        if phrase.article in ("the", "a") and not phrase.has_referent and not (phrase.colors or phrase.sizes):
+            return self._consume_unknown_noun(phrase)
         return phrase if self.at > begin else None
 
-    def _take_unknown_noun(self, phrase: Phrase) -> Phrase:
+    def _consume_unknown_noun(self, phrase: Phrase) -> Phrase:
         if self.at < len(self.tokens) and self.tokens[self.at].isalpha():
             word = self.tokens[self.at]
             self.at += 1
@@ -386,18 +386,18 @@ class _ClauseReader:
             self.at -= 1
         return replace(phrase, pronoun="one")
 
-    def _grow(self, phrase: Phrase, token: str) -> Phrase | None:
+    def _add_token(self, phrase: Phrase, token: str) -> Phrase | None:
         """The phrase with one more word, or None where that is not part of it."""
         if token in _ARTICLES:
-            return None if phrase.is_whole or phrase.colors else self._grow_article(phrase, token)
-        return self._grow_count(phrase, token) or self._grow_look(phrase, token) or self._grow_name(phrase, token)
+            return None if phrase.has_referent or phrase.colors else self._add_article(phrase, token)
+        return self._add_count(phrase, token) or self._add_color_or_size(phrase, token) or self._add_noun(phrase, token)
 
-    def _following(self) -> str:
+    def _peek_next_token(self) -> str:
         return next(iter(self.tokens[self.at + 1 : self.at + 2]), ",")
 
-    def _grow_article(self, phrase: Phrase, token: str) -> Phrase:
+    def _add_article(self, phrase: Phrase, token: str) -> Phrase:
         if token in ("each", "all", "both", "every"):
-            if self._following() in PREPOSITIONS | {",", "and"} | ORDERS:
+            if self._peek_next_token() in PREPOSITIONS | {",", "and"} | ORDERS:
                 return replace(phrase, pronoun=token)
             number = 2 if token == "both" else phrase.number
             return replace(phrase, article="each" if token in ("each", "every") else "all", number=number)
@@ -406,20 +406,20 @@ class _ClauseReader:
         article = "each" if token in ("its", "their") else "the" if token == "the" else "a"
         return replace(phrase, article=article)
 
-    def _grow_count(self, phrase: Phrase, token: str) -> Phrase | None:
-        if token == "of" and phrase.is_whole:
-            return phrase if make_singular(self._following()) in self.nouns | set(COLORS) else None
+    def _add_count(self, phrase: Phrase, token: str) -> Phrase | None:
+        if token == "of" and phrase.has_referent:
+            return phrase if make_singular(self._peek_next_token()) in self.nouns | set(COLORS) else None
         if token.isdigit():
             return replace(phrase, number=int(token))
-        return replace(phrase, number=_NUMBERS.index(token)) if token in _NUMBERS and not phrase.is_whole else None
+        return replace(phrase, number=_NUMBERS.index(token)) if token in _NUMBERS and not phrase.has_referent else None
 
-    def _grow_look(self, phrase: Phrase, token: str) -> Phrase | None:
+    def _add_color_or_size(self, phrase: Phrase, token: str) -> Phrase | None:
         """Colour and size stand before what they belong to."""
-        if phrase.is_whole:
+        if phrase.has_referent:
             return None
         if token in COLORS and not self._is_named_by_color(token):
             return replace(phrase, colors=(*phrase.colors, token))
-        size = _read_size(token)
+        size = _parse_size_word(token)
         if size is not None:
             return replace(phrase, sizes=(*phrase.sizes, size))
         if token in _PLAIN and phrase.article:
@@ -428,11 +428,11 @@ class _ClauseReader:
 
     def _is_named_by_color(self, token: str) -> bool:
         """Whether a colour is a part of a name: orange juice."""
-        return token == "orange" and self._following() == "juice" and "juice" in self.nouns
+        return token == "orange" and self._peek_next_token() == "juice" and "juice" in self.nouns
 
-    def _grow_name(self, phrase: Phrase, token: str) -> Phrase | None:
+    def _add_noun(self, phrase: Phrase, token: str) -> Phrase | None:
         word = make_singular(token)
-        if token in OTHERS or (token in PRONOUNS and not phrase.is_whole):
+        if token in OTHERS or (token in PRONOUNS and not phrase.has_referent):
             return replace(phrase, pronoun=token)
         named = word in self.nouns and (word not in COLORS or self._is_named_by_color(word))
         if named or word in GENERIC or token == "table":
@@ -443,7 +443,7 @@ class _ClauseReader:
 _ARTICLES = {"the", "a", "an", "its", "their", "every", "each", "all", "both", "any", "no", "another"}
 
 
-def _read_size(token: str) -> tuple[int, int, bool] | None:
+def _parse_size_word(token: str) -> tuple[int, int, bool] | None:
     """A word of size, its superlative too."""
     if token in _SIDES:
         return _SIDES[token]
@@ -455,12 +455,12 @@ def _read_size(token: str) -> tuple[int, int, bool] | None:
     return None
 
 
-def _complete_colors(requests: Sequence[Request]) -> None:
+def _share_noun_among_colors(requests: Sequence[Request]) -> None:
     """``the red and the blue block``: the noun of the last one is that of all."""
     for request in requests:
         for phrases in (request.movers, *(places for _, places in request.relations)):
             nouns: tuple[str, ...] = ()
             for index in range(len(phrases) - 1, -1, -1):
-                if not phrases[index].is_whole:
+                if not phrases[index].has_referent:
                     phrases[index] = replace(phrases[index], nouns=nouns)
                 nouns = phrases[index].nouns or nouns

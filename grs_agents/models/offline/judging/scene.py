@@ -73,7 +73,7 @@ class Thing:
         """What it is called, with its number."""
         return f"the {self.called} #{self.id}"
 
-    def stands_in(self, areas: Set[int]) -> bool:
+    def is_initially_in_any(self, areas: Set[int]) -> bool:
         """Whether it stands at the start in or on one of some things."""
         return any(number in areas for _, number in self.stood)
 
@@ -104,15 +104,15 @@ class Scene:
         """What a phrase may mean; only what is loose if ``movable``."""
         things = self.things.values()
         # what its description mentions counts where nothing else is called so
-        found = [thing for thing in things if _fits(thing, phrase, True)]
-        found = found or [thing for thing in things if _fits(thing, phrase, False)]
+        found = [thing for thing in things if _matches_phrase(thing, phrase, True)]
+        found = found or [thing for thing in things if _matches_phrase(thing, phrase, False)]
         if movable:
             found = [thing for thing in found if not thing.fixed and not (phrase.pronoun in OTHERS and thing.has_moved)]
         for measure, sign, greatest in phrase.sizes:
             found = _select_by_size(found, measure, sign, greatest)
         return found
 
-    def all_under(self, references: Sequence[Reference]) -> set[Reference]:
+    def trace_final_supports(self, references: Sequence[Reference]) -> set[Reference]:
         """The references, and those of what carries them at the end."""
         found, waiting = set[Reference](), list(references)
         while waiting:
@@ -124,11 +124,12 @@ class Scene:
 
     def lies(self, thing: Thing, how: str, places: Sequence[Thing]) -> bool:
         """Whether a thing ends in or on one of some others, and one of its goals asks for it."""
-        wanted = {(word, place.id) for place in places for word in _same_as(how, place)}
-        if not wanted & self.all_under(thing.ends):
+        wanted = {(word, place.id) for place in places for word in _list_equivalent_relations(how, place)}
+        if not wanted & self.trace_final_supports(thing.ends):
             return False
         return any(
-            bool(goal) and all(wanted & self.all_under(references) for references in goal) for goal in thing.goals
+            bool(goal) and all(wanted & self.trace_final_supports(references) for references in goal)
+            for goal in thing.goals
         )
 
     def gap(self, one: Thing, other: Thing) -> float:
@@ -142,11 +143,11 @@ def distance_between(one: Thing, at: Sequence[float], other: Thing, there: Seque
     return math.hypot(*(max(0.0, side) for side in sides))
 
 
-def _same_as(how: str, place: Thing) -> tuple[str, ...]:
+def _list_equivalent_relations(how: str, place: Thing) -> tuple[str, ...]:
     return ("in", "on") if how == "at" or place.category in _FLAT else (how,)
 
 
-def _fits(thing: Thing, phrase: Phrase, closely: bool) -> bool:
+def _matches_phrase(thing: Thing, phrase: Phrase, closely: bool) -> bool:
     words, seen = (thing.names, {thing.color}) if closely else (thing.words, thing.colors)
     nouns = {noun for noun in phrase.nouns if noun not in GENERIC}
     colors = {*phrase.colors, *(noun for noun in nouns if noun in COLORS and noun not in words)}
@@ -169,13 +170,13 @@ def parse_scene(rows: Sequence[Json], goals: str) -> Scene:
     """The things of the prompt's rows, with what its sentences ask of them."""
     wanted: dict[int, list[tuple[int, tuple[tuple[Reference, ...], ...]]]] = {}
     for line in goals.splitlines():
-        for number, places in _parse_goal(line):
+        for number, places in _parse_goal_sentence(line):
             wanted.setdefault(number, []).append((int(line.partition(".")[0]), places))
-    things = [_parse_thing(row, wanted.get(int(row["id"]), [])) for row in rows]
+    things = [_parse_table_thing(row, wanted.get(int(row["id"]), [])) for row in rows]
     return Scene({thing.id: thing for thing in things}, "pushes things" in goals)
 
 
-def _parse_goal(line: str) -> Iterator[tuple[int, tuple[tuple[Reference, ...], ...]]]:
+def _parse_goal_sentence(line: str) -> Iterator[tuple[int, tuple[tuple[Reference, ...], ...]]]:
     """Each object of a sentence with the places that will do; what no place is told of has an empty one."""
     form = _GOAL.match(line)
     if form is None:
@@ -185,19 +186,19 @@ def _parse_goal(line: str) -> Iterator[tuple[int, tuple[tuple[Reference, ...], .
         for index, number in enumerate(numbers):
             yield number, ((("on", numbers[index - 1]),) if index else (),)
         return
-    places = tuple(tuple(_parse_references(text)) for text in form["places"].split("; or "))
+    places = tuple(tuple(_parse_place_references(text)) for text in form["places"].split("; or "))
     for number in numbers:
         yield number, places
 
 
-def _parse_references(text: str) -> Iterator[Reference]:
+def _parse_place_references(text: str) -> Iterator[Reference]:
     parts = re.split(r"#(\d+)", text)
     for before, number in zip(parts[::2], parts[1::2], strict=False):
         if words := _HOW.findall(before):
             yield words[-1], int(number)
 
 
-def _parse_thing(row: Json, asked: Sequence[tuple[int, tuple[tuple[Reference, ...], ...]]]) -> Thing:
+def _parse_table_thing(row: Json, asked: Sequence[tuple[int, tuple[tuple[Reference, ...], ...]]]) -> Thing:
     told = " ".join(str(row.get(key, "")) for key in ("called", "category"))
     described = str(row.get("description", ""))
     names = {make_singular(word) for word in split_words(told)}
@@ -218,8 +219,8 @@ def _parse_thing(row: Json, asked: Sequence[tuple[int, tuple[tuple[Reference, ..
         size=cast(Any, tuple(row["size"])),
         start=cast(Any, tuple(start)),
         end=cast(Any, tuple(row.get("end", start))),
-        stood=tuple(_parse_plain(row.get("stood", ()))),
-        ends=tuple(_parse_plain(row.get("ends", ()))),
+        stood=tuple(_parse_plain_references(row.get("stood", ()))),
+        ends=tuple(_parse_plain_references(row.get("ends", ()))),
         moved=float(row.get("moved", 0)),
         turned=float(row.get("turned", 0)),
         fixed=bool(row.get("fixed")),
@@ -231,7 +232,7 @@ def _parse_thing(row: Json, asked: Sequence[tuple[int, tuple[tuple[Reference, ..
     )
 
 
-def _parse_plain(texts: Sequence[str]) -> Iterator[Reference]:
+def _parse_plain_references(texts: Sequence[str]) -> Iterator[Reference]:
     """``in #5``."""
     for text in texts:
         how, _, number = text.partition(" #")

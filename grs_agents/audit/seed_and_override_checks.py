@@ -61,36 +61,40 @@ _RUNTIME: Final = frozenset({"Environment", "Oracle", "PushOracle"})
 def check_program(simulation: str) -> Finding:
     """The finding ``plain_program``."""
     source = read_source("simulation", simulation)
-    told = [(source.line, source.message)] if not isinstance(source, ProgramSource) else [*_find_faults(source)]
+    told = (
+        [(source.line, source.message)]
+        if not isinstance(source, ProgramSource)
+        else [*_find_seed_and_override_faults(source)]
+    )
     faults = [f"line {line}: {fault}" for line, fault in sorted(told)]
     bound = "a program must draw from the seed alone, and override no more than __init__, reset and additional_reset"
     otherwise = "it draws from nothing but the seed, and overrides nothing else"
-    return Finding.of_faults("plain_program", faults, otherwise, bound)
+    return Finding.from_fault_list("plain_program", faults, otherwise, bound)
 
 
-def _find_faults(source: ProgramSource) -> Iterator[tuple[int, str]]:
-    aliases = _find_aliases(source)
+def _find_seed_and_override_faults(source: ProgramSource) -> Iterator[tuple[int, str]]:
+    aliases = _map_aliases_to_modules(source)
     for node in source.nodes:
-        if fault := _describe_other_source(node, aliases) or _describe_override(node):
+        if fault := _describe_dependence_beyond_seed(node, aliases) or _describe_runtime_override(node):
             yield getattr(node, "lineno", 1), fault
-    for node in source.nodes_of(ast.ClassDef):
+    for node in source.nodes_of_type(ast.ClassDef):
         yield from _find_overriding_members(node)
 
 
-def _find_aliases(source: ProgramSource) -> dict[str, str]:
+def _map_aliases_to_modules(source: ProgramSource) -> dict[str, str]:
     """The modules that names mean."""
     return {
         alias.asname or alias.name.split(".")[0]: alias.name if alias.asname else alias.name.split(".")[0]
-        for node in source.nodes_of(ast.Import)
+        for node in source.nodes_of_type(ast.Import)
         for alias in node.names
     }
 
 
-def _describe_other_source(node: ast.AST, aliases: Mapping[str, str]) -> str:
+def _describe_dependence_beyond_seed(node: ast.AST, aliases: Mapping[str, str]) -> str:
     """What else than the seed a node draws from."""
     match node:
         case ast.ImportFrom():
-            told = _describe_import(node)
+            told = _describe_nonseed_import(node)
         case ast.Name(ctx=ast.Load()) if node.id in ("id", "hash") or aliases.get(node.id) in _MODULES:
             told = f"{node.id} tells something else than the seed"
         case ast.Call():
@@ -105,7 +109,7 @@ def _describe_other_source(node: ast.AST, aliases: Mapping[str, str]) -> str:
     return told
 
 
-def _describe_import(node: ast.ImportFrom) -> str:
+def _describe_nonseed_import(node: ast.ImportFrom) -> str:
     module, taken = node.module or "", {alias.name for alias in node.names}
     other = taken & _NAMES or taken - _HARMLESS.get(module, frozenset(taken))
     return f"it takes {min(taken)} from {module}" if module in _MODULES or other else ""
@@ -119,7 +123,7 @@ def _describe_unseeded_generator(call: ast.Call) -> str:
     return f"{name} without a seed draws from the machine" if seeds and unseeded else ""
 
 
-def _describe_override(node: ast.AST) -> str:
+def _describe_runtime_override(node: ast.AST) -> str:
     """What a node puts in place of the runtime's own, for one object."""
     if isinstance(node, ast.Name) and node.id in ("setattr", "delattr") and isinstance(node.ctx, ast.Load):
         return f"{node.id} may put something else in place of the runtime's own"
@@ -144,7 +148,7 @@ def _find_overriding_members(owner: ast.ClassDef) -> Iterator[tuple[int, str]]:
             yield node.lineno, f"{owner.name} overrides {name}, which the runtime answers"
 
 
-def find_answers_of_program(
+def find_expectations_taken_from_program(
     tests: str, simulation: str, modules: Sequence[str] = ("task_code",)
 ) -> Iterator[tuple[int, str]]:
     """Where tests take what they expect from the program that they test, with the line: its constants and its methods.
@@ -154,24 +158,24 @@ def find_answers_of_program(
     program, suite = read_source("simulation", simulation), read_source("tests", tests)
     if not isinstance(program, ProgramSource) or not isinstance(suite, ProgramSource):
         return
-    classes = {node.name for node in program.nodes_of(ast.ClassDef)}
-    for node in suite.nodes_of(ast.ImportFrom):
+    classes = {node.name for node in program.nodes_of_type(ast.ClassDef)}
+    for node in suite.nodes_of_type(ast.ImportFrom):
         for alias in node.names if node.module in modules else ():
             if alias.name not in classes and alias.name != "*":
                 yield node.lineno, f"they take {alias.name} from the program, which it tests itself by then"
-    said = _find_own_attributes(program) - suite.given_names
-    for node in suite.nodes_of(ast.Attribute):
+    said = _find_program_defined_attributes(program) - suite.bound_names
+    for node in suite.nodes_of_type(ast.Attribute):
         if node.attr in said and isinstance(node.ctx, ast.Load):
             yield node.lineno, f"they ask the program for {node.attr} instead of saying what is right"
 
 
-def _find_own_attributes(program: ProgramSource) -> set[str]:
+def _find_program_defined_attributes(program: ProgramSource) -> set[str]:
     """Attributes that a program gives its task, and methods of its own; but ids of objects, and what every task has."""
     given: set[str] = set()
-    for node in program.nodes_of(ast.Assign):
+    for node in program.nodes_of_type(ast.Assign):
         value = ast.unparse(node.value)
         targets = [part for target in node.targets for part in ast.walk(target)]
         given |= {one.attr for one in targets if isinstance(one, ast.Attribute) and "add_object(" not in value}
-    for owner in program.nodes_of(ast.ClassDef):
+    for owner in program.nodes_of_type(ast.ClassDef):
         given |= {node.name for node in owner.body if isinstance(node, ast.FunctionDef)}
     return given - set(dir(sim.Task())) - set(dir(sim.Environment))

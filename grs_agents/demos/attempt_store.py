@@ -21,7 +21,7 @@ _ARRAYS: Final = ("joint_positions", "joint_velocities", "tip", "suction", "obje
 _IMAGE: Final = "image:"
 
 
-class WorkFolder:
+class AttemptStore:
     """The attempts of one order. Raises ``InputError`` if the folder has those of another."""
 
     def __init__(self, path: Path, order: dict[str, Any]) -> None:
@@ -63,7 +63,7 @@ class WorkFolder:
         if isinstance(result, Dropped):
             self._rejected_attempt_files[attempt] = write_json(self._attempt_file(attempt, "json"), result.model_dump())
         else:
-            self._kept_attempt_files[attempt] = write_bytes(self._attempt_file(attempt, "npz"), _pack(result))
+            self._kept_attempt_files[attempt] = write_bytes(self._attempt_file(attempt, "npz"), _encode_as_npz(result))
 
     def _attempt_file(self, attempt: int, kind: str) -> Path:
         return self.path / f"attempt_{attempt:06d}.{kind}"
@@ -71,16 +71,16 @@ class WorkFolder:
     def demonstrations(self) -> Iterator[Demonstration]:
         """What there is, in the order of the attempts; one at a time is in memory."""
         for _, file in sorted(self._kept_attempt_files.items()):
-            yield _unpack(file)
+            yield _read_demonstration_npz(file)
 
-    def all_dropped(self) -> list[Dropped]:
+    def read_dropped_attempts(self) -> list[Dropped]:
         """What came to nothing, in the order of the attempts."""
         return [
             Dropped.model_validate_json(file.read_bytes()) for _, file in sorted(self._rejected_attempt_files.items())
         ]
 
 
-def _pack(demonstration: Demonstration) -> bytes:
+def _encode_as_npz(demonstration: Demonstration) -> bytes:
     """As an .npz file, lightly compressed: pictures of a simulation shrink to a third at little cost."""
     arrays: dict[str, Any] = {name: getattr(demonstration, name) for name in _ARRAYS}
     arrays |= {_IMAGE + name: images for name, images in demonstration.images.items()}
@@ -96,7 +96,7 @@ def _pack(demonstration: Demonstration) -> bytes:
     return buffer.getvalue()
 
 
-def _unpack(path: Path) -> Demonstration:
+def _read_demonstration_npz(path: Path) -> Demonstration:
     with zipfile.ZipFile(path) as file:
         header: dict[str, Any] = json.loads(file.read("header.json"))
         names = [name.removesuffix(".npy") for name in file.namelist() if name.endswith(".npy")]

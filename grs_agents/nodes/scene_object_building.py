@@ -26,7 +26,7 @@ from grs_agents.perception import (
     upright_box_from_aabb,
 )
 from grs_agents.perception.proxies import Proxy, primitive_proxy, write_proxy
-from grs_agents.perception.shapes import MeshFile, fit_mesh_file, view_object
+from grs_agents.perception.shapes import MeshFile, fit_mesh_file, make_object_view
 
 QUIET = 0.0005  # no depth camera has less noise, m
 
@@ -40,7 +40,7 @@ class MatchedCandidate:
     reply: MatchEvidence | None
 
 
-def drop_reason(candidate: MatchedCandidate, proxies: bool = True) -> str:
+def explain_why_no_scene_object(candidate: MatchedCandidate, proxies: bool = True) -> str:
     """Why a candidate is no object of the scene; empty if it is one. Without proxies it needs an asset."""
     if candidate.record.given and proxies:
         return ""
@@ -53,7 +53,9 @@ def drop_reason(candidate: MatchedCandidate, proxies: bool = True) -> str:
     return ""
 
 
-def place_object(candidate: MatchedCandidate, services: Services, taken: Sequence[str], photo: Photo) -> SceneObject:
+def place_asset_or_proxy(
+    candidate: MatchedCandidate, services: Services, taken: Sequence[str], photo: Photo
+) -> SceneObject:
     """Place the matched asset, or a proxy, where the photo shows it.
 
     A proxy is a primitive of the measured size until its shape is reconstructed (`reconstruct_proxy`).
@@ -97,7 +99,7 @@ def reconstruct_proxy(
 
     It is what the shape tool makes of the photo; where that has no shape, a primitive of the box's size.
     """
-    view = view_object(*photo, mask, box, max(photo[1].residual, QUIET))
+    view = make_object_view(*photo, mask, box, max(photo[1].residual, QUIET))
     config, folder = services.config, services.folder / "shapes"
     found = services.run_tool(config.tools.shape, view=view, folder=folder, model=config.shape.model).shape
     if isinstance(found, MeshFile):
@@ -164,6 +166,6 @@ def replace_by_proxy(
         is_object=True, shape=record.shape, description=item.description, color=item.color, category=item.category
     )
     candidate = MatchedCandidate(record, words, reply)
-    if reason := drop_reason(candidate, services.config.match.proxies):
+    if reason := explain_why_no_scene_object(candidate, services.config.match.proxies):
         return DroppedCandidate(id=item.id, reason=reason)
-    return place_object(candidate, services, taken, photo)
+    return place_asset_or_proxy(candidate, services, taken, photo)
