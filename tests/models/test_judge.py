@@ -33,8 +33,15 @@ TASKS: dict[str, list[Json]] = {
     ],
     "beside": [{"kind": "near", "objects": [TUNA], "reference": MILK, "distance": 0.06}],
     "swap": [{"objects": [RED], "place": BLUE}, {"objects": [BLUE], "place": RED}],
+    "unpack": [
+        {"kind": "in_zone", "objects": [TUNA], "reference": ZONE},
+        {"kind": "in_zone", "objects": [RED], "reference": ZONE},
+    ],
     "nudge": [{"objects": [MILK], "by": 0.03}, {"objects": [RAISINS], "by": 0.03}],
 }
+
+STARTS = {"unpack": {TUNA: (0.6, 0.12, 0.022), RED: (0.6, 0.12, 0.06)}}
+"""Where things start in a task, if elsewhere: the red block on the tuna, which is in the box."""
 
 
 def goal(asked: Json) -> Json:
@@ -52,9 +59,9 @@ def goal(asked: Json) -> Json:
 @cache
 def tell(name: str) -> TaskInWords:
     """One of the tasks, solved and told."""
-    asked = TASKS[name]
+    asked, starts, turn = TASKS[name], STARTS.get(name, {}), (0.0, 0.0, 0.0, 1.0)
     objects: list[Json] = [
-        {"id": number, "asset": asset, "pose": (position, (0.0, 0.0, 0.0, 1.0)), "category": category}
+        {"id": number, "asset": asset, "pose": (starts.get(number, position), turn), "category": category}
         for number, (asset, position, category) in THINGS.items()
     ]
     plain: dict[str, Any] = {"task": "T", "seed": 0, "max_steps": 8, "timestep": 0.004, "sixdof": False}
@@ -66,6 +73,7 @@ def tell(name: str) -> TaskInWords:
 
 
 HONEST = [
+    ("unpack", "Take the red block and the tuna out of the brown box and put them on the green zone."),
     ("pack", "Put the corn and the tuna into the open box."),
     ("pack", "Pack both cans into the brown box."),
     ("pack", "Pick up the can of corn and the can of tuna and put everything into the cardboard box."),

@@ -227,7 +227,7 @@ def _require_places_match_colors(things: Sequence[Thing], check: _RequestChecker
         return
     colors = {thing.color for thing in things}
     for thing in things:
-        for place in (check.scene.things[number] for _, number in check.scene.trace_final_supports(thing.ends)):
+        for place in (check.scene.things[number] for _, number in check.scene.trace_supports(thing.ends)):
             if place.fixed and place.color in colors - {thing.color}:
                 raise Differs(f"{thing.label} ends on {place.label}, the words sort by colour")
 

@@ -150,13 +150,13 @@ def _is_outside_of_place(thing: Thing, place: Thing, scene: Scene) -> bool:
     """Whether a thing ends neither in nor on another one, and not anywhere that its goal leaves open."""
     if any(how == "beside" for goal in thing.goals for references in goal for how, _ in references):
         return False
-    return place.id not in {number for _, number in scene.trace_final_supports(thing.ends)}
+    return place.id not in {number for _, number in scene.trace_supports(thing.ends)}
 
 
 def _is_taken_out_of_place(how: str, thing: Thing, place: Thing, scene: Scene) -> bool:
     del how
-    stood, ends = ({number for _, number in scene.trace_final_supports(row)} for row in (thing.stood, thing.ends))
-    return place.id in stood - ends
+    stood = {number for _, number in scene.trace_supports(thing.stood, at_start=True)}
+    return place.id in stood - {number for _, number in scene.trace_supports(thing.ends)}
 
 
 _HOLDS: dict[str, Callable[[str, Thing, Thing, Scene], bool]] = {

@@ -112,24 +112,24 @@ class Scene:
             found = _select_by_size(found, measure, sign, greatest)
         return found
 
-    def trace_final_supports(self, references: Sequence[Reference]) -> set[Reference]:
-        """The references, and those of what carries them at the end."""
+    def trace_supports(self, references: Sequence[Reference], at_start: bool = False) -> set[Reference]:
+        """The references, and those of what carries them at the end, or at the start."""
         found, waiting = set[Reference](), list(references)
         while waiting:
             reference = waiting.pop()
             if reference not in found:
                 found.add(reference)
-                waiting += self.things[reference[1]].ends if reference[0] == "on" else ()
+                carrier = self.things[reference[1]]
+                waiting += (carrier.stood if at_start else carrier.ends) if reference[0] == "on" else ()
         return found
 
     def lies(self, thing: Thing, how: str, places: Sequence[Thing]) -> bool:
         """Whether a thing ends in or on one of some others, and one of its goals asks for it."""
         wanted = {(word, place.id) for place in places for word in _list_equivalent_relations(how, place)}
-        if not wanted & self.trace_final_supports(thing.ends):
+        if not wanted & self.trace_supports(thing.ends):
             return False
         return any(
-            bool(goal) and all(wanted & self.trace_final_supports(references) for references in goal)
-            for goal in thing.goals
+            bool(goal) and all(wanted & self.trace_supports(references) for references in goal) for goal in thing.goals
         )
 
     def gap(self, one: Thing, other: Thing) -> float:
