@@ -89,7 +89,7 @@ class Run:
         return {seed: task.read_instance(seed) for seed in task.seeds}
 
     def film(self, path: Path | str, seed: int | None = None) -> Path:
-        """Film the scripted robot at the task of ``seed``, or the first, as .webp, .mp4 or .gif; returns the path."""
+        """Film the oracle at the task of ``seed``, or the first, as .webp, .mp4 or .gif; returns the path."""
         from grs_agents.views.film import make_rollout_shot, write_film
 
         write_film(make_rollout_shot(self.folder, seed), Path(path))

@@ -34,14 +34,15 @@ class ConfigError(InputError):
 class UnknownNameError(ConfigError):
     """A name that nothing has; the message lists the names that exist, nearest first."""
 
-    def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
+    def __init__(self, kind: str, name: str, valid: Iterable[str], why: str = "") -> None:
         names = sorted(set(valid))
         near = get_close_matches(name, names, n=_NEAREST, cutoff=0.3)
         count = len(names) if len(names) <= _FEW else _NEAREST
         shown = (near + [other for other in names if other not in near])[:count]
         more = f" and {len(names) - len(shown)} more" if len(names) > len(shown) else ""
         meant = suggest_name(name, names)
-        super().__init__(f"unknown {kind} {name[:80]!r}", f"{meant}use one of: {', '.join(shown) or '(none)'}{more}")
+        remedy = f"{meant}use one of: {', '.join(shown) or '(none)'}{more}"
+        super().__init__(f"unknown {kind} {name[:80]!r}{why}", remedy)
         self.kind, self.name, self.valid = kind, name, tuple(names)
 
 

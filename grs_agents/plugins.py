@@ -27,9 +27,9 @@ def load_named_class(kind: str, name: str, group: str, builtin: Iterable[str]) -
     """
     entries = entry_points(group=group)
     module, colon, attribute = name.partition(":")
-    unknown = UnknownNameError(kind, name, [*builtin, *entries.names, "package.module:Class"])
+    known = [*builtin, *entries.names, "package.module:Class"]
     if name not in entries.names and not (module and colon):
-        raise unknown
+        raise UnknownNameError(kind, name, known)
     folder = str(Path.cwd())
     if folder not in sys.path:
         sys.path.append(folder)
@@ -37,7 +37,8 @@ def load_named_class(kind: str, name: str, group: str, builtin: Iterable[str]) -
         found = entries[name].load() if name in entries.names else getattr(import_module(module), attribute)
     except Exception as error:  # whatever the user's own code raises
         if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
-            raise unknown from error
+            why = f": there is no module {error.name!r} in Python's path or in the current folder"
+            raise UnknownNameError(kind, name, known, why) from error
         raise broken_class_error(kind, name, error) from error
     if not callable(found):
         raise ConfigError(f"{kind} {name!r} is no class", "give package.module:Class")

@@ -50,6 +50,7 @@ def try_out(python: Path, folder: Path) -> None:
     call(grs, "list", folder=folder)
     run = json.loads(call(grs, "run", scene, "--out", folder / "run", "--json", folder=folder))
     assert run["status"] == "accepted", f"the sample scene ended in {run['status']}: {run.get('reason')}"
+    call(python, "-m", "grs_agents.examples.behaviour_cloning", "--help", folder=folder)
 
 
 def main() -> None:

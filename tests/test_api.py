@@ -36,6 +36,17 @@ def test_the_example_in_the_readme_runs(ran: dict[str, Any]) -> None:
     assert all(item.name in ran["printed"] for item in run.scene.objects)
 
 
+def test_the_page_on_python_follows_the_decisions_of_a_run(
+    ran: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    [example] = re.findall(r"```python\n(.*?)```", (README.parent / "docs" / "python.md").read_text("utf-8"), re.DOTALL)
+    with contextlib.chdir(tmp_path):
+        exec(example.replace('"groceries"', repr(str(ran["run"].folder))), {})  # whose scene it takes over
+    *told, last = capsys.readouterr().out.splitlines()
+    assert told and all(line.split()[0] in ("fix_code", "fix_test", "fix_task") for line in told)
+    assert ": accepted" in last
+
+
 def test_a_run_holds_what_it_made(ran: dict[str, Any]) -> None:
     run: Run = ran["run"]
     assert {item.asset for item in run.scene.objects} & set(run.task.assets)

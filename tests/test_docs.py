@@ -131,6 +131,13 @@ def test_every_command_of_a_page_exists(file: Path) -> None:
         assert {word for word in words if word.startswith("--")} <= options, words
 
 
+def test_every_page_is_on_the_first_one_and_in_the_navigation() -> None:
+    pages = {file.name for file in (ROOT / "docs").glob("*.md")} - {"index.md"}
+    assert set(re.findall(r"\]\((\w+\.md)\)", page("index.md"))) == pages
+    navigation = (ROOT / "mkdocs.yml").read_text("utf-8")
+    assert set(re.findall(r": (\w+\.md)$", navigation, re.MULTILINE)) == {*pages, "index.md"}
+
+
 def test_every_module_that_architecture_names_exists() -> None:
     text = re.sub(r"```.*?```", "", page("architecture.md"), flags=re.DOTALL)
     paths = re.findall(r"`([a-z_]+(?:/[a-z_0-9]+)+(?:\.\w+)?)`", text)

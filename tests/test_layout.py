@@ -39,7 +39,7 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"policies", "state", "demos"}),
     frozenset({"nodes", "grading"}),
     frozenset({"runs", "graphs/", "views"}),
-    frozenset({"api", "batch"}),
+    frozenset({"api", "batch", "examples"}),
     frozenset({"serving"}),
     frozenset({"cli"}),
     frozenset({"evals/", "__main__"}),

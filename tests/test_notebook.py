@@ -31,7 +31,7 @@ def test_the_notebook_runs_from_top_to_bottom(tmp_path: Path, monkeypatch: pytes
     random, scripted = (line.split(" ", 1) for line in told.splitlines() if "_policy" in line)
     assert (random[0], scripted[0]) == ("random_policy", "scripted_policy")
     assert not any(json.loads(random[1].lower()))
-    assert sum(json.loads(scripted[1].lower())) >= 3  # of four; it does not look at what is in its way
+    assert json.loads(scripted[1].lower()) == [True] * 4
     pictures = [
         kind for cell in notebook.cells for output in cell.get("outputs", ()) for kind in output.get("data", ())
     ]

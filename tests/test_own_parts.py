@@ -63,7 +63,7 @@ def own_server() -> tuple[Callable[[dict[str, str], str], tuple[int, dict[str, s
 
 
 def test_own_model_policy_and_prompt_and_two_authors_in_one_run(work: Path, small_scene: Path) -> None:
-    for page in ("models.md", "architecture.md"):
+    for page in ("models.md", "own_parts.md"):
         write_examples(page, work)
     (work / "mine" / "prompts").mkdir(exist_ok=True)
     shipped = content.content_path("prompts", "task").read_text("utf-8")
@@ -89,7 +89,7 @@ def test_own_model_policy_and_prompt_and_two_authors_in_one_run(work: Path, smal
 
 
 def test_a_tool_of_ones_own_is_listed_and_called(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_examples("architecture.md", work)
+    write_examples("own_parts.md", work)
     listed = json.loads(grs("--content", "mine", "list", "--json", folder=work).stdout)["tools"]
     assert listed["heaviest"] == "Name the heaviest of some assets."
     with contextlib.chdir(work):
@@ -100,14 +100,14 @@ def test_a_tool_of_ones_own_is_listed_and_called(work: Path, capsys: pytest.Capt
 
 def test_a_glb_a_urdf_and_an_arm_of_ones_own_make_a_task(work: Path) -> None:
     write_examples("assets.md", work)
-    trimesh.Scene(trimesh.creation.box((0.16, 0.02, 0.16))).export(work / "plate.glb")  # y is up in glTF
+    trimesh.Scene(trimesh.creation.box((0.16, 0.02, 0.16))).export(work / "saucer.glb")  # y is up in glTF
     (work / "brick.urdf").write_text(BRICK)
     (work / "arm.xml").write_text(GANTRY)
-    for file in ("plate.glb", "brick.urdf"):
+    for file in ("saucer.glb", "brick.urdf"):
         done = grs("assets", "import", file, folder=work)
         assert done.returncode == 0 and f"{Path(file).stem}/{Path(file).stem}.urdf: imported" in done.stderr
     for robot in ("ur5e", "arm.xml"):
         options = ["--set", f"robot={robot}", "--seeds", "1", "--json"]
-        done = grs("--content", "grs-content", "check", "brick_on_plate.py", *options, folder=work)
+        done = grs("--content", "grs-content", "check", "brick_on_saucer.py", *options, folder=work)
         found = json.loads(done.stdout)
         assert found["status"] == "accepted", (robot, found["audit"]["findings"])

@@ -79,7 +79,7 @@ def test_bundled_experiments_need_nothing_that_is_left_out() -> None:
 def test_the_wheel_puts_one_name_into_site_packages(wheel: set[str]) -> None:
     tops = {name.split("/")[0] for name in wheel}
     assert {top for top in tops if not top.endswith(".dist-info")} == {"grs_agents"}
-    assert "grs_agents/py.typed" in wheel
+    assert {"grs_agents/py.typed", "grs_agents/examples/behaviour_cloning.py"} <= wheel
 
 
 def test_the_wheel_carries_licence_and_entry_point(wheel: set[str]) -> None:

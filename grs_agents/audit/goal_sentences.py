@@ -52,7 +52,7 @@ class TaskInWords:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """What it is but for numbers: instances of one kind differ in places and sizes alone."""
+        """What it is but for lengths and turns. Places on the table count: words may name an order."""
         words = [re.sub(r"-?\d+ (cm|degrees)", "", sentence) for sentence in self.goals]
         return (
             *self.other_texts,

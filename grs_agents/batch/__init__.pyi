@@ -1,4 +1,5 @@
 from .batch import BatchOrder as BatchOrder
+from .batch import find_scenes_given_up as find_scenes_given_up
 from .batch import run_batch as run_batch
 from .diversity import describe_diversity as describe_diversity
 from .diversity import mark_repeated_tasks as mark_repeated_tasks

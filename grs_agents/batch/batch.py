@@ -22,8 +22,8 @@ from grs_agents.perception import short_scene_name
 from grs_agents.version import __version__
 
 _ORDER: Final = "batch.json"
-_SEEDS_PER_TASK: Final = 4
-"""So many seeds are tried for each task that is wanted: the offline author repeats itself in about one of three, and a
+_ROUNDS: Final = 4
+"""So often as many seeds are tried as tasks are wanting: the offline author repeats itself in about one of three, and a
 scene with few objects holds few tasks."""
 _WRITTEN_EVERY: Final = 2.0
 """Seconds: the files grow with the batch, and what a killed batch did not write is read from its runs again."""
@@ -49,8 +49,9 @@ class BatchOrder:
 def run_batch(order: BatchOrder, watch: Watcher = lambda _: None) -> BatchResults:
     """Make the runs below ``order.out``; ``watch`` hears of each as it ends.
 
-    Where ``order.tasks`` is given, seeds are tried until so many accepted tasks differ in name and goals, at most four
-    for each. The same order goes on where it was interrupted; one with more scenes or tasks adds runs.
+    Where ``order.tasks`` is given, seeds are tried until so many accepted tasks of a scene differ in name and goals:
+    one seed, then up to four times as many as tasks are wanting. The same order goes on where it was interrupted; one
+    with more scenes or tasks adds runs.
 
     Raises:
         InputError: the folder holds a batch with another configuration, or no cluster answers.
@@ -58,7 +59,7 @@ def run_batch(order: BatchOrder, watch: Watcher = lambda _: None) -> BatchResult
     _write_or_compare_batch_file(order)
     names = _assign_unique_scene_names(order.scenes)
     rows: dict[str, BatchRow] = {}
-    for _ in range(1 + _SEEDS_PER_TASK if order.tasks else 1):
+    for _ in range(1 + _ROUNDS if order.tasks else 1):
         jobs = [job for scene in order.scenes for job in _list_remaining_scene_jobs(order, scene, names[scene], rows)]
         if jobs:
             _run_jobs_into_rows(order, jobs, rows, watch)
@@ -97,6 +98,15 @@ def _list_remaining_scene_jobs(order: BatchOrder, scene: str, name: str, rows: d
     for number in range(len(made), len(made) + wanting):
         folder = f"{name}-{order.seed + number}"
         yield RunJob(folder, scene, order.seed + number, order.out.resolve() / folder, tuple(options), first)
+
+
+def find_scenes_given_up(order: BatchOrder, results: BatchResults) -> Iterator[str]:
+    """A line for each scene of an order that came to fewer different tasks than were wanted."""
+    for scene, name in _assign_unique_scene_names(order.scenes).items() if order.tasks else ():
+        made = [row for row in results.rows if row.scene == scene]
+        found = sum(row.status == "accepted" and not row.repeats for row in made)
+        if found < (order.tasks or 0):
+            yield f"{name}: {found} of {order.tasks} different tasks, given up after {len(made)} seeds"
 
 
 def summarize_rows(rows: Sequence[BatchRow]) -> BatchResults:

@@ -57,7 +57,8 @@ def import_source(
         collection = slugify_name(name) if name is not None else source_items.collection
         if not source_items.items and not source_items.refused:
             raise InputError(f"{source} holds no mesh, URDF or MJCF", "name a folder that does")
-        order = ImportRun(user_library_root(library), collection, options, Library().assets(), again, jobs)
+        shipped = frozenset(asset.name for asset in Library(content.content_root() / "assets" / "library").assets())
+        order = ImportRun(user_library_root(library), collection, options, Library().assets(), again, jobs, shipped)
         progress = Progress(len(source_items.items) + len(source_items.refused), as_json)
         return print_import_report(order.run(source_items, progress), library, as_json)
 

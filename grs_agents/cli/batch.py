@@ -10,7 +10,15 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents import terminal
-from grs_agents.batch import BatchOrder, BatchRow, list_scenes, read_results, run_batch, select_rows
+from grs_agents.batch import (
+    BatchOrder,
+    BatchRow,
+    find_scenes_given_up,
+    list_scenes,
+    read_results,
+    run_batch,
+    select_rows,
+)
 from grs_agents.cli.run_outputs import write_report
 from grs_agents.terminal import print_escaped, print_json
 
@@ -45,8 +53,10 @@ def run_batch_and_print_rows(
         results = run_batch(order)  # the page links the reports now; no run is made again
     _print_batch_rows(results.summary, select_rows(results.rows, where) if where else results.rows, order.out, as_json)
     verdicts = all(row.status in ("accepted", "rejected") for row in results.rows)
-    wanted = (order.tasks or 0) * len(order.scenes)
-    return 0 if verdicts and results.summary["different_tasks"] >= wanted else 1
+    given_up = list(find_scenes_given_up(order, results))
+    for line in given_up:
+        print_escaped(line, error=True)
+    return 0 if verdicts and not given_up else 1
 
 
 def list_batch(out: Path, where: str | None, as_json: bool) -> int:

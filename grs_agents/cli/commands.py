@@ -50,8 +50,8 @@ from grs_agents.cli.options import (
     build_recording_settings,
     build_variation_from_options,
     check_graph_is_scene,
+    find_unnamed_scene,
     load_effective_config,
-    read_scene_from_cassette,
     refuse_config_on_resume,
 )
 from grs_agents.terminal import print_escaped, print_json
@@ -139,7 +139,8 @@ def run(
     settings = [*build_recording_settings(record, cassette), *add_model_setting(settings, models)]
     refuse_config_on_resume(resume, config, settings, seed, unsafe)
     chosen = load_effective_config(config, settings, seed, unsafe).config
-    sys.exit(run_graph("run", scene or read_scene_from_cassette(cassette), chosen, out, resume, json, view, otel))
+    scene = scene or find_unnamed_scene(out if resume else None, cassette)
+    sys.exit(run_graph("run", scene, chosen, out, resume, json, view, otel))
 
 
 @app.command()

@@ -30,7 +30,7 @@ def _print_grade_table(run: Path, grade: Grade) -> None:
     for column in ("part", "value", "difficulty", "weight", "what it is"):
         table.add_column(column, overflow="fold", no_wrap=column != "what it is")
     for part in grade.parts:
-        value = f"{part.value:.3g} {part.unit}"
+        value = f"{part.value:.0%}" if part.unit == "share" else f"{part.value:.3g} {part.unit}"
         table.add_row(*map(Text, (part.name, value, f"{part.difficulty:.2f}", f"{part.weight:.1f}", part.meaning)))
     console.print(table)
     figures = grade.figures

@@ -118,13 +118,18 @@ def add_model_setting(settings: list[str] | None, models: list[str] | None) -> l
     return [*(settings or []), *([f"models.default={json.dumps(models)}"] if models else [])]
 
 
-def read_scene_from_cassette(cassette: str | None) -> Path:
-    """The scene of a recorded run, for a command that names none."""
-    from grs_agents.agents import read_cassette
+def find_unnamed_scene(resumed: Path | None, cassette: str | None) -> Path:
+    """The scene of the run that is resumed, or of a recorded one, for a command that names none."""
+    if resumed is not None:
+        from grs_agents.runs import read_record
 
-    if cassette is None:
-        raise InputError("grs run needs a scene", "name one, such as groceries, or a recorded run with --cassette")
-    return Path(read_cassette(cassette).scene)
+        return Path(read_record(resumed).source)
+    if cassette is not None:
+        from grs_agents.agents import read_cassette
+
+        return Path(read_cassette(cassette).scene)
+    remedy = "name one, such as groceries; --cassette FILE and --resume --out DIR have their own"
+    raise InputError("grs run needs a scene", remedy)
 
 
 def build_recording_settings(record: Path | None, cassette: str | None) -> list[str]:

@@ -105,7 +105,7 @@ def _judge_words_against_goals(
     audited: AuditedPrograms, instances: Sequence[TaskInstance], rollouts: Sequence[Rollout], services: Services
 ) -> tuple[Finding, ...]:
     """The finding ``words``: whether the goals of every kind of instance ask for what the words say; none without a
-    task. The judge is asked once for instances that differ in numbers alone.
+    task. The judge is asked once for instances that differ in lengths and turns alone.
     """
     if audited.task is None:
         return ()

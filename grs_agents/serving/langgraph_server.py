@@ -16,6 +16,7 @@ from langgraph.graph import END, START, StateGraph
 
 from grs_agents.config import load_config
 from grs_agents.errors import InputError
+from grs_agents.perception import resolve_scene_path
 from grs_agents.runs import GIVEN, Order, Views, execute_run, load_graph
 from grs_agents.state import RunState
 from grs_agents.trace import EventLog
@@ -58,12 +59,14 @@ def build_served_graph(name: str) -> StateGraph[Answer, None, RunState, Answer]:
     def run(state: RunState, config: RunnableConfig) -> dict[str, Any]:
         settings: list[str] = [*config.get("configurable", {}).get("set", ()), f"graph={name}"]
         if not state.get("scene_path"):
-            raise InputError("the request names no scene", "give the state a scene_path: a folder, a file, or bop:...")
+            remedy = "give the state a scene_path: a folder, a file, bop:..., or a sample scene by its name"
+            raise InputError("the request names no scene", remedy)
+        scene = resolve_scene_path(Path(state["scene_path"]))
         thread = str(config.get("configurable", {}).get("thread_id", ""))
         waiting = _waiting.pop(thread, None)
         given = {key: value for key, value in state.items() if key not in GIVEN}
         command = "run" if getattr(load_graph(name), "VERDICT", True) else "scene"
-        order = Order(command, Path(state["scene_path"]), load_config(None, settings).config, given=given, nested=True)
+        order = Order(command, scene, load_config(None, settings).config, given=given, nested=True)
         if waiting is not None:
             order = replace(order, out=waiting, resume=True)
         with _remember_waiting_run_folder(thread) as views:

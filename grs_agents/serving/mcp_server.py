@@ -29,7 +29,7 @@ from grs_agents.views import find_step_by_number, group_events_into_steps, iter_
 if TYPE_CHECKING:
     from mcp.server.mcpserver import MCPServer
 
-_INSTRUCTIONS = """GRS turns a photo with depth of a table into a simulated robot task that a scripted robot has solved.
+_INSTRUCTIONS = """GRS turns a photo with depth of a table into a simulated robot task that an oracle has solved.
 `scene` finds the objects of a photo. Write a simulation program of a task with them (a subclass of CLIPort's Task) and
 `check` it. `rollout`, `render` and `show` look at a run. Lengths are metres in the robot frame: x forward, y left, z up
 from the table top."""
@@ -60,7 +60,7 @@ class GrsTools:
         return {"folder": str(seen.folder), **seen.scene.model_dump(mode="json", include={"objects", "warnings"})}
 
     def check(self, simulation: Source, tests: Tests = None, scene: Scene = None) -> dict[str, Any]:
-        """Check a simulation program in the sandbox: its tests, then the audit, in which a scripted robot solves it."""
+        """Check a simulation program in the sandbox: its tests, then the audit, in which the oracle solves it."""
         with tempfile.TemporaryDirectory(prefix="grs-mcp-") as folder:
             program = write_text(Path(folder) / "task_code.py", simulation)
             suite = None if tests is None else write_text(Path(folder) / "test_task_code.py", tests)
@@ -72,7 +72,7 @@ class GrsTools:
         }
 
     def rollout(self, folder: Folder, seed: Seed) -> dict[str, Any]:
-        """Let the scripted robot solve a task instance of a run: reward, actions, contacts."""
+        """Let the oracle solve a task instance of a run: reward, actions, contacts."""
         instance, roots = _read_instance(folder, seed)
         return self._call_tool_by_name("rollout", instance=instance.model_dump(mode="json"), library_roots=roots)
 

@@ -1,6 +1,15 @@
 """How different the tasks of a batch are."""
 
-from grs_agents.batch import BatchRow, describe_diversity, mark_repeated_tasks
+from pathlib import Path
+
+from grs_agents.batch import (
+    BatchOrder,
+    BatchResults,
+    BatchRow,
+    describe_diversity,
+    find_scenes_given_up,
+    mark_repeated_tasks,
+)
 
 
 def row(run: str, task: str, goals: tuple[str, ...], scene: str = "s", status: str = "accepted") -> BatchRow:
@@ -28,3 +37,21 @@ def test_the_same_goals_or_name_make_the_same_task() -> None:
 
 def test_one_task_has_no_distance() -> None:
     assert describe_diversity([row("a", "pack-a", ())])["mean_distance"] is None
+
+
+def test_a_scene_with_too_few_different_tasks_is_named() -> None:
+    rows = mark_repeated_tasks(
+        [
+            row("one", "pack-a", ("inside A -> C",), scene="home/table"),
+            row("same", "pack-a", ("inside A -> C",), scene="home/table"),
+            row("no", "pack-b", (), scene="home/table", status="rejected"),
+            *(row(name, f"pack-{name}", (f"inside {name} -> C",), scene="desk") for name in "abc"),
+        ]
+    )
+    results = BatchResults(summary={}, rows=tuple(rows))
+
+    def given_up(tasks: int | None) -> list[str]:
+        return list(find_scenes_given_up(BatchOrder(("home/table", "desk"), Path(), tasks), results))
+
+    assert given_up(2) == ["table: 1 of 2 different tasks, given up after 3 seeds"]
+    assert given_up(1) == given_up(None) == []

@@ -9,7 +9,7 @@ import pytest
 from grs_agents import content
 from tests.cli.command import grs
 
-DOCS = Path(__file__).parents[2] / "docs" / "architecture.md"
+DOCS = Path(__file__).parents[2] / "docs" / "own_parts.md"
 
 
 @pytest.fixture

@@ -84,8 +84,10 @@ def test_a_model_that_may_cost_money_is_not_asked_unconfirmed(home: Path, monkey
 def test_refused_assets_make_exit_status_1_and_are_named(tmp_path: Path) -> None:
     (tmp_path / "bad").mkdir()
     (tmp_path / "bad" / "hole.obj").write_text("v 0 0 0\n")
-    done = grs("assets", "import", "bad", "--library", "mine", folder=tmp_path)
+    trimesh.creation.box((0.1, 0.1, 0.02)).export(tmp_path / "bad" / "plate.stl")
+    done = grs("assets", "import", "bad", "--library", "mine", "--name", "plate", folder=tmp_path)
     assert done.returncode == 1 and "refused hole.obj" in done.stdout
+    assert "plate/plate.urdf: imported" in done.stderr and "takes the place of the asset" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -109,7 +109,7 @@ def test_a_bad_scene(tmp_path: Path, sample_scene: Path, spoil: Callable[[Path],
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
-        ("models.default=nobody:any", ("nobody", "offline")),
+        ("models.default=nobody:any", ("no module 'nobody' in Python's path or in the current folder", "offline")),
         ("models.default=openai:any", ("OPENAI_API_KEY",)),
         ("policy=guess", ("guess", "rules")),
         ("graph=grss", ("grss", "grs")),

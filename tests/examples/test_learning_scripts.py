@@ -1,9 +1,11 @@
-"""The scripts in examples/: what they name is there, and the one that needs numpy alone learns."""
+"""The scripts of `grs_agents.examples`: what they name is there, and the one that needs numpy alone learns."""
 
 import ast
+import contextlib
 import importlib
 import importlib.util
 import inspect
+import re
 import runpy
 from pathlib import Path
 
@@ -12,9 +14,10 @@ import pytest
 from grs_agents.base import Pose
 from grs_agents.envs import GrsEnv
 from grs_agents.sim import Goal, InstanceObject, TaskInstance
+from tests.cli.command import grs
 
 ROOT = Path(__file__).parent.parent.parent
-SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
+SCRIPTS = sorted((ROOT / "grs_agents" / "examples").glob("[!_]*.py"))
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -40,7 +43,7 @@ def test_a_script_fits_a_screen_and_names_what_there_is(script: Path) -> None:
 
 def test_the_page_and_the_scripts_name_one_another() -> None:
     page = (ROOT / "docs" / "use_your_task.md").read_text(encoding="utf-8")
-    assert SCRIPTS and all(f"examples/{script.name}" in page for script in SCRIPTS)
+    assert SCRIPTS and all(f"python -m grs_agents.examples.{script.stem} runs/" in page for script in SCRIPTS)
 
 
 def write_block_task(folder: Path) -> None:
@@ -59,17 +62,30 @@ def write_block_task(folder: Path) -> None:
     )
     block = InstanceObject(id=1, asset="block/block.urdf", pose=((0.5, -0.1, 0.02), UPRIGHT))
     task = TaskInstance(task="PutBlockLeft", seed=0, max_steps=2, timestep=0.004, objects=(block,), goals=(goal,))
-    (folder / "instances").mkdir()
+    (folder / "instances").mkdir(parents=True)
     (folder / "instances" / "seed_0.json").write_text(task.model_dump_json(), encoding="utf-8")
+
+
+def test_the_files_of_the_page_on_variations_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = (ROOT / "docs" / "variations.md").read_text(encoding="utf-8")
+    for name, text in re.findall(r"^```python\n# (\w+\.py)\n(.*?)^```", page, re.DOTALL | re.MULTILINE):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    run = tmp_path / "runs" / "boxes"
+    write_block_task(run)
+    assert grs("instances", str(run), "--seeds", "0:9", "--jitter", "0.03", folder=tmp_path).returncode == 0
+    with contextlib.chdir(tmp_path):
+        made = runpy.run_path("vary.py")
+        runpy.run_path("learn.py")
+    assert made["varied"].objects[0].pose != made["instance"].objects[0].pose
+    assert capsys.readouterr().out.splitlines()[-1] == "True"
 
 
 def test_behaviour_cloning_learns(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_block_task(tmp_path)
-    script = ROOT / "examples" / "behaviour_cloning.py"
-    monkeypatch.setattr("sys.argv", [str(script), str(tmp_path), "--demonstrations", "8", "--episodes", "4"])
-    runpy.run_path(str(script), run_name="__main__")
+    monkeypatch.setattr("sys.argv", ["", str(tmp_path), "--demonstrations", "8", "--episodes", "4"])
+    runpy.run_module("grs_agents.examples.behaviour_cloning", run_name="__main__")
     told = capsys.readouterr().out
     assert "8 demonstrations" in told
     assert "solved of 4: 4 by the policy, 0 by random decisions" in told

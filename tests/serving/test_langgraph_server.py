@@ -78,7 +78,7 @@ def test_what_a_request_leaves_out_is_named(tmp_path: Path, monkeypatch: pytest.
         serving.grs.compile().invoke(given(scene_path="nowhere"))
     (tmp_path / "photo").mkdir()
     with pytest.raises(ConfigError, match="needs task and scene"):
-        serving.router.compile().invoke(given(scene_path=str(content.content_path("assets", "scenes") / "groceries")))
+        serving.router.compile().invoke(given(scene_path="groceries"))
     with pytest.raises(ConfigError, match="policy"):
         serving.grs.compile().invoke(
             given(scene_path=str(content.content_path("assets", "scenes") / "groceries")),

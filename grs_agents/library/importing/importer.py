@@ -37,6 +37,7 @@ class ImportRun:
     known: tuple[Asset, ...] = ()  # assets whose size and mass are known
     again: bool = False  # import what was imported or refused before, too
     jobs: int = 1  # processes
+    shipped: frozenset[str] = frozenset()  # names of the assets in whose place one of this library would come
     _workers: SimpleQueue[Worker] = field(default_factory=SimpleQueue[Worker])
 
     def run(self, source: ImportSource, report: Callable[[ImportOutcome, bool], None]) -> list[ImportOutcome]:
@@ -123,6 +124,8 @@ class ImportRun:
         except RefusedError as error:
             return _make_refused_outcome(item.name, item.file, error, key), False
         notes = asset.origin.notes if asset.origin is not None else ()
+        if asset.name in self.shipped:
+            notes = (*notes, "it takes the place of the asset that GRS ships by that name, unless --name NAME differs")
         done = ImportOutcome(item=item.name, source=item.file, status="imported", notes=notes, key=key, asset=asset)
         return done.model_copy(update={"seconds": round(time.monotonic() - begin, 2)}), False
 

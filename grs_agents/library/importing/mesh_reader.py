@@ -39,6 +39,8 @@ def read_mesh(folder: SourceFolder, name: str, limits: ImportLimits, texture: st
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise RefusedError(f"{name} is not one of {', '.join(SUFFIXES)}", "convert it")
+    if not path.stat().st_size:
+        raise RefusedError(f"{name} is empty", "export it again")
     _check_face_count(path.name, _declared_face_count(path, suffix), limits)
     image = read_texture_image(folder.resolve_file(texture), limits.pixels) if texture else None
     if suffix == ".msh":

@@ -129,7 +129,7 @@ def render_film(drawn: Sequence[DrawnRollout]) -> str:
     for one in drawn:
         if one.rate and one.images:
             film = encode_animation(one.images, one.rate, "webp")
-            caption = f"The scripted robot at the task, seed {one.event.seed}: {one.event.outcome}"
+            caption = f"The oracle at the task, seed {one.event.seed}: {one.event.outcome}"
             return html.render_film(film, one.images[-1], caption)
     return ""
 

@@ -166,6 +166,7 @@ def write_malformed(folder: Path) -> dict[str, str]:
     (folder / "flat.obj").write_text("v 0 0 0\nv .1 0 0\nv 0 .1 0\nv .1 .1 0\nf 1 2 3\nf 2 4 3\n")
     (folder / "wild.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
     (folder / "noise.glb").write_bytes(b"glTF" + bytes(range(200)))
+    (folder / "empty.glb").touch()
     (folder / "static.stl").write_bytes(b"solid nothing")
     header = b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nelement face 10000000\nend_header\n"
     (folder / "huge.ply").write_bytes(header)
@@ -190,6 +191,7 @@ def write_malformed(folder: Path) -> dict[str, str]:
         "nan.obj": "not finite",
         "points.obj": "face",
         "flat.obj": "one plane",
+        "empty.glb": "empty.glb is empty",
         "huge.ply": "10000000 faces",
         "bare.obj": "does not exist",
         "rooted.obj": "no relative path",

@@ -1,6 +1,6 @@
 """Behaviour cloning with numpy alone: which object goes where next, learned from the expert of an accepted task.
 
-    python behaviour_cloning.py runs/mine --demonstrations 60 --episodes 50
+    python -m grs_agents.examples.behaviour_cloning runs/boxes --demonstrations 60 --episodes 50
 
 A decision is a whole pick and place. The policy first classifies (object, slot), since the expert may take any of
 several objects to any of several slots and a regression would aim between them; then it regresses the place within the

@@ -1,8 +1,8 @@
 """A policy of LeRobot, trained on `grs demos` and judged by LeRobot's own evaluation in the task's environment.
 
-grs demos runs/mine --episodes 100
-python lerobot_evaluation.py runs/mine                              # trains a small ACT on states first
-python lerobot_evaluation.py runs/mine --policy outputs/train/checkpoints/last/pretrained_model
+grs demos runs/boxes --episodes 100
+python -m grs_agents.examples.lerobot_evaluation runs/boxes              # trains a small ACT on states first
+python -m grs_agents.examples.lerobot_evaluation runs/boxes --policy outputs/train/checkpoints/last/pretrained_model
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """PPO with stable-baselines3: the tip learns to reach a place over the task's first object.
 
-python ppo_reach.py runs/mine --steps 20000
+python -m grs_agents.examples.ppo_reach runs/boxes --steps 20000
 """
 
 import argparse
