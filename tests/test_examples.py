@@ -65,7 +65,10 @@ def test_it_is_one_short_documented_task_that_keeps_to_the_prompts_rules(example
 def test_the_audit_accepts_it(example: Example, library: Library, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("grs_agents.sim.rollouts.HAND_NOISE", HAND_NOISE[:1])  # the audit judges by no other
     instance = instance_of(example, SEED, library)
-    done = rollout(TaskInstance.model_validate_json(instance.model_dump_json()), library, trials=3)
+    copied = TaskInstance.model_validate_json(instance.model_dump_json())
+    done = rollout(copied, library, trials=3)
+    if any(trial.score < AuditConfig().reward for trial in done.trials):  # then more decide, as in a run
+        done = rollout(copied, library, trials=5)
     report = audit_task([instance], [], [done], AuditConfig(seeds=1), library)
     assert report.accepted, [finding.detail for finding in report.findings if not finding.passed]
     assert len(done.moved) >= 2
