@@ -74,6 +74,7 @@ def tell(name: str) -> TaskInWords:
 
 HONEST = [
     ("unpack", "Take the red block and the tuna out of the brown box and put them on the green zone."),
+    ("unpack", "Take the tuna and the red block out of the open box and put them on the green zone."),
     ("pack", "Put the corn and the tuna into the open box."),
     ("pack", "Pack both cans into the brown box."),
     ("pack", "Pick up the can of corn and the can of tuna and put everything into the cardboard box."),

@@ -51,7 +51,7 @@ def _list_places_for_phrase(how: str, phrase: Phrase, for_each: bool, scene: Sce
     one = phrase.article == "the" and not phrase.plural and not for_each
     if not (found and one):
         return [None]
-    return narrow_to_things_meant(phrase, _prefer_hollow_things(found) if how == "in" else found)
+    return narrow_to_things_meant(phrase, _prefer_hollow_things(found) if how in ("in", "outof") else found)
 
 
 def _prefer_hollow_things(found: list[Thing]) -> list[Thing]:
