@@ -87,6 +87,7 @@ def _adapt_spec_to_mujoco_3_3(made: WorldSpec) -> None:
     """Leave out what MuJoCo 3.3 does not read, and hold objects by adhesion."""
     spec = made.spec
     spec.option.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    spec.option.sleep_tolerance = mujoco.MjSpec().option.sleep_tolerance  # as it is by default, it is not written
     for actuator in spec.actuators:
         actuator.ctrlspec = 0  # what the command means is a word that MuJoCo 3.3 does not know
     for joint in spec.joints:

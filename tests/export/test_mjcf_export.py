@@ -153,7 +153,7 @@ def test_what_the_readme_says_of_suction_works(export: Export) -> None:
 def test_the_portable_scene_lacks_what_old_versions_do_not_read_and_its_cup_lifts(export: Export) -> None:
     made = export(portable=True)
     text = made.scene.read_text("utf-8")
-    assert not re.search(r"sleep=|input=|suction_|damping=\"[^\"]* ", text)
+    assert not re.search(r"sleep=|sleep_tolerance|input=|suction_|damping=\"[^\"]* ", text)
     assert "multiccd" in text and "tie_0" in text
     assert lift(made) > 0.08
 
