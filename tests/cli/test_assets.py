@@ -87,7 +87,7 @@ def test_refused_assets_make_exit_status_1_and_are_named(tmp_path: Path) -> None
     trimesh.creation.box((0.1, 0.1, 0.02)).export(tmp_path / "bad" / "plate.stl")
     done = grs("assets", "import", "bad", "--library", "mine", "--name", "plate", folder=tmp_path)
     assert done.returncode == 1 and "refused hole.obj" in done.stdout
-    assert "plate/plate.urdf: imported" in done.stderr and "takes the place of the asset" in done.stderr
+    assert "plate/plate.urdf: imported" in done.stderr and "takes the place of the shipped asset" in done.stderr
 
 
 @pytest.mark.parametrize(

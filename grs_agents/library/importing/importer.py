@@ -125,7 +125,7 @@ class ImportRun:
             return _make_refused_outcome(item.name, item.file, error, key), False
         notes = asset.origin.notes if asset.origin is not None else ()
         if asset.name in self.shipped:
-            notes = (*notes, "it takes the place of the asset that GRS ships by that name, unless --name NAME differs")
+            notes = (*notes, "it takes the place of the shipped asset of that name; --name COLLECTION avoids it")
         done = ImportOutcome(item=item.name, source=item.file, status="imported", notes=notes, key=key, asset=asset)
         return done.model_copy(update={"seconds": round(time.monotonic() - begin, 2)}), False
 
