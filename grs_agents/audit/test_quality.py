@@ -78,10 +78,10 @@ def _describe_mock_or_own_task(node: ast.AST) -> str:
 def check_tests_exercise_program(faults: Sequence[tuple[int, str]], runs: Sequence[SuiteRun]) -> Finding:
     """They test the program: nothing is mocked, and an episode at full reward ran the instance that was audited."""
     told = [f"line {line}: {fault}" for line, fault in faults]
-    told += [f"{run.replaced} was replaced while they ran" for run in runs[:1] if run.replaced]
-    solved = sum(run.solved for run in runs[:1])
+    told += [f"{name} was replaced while they ran" for name in sorted({run.replaced for run in runs} - {""})[:1]]
+    solved = sum(run.solved for run in runs)
     if not solved:
-        seen = {run.difference for run in runs[:1]} - {""}
+        seen = sorted({run.difference for run in runs} - {""})[:1]
         told += ["no episode of theirs solved the task instance that was audited"]
         told += [f"the last scene they set up differs from it in: {difference}" for difference in seen]
     otherwise = f"{solved} episodes at full reward ran the audited task instance"

@@ -13,13 +13,7 @@ from grs_agents.geometry import FloatArray
 from grs_agents.library import Library
 from grs_agents.perception import SceneDescription
 from grs_agents.sim import InstanceObject, Rollout, TaskInstance
-from grs_agents.sim.world import (
-    Prism,
-    collider_prisms_at_pose,
-    load_object_model,
-    margins_inside_outline,
-    object_prism_at_pose,
-)
+from grs_agents.sim.world import Prism, find_prisms_at_pose, load_object_model, margins_inside_outline
 
 SEEN: Final = 0.4
 """Share of a thing's area, seen from above, that nothing may cover both at the start and at the end."""
@@ -77,9 +71,8 @@ def _prisms_by_object_id(
     surfaces: dict[int, list[Prism]] = {}
     for item in items:
         model = load_object_model(item, library)
-        pose = poses.get(item.id, item.pose)
-        whole = object_prism_at_pose(model, pose, item.id)
-        surfaces[item.id] = collider_prisms_at_pose(model, pose, item.id) if model.colliders else [whole]
+        parts, whole = find_prisms_at_pose(model, poses.get(item.id, item.pose), item.id)
+        surfaces[item.id] = parts or [whole]
     return surfaces
 
 

@@ -42,14 +42,13 @@ def probe_tests(audited: AuditedPrograms, solved: SolvedInstances, services: Ser
         {"name": f"mutant {number}", "instance": first, **_describe_mutant(mutant)}
         for number, mutant in enumerate(mutants)
     ]
-    repeats = _run_suite_in_new_process(audited, again[:-1], services)
-    last, tried = _run_suite_among_mutants(audited, again[-1], faulty, services)
+    repeats, tried = _run_suite_among_mutants(audited, again, faulty, services)
     faults = list(find_test_integrity_faults(audited.tests, ("task_code", audited.name)))
     faults += find_expectations_taken_from_program(audited.tests, audited.simulation, ("task_code", audited.name))
     faults += find_runtime_accesses_of_program(audited.simulation)
     return (
-        check_tests_exercise_program(faults, repeats),
-        check_tests_pass_repeatedly((*repeats, *last)),
+        check_tests_exercise_program(faults, (*repeats, *tried)),
+        check_tests_pass_repeatedly(repeats),
         check_tests_fail_on_mutants(mutants, tried),
     )
 
@@ -59,21 +58,22 @@ def _describe_mutant(mutant: Mutant) -> Json:
 
 
 def _run_suite_among_mutants(
-    audited: AuditedPrograms, again: Json, faulty: list[Json], services: Services
+    audited: AuditedPrograms, again: list[Json], faulty: list[Json], services: Services
 ) -> tuple[list[Any], list[Any]]:
-    """What comes of a further run somewhere among those of the mutants, and of these.
+    """What comes of further runs somewhere among those of the mutants, and of these.
 
-    They run in a process of their own, a mutant first, so that a suite which counts its runs, or keeps the first scene
-    that it sees, cannot tell them apart by that. Where the further run stands depends on the two programs.
+    One process has all of them, a mutant first, so that a suite which counts its runs, or keeps the first scene that it
+    sees, cannot tell them apart by that. Where the further runs stand depends on the two programs.
     """
-    if not faulty:
-        return _run_suite_in_new_process(audited, [again], services), []
+    order = list(faulty)
     digest = hashlib.sha256(f"{audited.simulation}\0{audited.tests}".encode()).digest()
-    place = 1 + int.from_bytes(digest[:8]) % len(faulty)
-    outcomes = _run_suite_in_new_process(audited, [*faulty[:place], again, *faulty[place:]], services)
-    last, tried = outcomes[place], [*outcomes[:place], *outcomes[place + 1 :]]
-    hung = last.ended == "not_run" and any(one.ended == "stopped" for one in tried)  # in a mutant before it
-    return [] if hung else [last], tried
+    for number, run in enumerate(again):
+        order.insert(1 + digest[number] % max(1, len(order)), run)
+    outcomes = {one.name: one for one in _run_suite_in_new_process(audited, order, services)}
+    hung = [run for run in again if outcomes[run["name"]].ended == "not_run"]
+    if hung and any(outcomes[mutant["name"]].ended == "stopped" for mutant in faulty):  # in a mutant before them
+        outcomes |= {one.name: one for one in _run_suite_in_new_process(audited, hung, services)}
+    return [outcomes[run["name"]] for run in again], [outcomes[mutant["name"]] for mutant in faulty]
 
 
 def _run_suite_in_new_process(audited: AuditedPrograms, runs: list[Json], services: Services) -> list[Any]:

@@ -11,6 +11,7 @@ from grs_agents.base import Frozen, Pose
 from grs_agents.errors import GrsError
 from grs_agents.library import Library
 from grs_agents.sim.cliport import Environment, Task, end_effectors
+from grs_agents.sim.expert import Oracle
 from grs_agents.sim.goals import (
     Overlap,
     SceneView,
@@ -123,6 +124,7 @@ def rollout(
     task = InstanceTask(instance)
     env = Environment(task=task, library=library, seed=instance.seed, robot=instance.robot)
     env.timestep = instance.timestep
+    oracle = task.oracle(env)
     initial: dict[int, Pose] = {}
     begin = 0.0
     reachable: tuple[int, ...] = ()
@@ -136,7 +138,7 @@ def rollout(
         reachable = _reachable_object_ids(env, task)
         recorder = Recording(env.physics, task.ids) if recording is not None else None
         begin = float(env.physics.data.time)
-        run_oracle(env, task)
+        run_oracle(env, task, oracle=oracle)
     except GrsError as error:
         env.recorder.stop = make_stop_from_error(error)
     final = _object_poses(env, task) if initial else {}
@@ -161,17 +163,24 @@ def rollout(
     seconds = max(float(env.physics.data.time) - begin, LEAST_IDLE)
     if episode.outcome == "success":
         done = done.model_copy(update=_measure_supports_and_neighbours(env, task))
-        done = done.model_copy(update={"trials": tuple(_run_noisy_trials(env, task, trials))})
+        done = done.model_copy(update={"trials": tuple(_run_noisy_trials(env, task, oracle, trials))})
     return done.model_copy(update=_measure_idle_episode(env, task, seconds))
 
 
-def run_oracle(env: Environment, task: Task, noise: float = 0.0, rng: np.random.Generator | None = None) -> None:
-    """Let the oracle act in a reset environment until it is done or stops; ``env.episode`` says how it went.
+def run_oracle(
+    env: Environment,
+    task: Task,
+    noise: float = 0.0,
+    rng: np.random.Generator | None = None,
+    oracle: Oracle | None = None,
+) -> None:
+    """Let the oracle act in a reset environment until it is done or stops; ``env.episode`` says how it went. One that
+    has solved the task before remembers what it planned.
 
     With ``rng`` the hand misses each pose of an action by up to ``noise`` metres, alike in all directions; what it does
     not get hold of it tries to take again, as a robot does that feels no vacuum.
     """
-    agent, done = task.oracle(env), False
+    agent, done = oracle or task.oracle(env), False
     while not done:
         action = agent.act()
         if action is None:
@@ -189,7 +198,7 @@ def _displace_pose(pose: Pose, noise: float, rng: np.random.Generator) -> Pose:
     return (x + away * float(np.cos(angle)), y + away * float(np.sin(angle)), z), rotation
 
 
-def _run_noisy_trials(env: Environment, task: InstanceTask, count: int) -> Iterator[NoisyTrial]:
+def _run_noisy_trials(env: Environment, task: InstanceTask, oracle: Oracle, count: int) -> Iterator[NoisyTrial]:
     """``count`` episodes with the least noise, and where these are several one with each larger one, until fewer than
     half succeed."""
     task.max_steps = _PICKS * task.instance.max_steps
@@ -198,7 +207,8 @@ def _run_noisy_trials(env: Environment, task: InstanceTask, count: int) -> Itera
         for trial in range(count):
             try:
                 env.reset()
-                run_oracle(env, task, noise, np.random.default_rng((task.instance.seed, int(1000 * noise), trial)))
+                rng = np.random.default_rng((task.instance.seed, int(1000 * noise), trial))
+                run_oracle(env, task, noise, rng, oracle)
             except GrsError as error:
                 env.recorder.stop = make_stop_from_error(error)
             episode = env.current_episode

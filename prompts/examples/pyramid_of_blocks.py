@@ -17,7 +17,7 @@ class PyramidOfBlocks(Task):
 
     def reset(self, env):
         super().reset(env)
-        side, pitch = 0.04, 0.045
+        side, pitch = 0.04, 0.05
         yaw = float(env.rng.uniform(-np.pi / 4, np.pi / 4))
         center = ((0.50, float(env.rng.uniform(-0.15, 0.15)), 0.001), utils.eulerXYZ_to_quatXYZW((0, 0, yaw)))
         mat = self.fill_template("zone/zone-template.urdf", {"DIM": (0.20, 0.10, 0.002), "COLOR": utils.COLORS["gray"]})

@@ -111,6 +111,10 @@ class Arm:
         """Position (3,) of the tip, m, and its rotation (3, 3) from the tool straight down at joints (dof,)."""
         return self._arm_model.tip_pose(joints)
 
+    def tip_poses(self, path: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As ``tip_pose``, (N, 3) and (N, 3, 3), at joint positions (N, dof)."""
+        return self._arm_model.tip_poses(path)
+
     def solve_ik_tool_down(self, tips: FloatArray, yaws: FloatArray, seed: FloatArray | None = None) -> FloatArray:
         """Joint positions (N, dof) along a path of the tip (N, 3; m), tool down: continuous, NaN where the arm cannot.
         The ``yaws`` (N,) are not wrapped, so that a path may turn on and on. It begins at ``seed``, None for home."""

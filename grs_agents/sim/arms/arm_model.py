@@ -71,6 +71,17 @@ class ArmModel:
         tool = np.array(self._data.site_xmat[self._site]).reshape(3, 3)
         return np.array(self._data.site_xpos[self._site]), tool @ DOWN
 
+    def tip_poses(self, path: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As ``tip_pose``, (N, 3) and (N, 3, 3), for joint positions (N, dof)."""
+        model, data = self._model, self._data
+        positions, tools = np.empty((len(path), 3)), np.empty((len(path), 9))
+        joints, tip, tool = data.qpos, data.site_xpos[self._site], data.site_xmat[self._site]
+        for row, values in enumerate(path):
+            joints[:] = values
+            mujoco.mj_kinematics(model, data)
+            positions[row], tools[row] = tip, tool
+        return positions, tools.reshape(-1, 3, 3) @ DOWN
+
     def inertia_matrix(self, joints: FloatArray) -> FloatArray:
         """The inertia (dof, dof) that the joints feel at positions (dof,): kg m^2, or kg of a slide."""
         model, data = self._model, self._data

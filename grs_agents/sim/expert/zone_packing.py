@@ -71,8 +71,19 @@ def pack_objects_into_zone(
 ) -> dict[int, Spot]:
     """Spots for as many members as fit together, the first one before all others; empty if it does not fit.
 
-    ``host`` is the id of what covers the zone, if anything does: they stand on it or in it, else on the table.
+    ``host`` is the id of what covers the zone, if anything does: they stand on it or in it, else on the table. Episodes
+    of one task begin alike, so a plan is remembered with all that it depends on.
     """
+    key = (zone, tuple(members), lift, host, view.arrangement)
+    if key not in view.packings:
+        view.packings[key] = _pack_as_many_as_fit(zone, members, view, lift, host)
+    packed: dict[int, Spot] = view.packings[key]
+    return packed
+
+
+def _pack_as_many_as_fit(
+    zone: Zone, members: Sequence[int], view: SceneView, lift: float, host: int
+) -> dict[int, Spot]:
     region = zone_to_region(zone)
     first, rest = members[0], sorted(members[1:], key=lambda number: -float(np.prod(view.object_extent_xy(number))))
     orders = [[first, *rest]]

@@ -6,7 +6,7 @@ The scores and the oracle share the rules of support and of lying still.
 import copy
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -38,9 +38,16 @@ def tilt_of_pose(pose: Pose) -> float:
 
 
 class SceneView:
-    """What the oracle looks at when it plans one action; ``stated`` are all goals, ``open_goals`` those not met yet."""
+    """What the oracle looks at when it plans one action; ``stated`` are all goals, ``open_goals`` those not met yet.
+    ``packings`` is what was planned for scenes on this table before, by all that such a plan depends on."""
 
-    def __init__(self, table: Tabletop, stated: Sequence[Goal], open_goals: Sequence[Goal]) -> None:
+    def __init__(
+        self,
+        table: Tabletop,
+        stated: Sequence[Goal],
+        open_goals: Sequence[Goal],
+        packings: dict[Any, Any] | None = None,
+    ) -> None:
         self._table, self.physics = table, table.physics
         self.arm, self.bounds, self.places, self.ties = table.arm, table.bounds, table.places, table.object_ties
         self.stated_goals, self.open_goals = stated, open_goals
@@ -48,6 +55,14 @@ class SceneView:
         self._models = {number: table.object_model(number) for number in self._items}
         self.prisms: list[Prism] = table.collider_prisms()
         self._supposed: dict[int, Prism] = {}
+        self.packings: dict[Any, Any] = {} if packings is None else packings
+
+    @property
+    def arrangement(self) -> tuple[Any, ...]:
+        """What stands where, to compare scenes by."""
+        return tuple(
+            (item.id, item.asset, repr(item.fill), item.category, item.role, item.pose) for item in self._items.values()
+        )
 
     def copy_with_object_poses(self, poses: Mapping[int, Pose]) -> "SceneView":
         """The same scene with some objects elsewhere: what a plan would bring about."""

@@ -12,6 +12,7 @@ from grs_agents.sim.arms import DOWN, ROBOT_CONTYPE, joint_paths
 from grs_agents.sim.instance import InstanceObject, SimulationError
 from grs_agents.sim.world.budget import Budget
 from grs_agents.sim.world.compilation import World, reset_world_to_poses
+from grs_agents.sim.world.contact_free_motion import ContactFreeMotion
 from grs_agents.sim.world.suction import Cup, is_supported
 
 _STILL: Final = 0.01
@@ -22,11 +23,11 @@ _ARRIVED: Final = 0.002
 """Radians from the end of a motion at which the next one begins: 1 mm of the tip."""
 _TOP_SPEED: Final = 0.95
 """How much of its joints' speeds the arm is told to use, since it swings a little beyond."""
-_COARSE: Final = 2
-"""How many time steps one of a free hand's stands for. What is held stays with one: its weld would give way more."""
-_FREE_STRIDE, _FEELING_STRIDE, _HELD_STRIDE = 8, 2, 2
-"""Time steps that a command of the arm lasts: of a free hand, of one that feels its way, and of one that holds
-something. Each leads evenly to the next. With four, a tall carton held 5 mm aside tipped off the cup in 10 of 60."""
+_FREE_STRIDE, _HELD_STRIDE = 8, 2
+"""Time steps that a command of the arm lasts, of a free hand and of one that holds something; each leads evenly to the
+next. With four, a tall carton held 5 mm aside tipped off the cup in 10 of 60."""
+_AGAIN: Final = 16
+"""Time steps of the dynamics after which the arm tries once more to go on without them."""
 _GENTLE: Final = 0.15
 """Fastest a body may be pushed out of another while the scene settles at reset, m/s."""
 _WARNINGS: Final = (
@@ -66,6 +67,7 @@ class Physics:
         self._stiffness: FloatArray = np.array(self.model.actuator_gainprm[: self.dof, 0])
         self._lead: FloatArray = -self.model.actuator_biasprm[: self.dof, 2] / self._stiffness
         self.cup = Cup(world, self.data)
+        self._contact_free = ContactFreeMotion(world, self.data, self.cup)
         self.observer: Callable[[], None] | None = None
         self.observer_period = 1  # time steps between two calls of the observer
         self._unobserved = 0
@@ -139,43 +141,41 @@ class Physics:
         self.data.qpos[start : start + 7] = (*position, w, x, y, z)
         mujoco.mj_forward(self.model, self.data)
 
-    def step(self, count: int = 1, coarse: bool = False) -> None:
-        """Simulate ``count`` time steps; what pulls too hard at the cup meanwhile is let go (``cup.slip``).
-        ``coarse``: steps twice as long, half as many, while nothing that is awake touches anything."""
+    def step(self, count: int = 1) -> None:
+        """Simulate ``count`` time steps; what pulls too hard at the cup meanwhile is let go (``cup.slip``)."""
         self.budget.spend_steps(count)
         cup, observer = self.cup, self.observer
         while count > 0:
             part = count if cup.held is None else min(count, cup.due)
-            if observer is not None and not coarse:
-                part = min(part, self.observer_period - self._unobserved)
-            self._advance(part, coarse)
             if observer is not None:
-                self._unobserved += part
-                if self._unobserved >= self.observer_period:
-                    self._unobserved = 0
-                    observer()
+                part = min(part, self.observer_period - self._unobserved)
+            self._advance(part)
+            self._count_unobserved(part)
             count -= part
             if cup.held is not None:
                 cup.release_if_overloaded(part)
 
-    def _advance(self, count: int, coarse: bool) -> None:
-        data, option = self.data, self.model.opt
+    def _advance(self, count: int) -> None:
+        data = self.data
         expected = data.time + count * self.timestep
-        if coarse and data.ncon == 0 and count % _COARSE == 0:
-            option.timestep = _COARSE * self.timestep
-            mujoco.mj_step(self.model, data, count // _COARSE)
-            option.timestep = self.timestep
-        else:
-            mujoco.mj_step(self.model, data, count)
+        mujoco.mj_step(self.model, data, count)
         if data.time < expected - self.timestep / 2 and self.diverged_at is None:
             self.diverged_at = expected - data.time  # where it diverges, MuJoCo begins anew at 0
 
-    def lead_arm(self, joints: FloatArray, count: int, coarse: bool = False, within: int = 0) -> None:
+    def _count_unobserved(self, steps: int) -> None:
+        """Call the observer when it is due after so many more time steps."""
+        if self.observer is not None:
+            self._unobserved += steps
+            if self._unobserved >= self.observer_period:
+                self._unobserved = 0
+                self.observer()
+
+    def lead_arm(self, joints: FloatArray, count: int, within: int = 0) -> None:
         """Step ``count`` times while the joint positions that the arm is told to keep go evenly to ``joints`` (dof,),
-        or as far as they come if it has ``within`` time steps for all of the way. ``coarse`` as ``step``."""
+        or as far as they come if it has ``within`` time steps for all of the way."""
         control = self.data.ctrl[: self.dof]
         control[:] = (joints - self._command) / (max(count, within) * self.timestep)
-        self.step(count, coarse)
+        self.step(count)
         control[:] = 0.0
 
     def hold_arm(self, joints: FloatArray) -> None:
@@ -280,22 +280,42 @@ class Physics:
 
     def follow_joint_path(self, path: FloatArray, stop: Callable[[], bool] | None = None) -> bool:
         """Drive the arm through joint positions (N, dof), one a time step or slower, as its joints' speeds allow.
-        True if it ended before: the cup let go, or ``stop`` held, which is asked after each command."""
+        True if it ended before: the cup let go, or ``stop`` held, which may hold where something touches alone.
+
+        Where nothing touches anything the arm is set along the path; what is touched is left to the dynamics.
+        """
         held = self.cup.held
         path = joint_paths.slow_to_speed_limits(path, self.timestep, _TOP_SPEED * self.arm.joint_speed_limits)
         rate = joint_paths.joint_speeds(path, self.timestep)
-        stride = _HELD_STRIDE if held is not None else _FREE_STRIDE
+        stride = _FREE_STRIDE if held is None else _HELD_STRIDE
         if stop is not None:
-            stride = _FEELING_STRIDE if held is None else 1
+            stride = _HELD_STRIDE if held is None else 1  # it feels its way
         # Ahead by what damping and inertia cost, the arm keeps to its path; else it would swing out to the side.
         torque = joint_paths.joint_speeds(rate, self.timestep) @ self.arm.inertia_matrix(path[len(path) // 2])
-        for command in (self.compensate_joint_damping(path, rate) + torque / self._stiffness)[stride - 1 :: stride]:
-            self.lead_arm(command, stride, coarse=held is None)
+        commands = self.compensate_joint_damping(path, rate) + torque / self._stiffness
+        gone = again = 0
+        while gone + stride <= len(path):
+            if gone >= again and self._contact_free.can_begin():
+                steps = self._contact_free.follow(path[gone:], rate[gone:], torque[gone:], self._pass_time)
+                gone += steps
+                again = gone + _AGAIN
+                if steps:
+                    self.cup.watch_anew()
+                    self.hold_arm(commands[gone - 1])
+                    continue
+            gone += stride
+            self.lead_arm(commands[gone - 1], stride)
             if self.cup.held != held or (stop is not None and stop()):
                 self.hold_arm(self.joint_positions)
                 return True
         self.hold_arm(path[-1])
         return False
+
+    def _pass_time(self, steps: int) -> None:
+        """Count time steps in which the arm was set along its path."""
+        self.budget.spend_steps(steps)
+        self.data.time += steps * self.timestep
+        self._count_unobserved(steps)
 
     def wait_for_joint_positions(self, joints: FloatArray, steps: int = 60) -> None:
         """Let the arm, which lags behind a fast motion, come to joint positions (dof,) in at most ``steps`` steps."""

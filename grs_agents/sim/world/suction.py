@@ -94,6 +94,12 @@ class Cup:
             mujoco.mj_jacSite(world.model, data, self._jacobian, None, world.tip_site)
             np.multiply(self._jacobian[2, : self._dof], self._weight, out=self._joint_forces)
 
+    def watch_anew(self) -> None:
+        """Take the load up anew, after the arm was set elsewhere."""
+        self.due, self._strained = WATCHED, False
+        if self.held is not None:
+            self._compensate_held_weight(self.held)
+
     def _set_cup_collisions(self, on: bool) -> None:
         """Whether the cup meets objects: while it holds one, the weld alone acts between them, and none fights it."""
         self._world.model.geom_contype[self._world.cup_geom] = ROBOT_CONTYPE if on else 0

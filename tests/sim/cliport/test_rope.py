@@ -81,7 +81,7 @@ def test_a_rope_stays_together_when_it_is_dragged_by_one_end() -> None:
 
 
 def test_a_rope_is_laid_along_a_line_from_data_alone_and_always_alike() -> None:
-    instance = instantiate(Laying(), 2)
+    instance = instantiate(Laying(), 3)
     assert len(instance.ties) == 19
     assert instance.pos_eps == 0.02
     text = instance.model_dump_json()
