@@ -46,6 +46,7 @@ class EpisodeMemory:
 
     def __init__(self) -> None:
         self._decisions: dict[Any, tuple[Action | None, Stop | None]] = {}
+        self.packings: dict[Any, Any] = {}
         self._actions: dict[Any, tuple[PickPlaceResult, Any, int]] = {}  # what was used last comes last
 
     def run_or_replay_action(self, env: Environment, pick: Pose, place: Pose, act: PickAndPlace) -> PickPlaceResult:
@@ -82,6 +83,7 @@ class RememberingOracle(Oracle):
     def __init__(self, oracle: Oracle, env: Environment, memory: EpisodeMemory) -> None:
         super().__init__(oracle.task, env)
         self._oracle, self._env, self._memory = oracle, env, memory
+        oracle.packings = memory.packings
         self._recorder: Any = None
         self._trail = 0
 

@@ -120,7 +120,7 @@ class Oracle:
         self.task, self.table = task, table
         self._episode: Any = None
         self._last: tuple[int, int] | None = None  # the attempt that the last action was
-        self._packings: dict[Any, Any] = {}
+        self.packings: dict[Any, Any] = {}  # see ``SceneView``; others may share them
         self._reset_episode_memory()
 
     def act(self, obs: Any = None, info: Any = None) -> Action | None:
@@ -163,7 +163,7 @@ class Oracle:
             return Stop("nothing_to_do", "the task states no goal: its reset() never calls add_goal")
         if not self.task.goals:
             return Stop("success", "every goal is met")
-        return self._plan_for_unmet_goals(SceneView(self.table, self.task.grs.stated, self.task.goals, self._packings))
+        return self._plan_for_unmet_goals(SceneView(self.table, self.task.grs.stated, self.task.goals, self.packings))
 
     def _plan_for_unmet_goals(self, view: SceneView) -> Action | Stop:
         """The next action for the goals that are not met, or why there is none."""

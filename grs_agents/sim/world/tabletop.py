@@ -49,6 +49,7 @@ class Tabletop:
         self.tool: spec.Tool = "suction"
         self.background = templates.defaults.background
         self._objects: dict[int, InstanceObject] = {}
+        self._copies: dict[int, tuple[InstanceObject, InstanceObject]] = {}  # objects with their last pose
         self._ties: list[InstanceTie] = []
         self._models: dict[int, ObjectModel] = {}
         self._physics: Physics | None = None
@@ -206,7 +207,12 @@ class Tabletop:
 
     def _copy_with_current_pose(self, item: InstanceObject) -> InstanceObject:
         pose = self.get_object_pose(item.id)
-        return item if pose is item.pose else item.model_copy(update={"pose": pose})
+        if pose is item.pose:
+            return item
+        known = self._copies.get(item.id)
+        if known is None or known[0] is not item or known[1].pose != pose:  # most things stand where they stood
+            known = self._copies[item.id] = (item, item.model_copy(update={"pose": pose}))
+        return known[1]
 
     @property
     def obj_ids(self) -> dict[str, list[int]]:
