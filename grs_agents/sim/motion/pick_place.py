@@ -300,10 +300,9 @@ class PickPlace:
         legs = plan_joint_legs(self.arm, poses, gaits, physics.commanded_joint_positions)
         if not self._is_joint_path_feasible(np.concatenate(legs)):
             return False
-        for leg in legs:
-            if physics.follow_joint_path(leg):
-                self.yaw, self.tilt = split_into_yaw_and_tilt(physics.suction_tip_rotation())
-                return False
+        if physics.follow_joint_path(*legs):
+            self.yaw, self.tilt = split_into_yaw_and_tilt(physics.suction_tip_rotation())
+            return False
         physics.wait_for_joint_positions(legs[-1][-1])
         self.yaw, self.tilt = poses[-1].yaw, poses[-1].tilt
         return True
@@ -319,7 +318,7 @@ class PickPlace:
         (path,) = plan_joint_legs(self.arm, (start, end), (gait,), self.physics.commanded_joint_positions)
         if not self._is_joint_path_feasible(path):
             return False
-        self.physics.follow_joint_path(path, stop)
+        self.physics.follow_joint_path(path, stop=stop)
         return True
 
     def _is_joint_path_feasible(self, path: FloatArray) -> bool:

@@ -19,8 +19,8 @@ _FARTHEST: Final = 0.016
 """Metres that the tip moves between two looks for contact: about half of what a way keeps clear of things."""
 _PER_RADIAN: Final = 0.25
 """Metres that a radian of turning counts as."""
-_LONGEST: Final = 8
-"""Time steps between two looks at most, for who watches 30 times a second."""
+_OFTEN, _SELDOM = 8, 32
+"""Time steps between two looks at most: of who feels the way, and else."""
 _SHORTEST: Final = 24
 """Time steps: for less of a way it does not pay."""
 
@@ -56,9 +56,19 @@ class ContactFreeMotion:
             return False
         return int(self._data.tree_awake[self._trees].sum()) == (held is not None)
 
-    def follow(self, path: FloatArray, speeds: FloatArray, torques: FloatArray, look: Callable[[int], None]) -> int:
+    def follow(
+        self,
+        path: FloatArray,
+        speeds: FloatArray,
+        torques: FloatArray,
+        pass_time: Callable[[int], None],
+        *,
+        feeling: bool = False,
+        watched: bool = False,
+    ) -> int:
         """Go along joint positions (N, dof), one for each time step from the next one on; ``speeds`` and ``torques``
-        (N, dof) are what they ask of the joints. ``look(steps)`` is called after each part of the way.
+        (N, dof) are what they ask of the joints. ``pass_time(steps)`` is called after each part of the way, for who
+        watches 30 times a second. One who is ``feeling`` the way expects contact.
 
         Returns how many time steps of it were gone: all, or fewer where something would be touched next; none where
         the dynamics have to say what comes of it.
@@ -69,26 +79,43 @@ class ContactFreeMotion:
         way = _TipPath(rows, path[rows], *self._world.arm.tip_poses(path[rows]))
         if self._cup.held is not None and self._would_let_go(self._cup.held, way):
             return 0
-        before = np.array(self._data.qpos)
-        place, velocities = self._make_placer(way), self._data.qvel[: self._dof]
-        gone, last = 0, -1
-        for index in _choose_looks(way):
+        before, place, last = np.array(self._data.qpos), self._make_placer(way), -1
+        for index in _choose_looks(way, _OFTEN if feeling else _SELDOM):
             place(index)
             if self._data.ncon:
                 break
-            velocities[:] = speeds[rows[index]]
-            look(int(rows[index]) + 1 - gone)
-            gone, last = int(rows[index]) + 1, index
+            if watched:
+                self._show_between(last, index, rows, speeds, place, pass_time)
+            else:
+                pass_time(_steps_between(last, index, rows))
+            last = index
         else:
             self._take_up_speed(path[-1], np.zeros(self._dof))  # a way ends at rest
-            return gone
+            return len(path)
         if last < 0:
             self._data.qpos[:] = before
             mujoco.mj_forward(self._model, self._data)
             return 0
         place(last)
+        gone = int(rows[last]) + 1
         self._take_up_speed(path[gone - 1], speeds[gone - 1])
         return gone
+
+    def _show_between(
+        self,
+        last: int,
+        end: int,
+        rows: npt.NDArray[np.int_],
+        speeds: FloatArray,
+        place: Callable[[int], None],
+        pass_time: Callable[[int], None],
+    ) -> None:
+        """Pass through every second row after the ``last`` one up to ``end``, for who watches."""
+        for index in [*range(last + 2, end, 2), end]:
+            place(index)
+            self._data.qvel[: self._dof] = speeds[rows[index]]
+            pass_time(_steps_between(last, index, rows))
+            last = index
 
     def _would_let_go(self, number: int, way: _TipPath) -> bool:
         """Whether weight and inertia of what is held are more than the cup bears, somewhere on the way."""
@@ -159,11 +186,17 @@ class ContactFreeMotion:
         mujoco.mj_forward(model, data)
 
 
-def _choose_looks(way: _TipPath) -> list[int]:
-    """At which of its rows to look for contact: the last one, and as many as a look's greatest distance asks for."""
+def _steps_between(first: int, second: int, rows: npt.NDArray[np.int_]) -> int:
+    """Time steps from one row to another; -1 stands for where the way begins."""
+    return int(rows[second]) - (int(rows[first]) if first >= 0 else -1)
+
+
+def _choose_looks(way: _TipPath, longest: int) -> list[int]:
+    """At which of its rows to look for contact: the last one, as many as a look's greatest distance asks for, and none
+    more than ``longest`` time steps from the one before."""
     moved, turned = np.diff(way.tips, axis=0), np.diff(way.tools, axis=0)
     steps: FloatArray = np.sqrt((moved * moved).sum(axis=1))
     steps += _PER_RADIAN * np.sqrt((turned * turned).sum(axis=(1, 2)) / 2)  # the angle, as long as it is small
-    parts: FloatArray = np.maximum(steps / _FARTHEST, np.diff(way.rows) / _LONGEST)
+    parts: FloatArray = np.maximum(steps / _FARTHEST, np.diff(way.rows) / longest)
     gone = np.floor(np.cumsum(parts))
     return [*np.flatnonzero(gone[1:] > gone[:-1]).tolist(), len(way.rows) - 1]

@@ -278,25 +278,31 @@ class Physics:
         of them by what the joints' damping costs."""
         return path + speeds * self._lead
 
-    def follow_joint_path(self, path: FloatArray, stop: Callable[[], bool] | None = None) -> bool:
-        """Drive the arm through joint positions (N, dof), one a time step or slower, as its joints' speeds allow.
-        True if it ended before: the cup let go, or ``stop`` held, which may hold where something touches alone.
+    def follow_joint_path(self, *legs: FloatArray, stop: Callable[[], bool] | None = None) -> bool:
+        """Drive the arm through joint positions (N, dof), one a time step or slower, as its joints' speeds allow; it
+        rests between legs. True if it ended before: the cup let go, or ``stop`` held, which may hold where something
+        touches alone.
 
         Where nothing touches anything the arm is set along the path; what is touched is left to the dynamics.
         """
         held = self.cup.held
-        path = joint_paths.slow_to_speed_limits(path, self.timestep, _TOP_SPEED * self.arm.joint_speed_limits)
-        rate = joint_paths.joint_speeds(path, self.timestep)
         stride = _FREE_STRIDE if held is None else _HELD_STRIDE
         if stop is not None:
             stride = _HELD_STRIDE if held is None else 1  # it feels its way
+        path, rate, torque = (np.concatenate(parts) for parts in zip(*map(self._pace_leg, legs), strict=True))
         # Ahead by what damping and inertia cost, the arm keeps to its path; else it would swing out to the side.
-        torque = joint_paths.joint_speeds(rate, self.timestep) @ self.arm.inertia_matrix(path[len(path) // 2])
         commands = self.compensate_joint_damping(path, rate) + torque / self._stiffness
         gone = again = 0
         while gone + stride <= len(path):
             if gone >= again and self._contact_free.can_begin():
-                steps = self._contact_free.follow(path[gone:], rate[gone:], torque[gone:], self._pass_time)
+                steps = self._contact_free.follow(
+                    path[gone:],
+                    rate[gone:],
+                    torque[gone:],
+                    self._pass_time,
+                    feeling=stop is not None,
+                    watched=self.observer is not None,
+                )
                 gone += steps
                 again = gone + _AGAIN
                 if steps:
@@ -310,6 +316,13 @@ class Physics:
                 return True
         self.hold_arm(path[-1])
         return False
+
+    def _pace_leg(self, leg: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """A leg as slow as the joints' speeds allow, and their speeds and the torques (N, dof) that it costs."""
+        leg = joint_paths.slow_to_speed_limits(leg, self.timestep, _TOP_SPEED * self.arm.joint_speed_limits)
+        rate = joint_paths.joint_speeds(leg, self.timestep)
+        inertia = self.arm.inertia_matrix(leg[len(leg) // 2])
+        return leg, rate, joint_paths.joint_speeds(rate, self.timestep) @ inertia
 
     def _pass_time(self, steps: int) -> None:
         """Count time steps in which the arm was set along its path."""
