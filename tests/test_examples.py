@@ -13,13 +13,25 @@ from grs_agents.audit import audit_task
 from grs_agents.config import AuditConfig
 from grs_agents.content import content_root
 from grs_agents.library import Library
-from grs_agents.sim import HAND_NOISE, Task, TaskInstance, find_task_class, instantiate, rollout
+from grs_agents.sim import (
+    HAND_NOISE,
+    Environment,
+    InstanceTask,
+    Task,
+    TaskInstance,
+    find_task_class,
+    instantiate,
+    rollout,
+    run_oracle,
+)
 
 FOLDER = content_root() / "prompts" / "examples"
 EXAMPLES = read_examples(FOLDER)
 EVERY = pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.name)
 IMPORTED = {"grs_agents.sim", "math", "numpy"}
 SEED = 1
+FASTEST = 1.3
+"""Metres a second: what is held moves with the tool, which is to carry at 0.8."""
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +85,35 @@ def test_the_audit_accepts_it(example: Example, library: Library, monkeypatch: p
     assert report.accepted, [finding.detail for finding in report.findings if not finding.passed]
     assert len(done.moved) >= 2
     assert done.warnings + instance.warnings == ()
+
+
+@EVERY
+def test_nothing_moves_further_between_two_looks_than_its_speed_allows(example: Example, library: Library) -> None:
+    instance = instance_of(example, SEED, library)
+    task = InstanceTask(instance)
+    env = Environment(task=task, library=library, seed=SEED)
+    env.timestep = instance.timestep
+    env.reset()
+    physics = env.physics
+    bodies = [physics.world.bodies[number] for number in physics.world.addresses]
+    starts = [int(physics.model.body_dofadr[body]) for body in bodies]
+    excess: list[float] = []
+    time, places, speeds = float(physics.data.time), np.array(physics.data.xpos[bodies]), np.zeros(len(bodies))
+
+    def look() -> None:
+        nonlocal time, places, speeds
+        before, earlier, slower = time, places, speeds
+        time, places = float(physics.data.time), np.array(physics.data.xpos[bodies])
+        speeds = np.linalg.norm([physics.data.qvel[start : start + 3] for start in starts], axis=1)
+        held = np.array([number == physics.held_object_id for number in physics.world.addresses])
+        allowed = np.where(held, FASTEST, np.maximum(speeds, slower)) * (time - before)
+        excess.append(float((np.linalg.norm(places - earlier, axis=1) - allowed).max(initial=0.0)))
+
+    physics.observer = look
+    run_oracle(env, task)
+    assert env.physics is physics
+    assert len(excess) > 100
+    assert max(excess) < 5e-5
 
 
 @EVERY

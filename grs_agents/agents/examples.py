@@ -34,12 +34,13 @@ class Example(Frozen):
     @property
     def word_stem_counts(self) -> Counter[str]:
         """Stems of the words it is described in: names, docstrings, sentences and assets, not the code."""
-        tree = parse_python(self.source)
-        texts = [
-            node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)
-        ]
-        names = [node.name for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
-        return _count_word_stems([self.name, *names, *texts])
+        texts = [self.name]
+        for node in ast.walk(parse_python(self.source)):
+            if isinstance(node, ast.ClassDef):
+                texts.append(node.name)
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                texts.append(node.value)
+        return _count_word_stems(texts)
 
 
 def read_examples(folder: Path) -> tuple[Example, ...]:
