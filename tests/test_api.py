@@ -72,8 +72,10 @@ def test_what_is_wrong_is_refused_before_anything_runs(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
-def test_a_stream_that_is_stopped_can_be_resumed(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    stream = grs_agents.stream("groceries", out=tmp_path / "run")
+def test_a_stream_that_is_stopped_can_be_resumed(
+    known_scene: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    stream = grs_agents.stream(str(known_scene), out=tmp_path / "run")
     assert next(stream).kind == "run_started"
     stream.stop()
     with pytest.raises(KeyboardInterrupt):
@@ -84,9 +86,9 @@ def test_a_stream_that_is_stopped_can_be_resumed(tmp_path: Path, capfd: pytest.C
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_cancelled_run_is_interrupted(tmp_path: Path) -> None:
+def test_a_cancelled_run_is_interrupted(small_scene: Path, tmp_path: Path) -> None:
     async def cancel() -> None:
-        going = asyncio.create_task(grs_agents.arun("groceries", out=tmp_path / "run"))
+        going = asyncio.create_task(grs_agents.arun(str(small_scene), out=tmp_path / "run"))
         while not (tmp_path / "run" / "events.jsonl").exists():
             await asyncio.sleep(0)
         going.cancel()
