@@ -37,6 +37,9 @@ TASKS: dict[str, list[Json]] = {
         {"kind": "in_zone", "objects": [TUNA], "reference": ZONE},
         {"kind": "in_zone", "objects": [RED], "reference": ZONE},
     ],
+    "aside": [{"objects": [TUNA], "at": (0.38, -0.15)}],
+    "askew": [{"objects": [TUNA], "at": (0.46, -0.24)}],
+    "in line": [{"objects": [TUNA], "at": (0.44, 0.0)}],
     "nudge": [{"objects": [MILK], "by": 0.03}, {"objects": [RAISINS], "by": 0.03}],
 }
 
@@ -52,7 +55,8 @@ def goal(asked: Json) -> Json:
         relation = {key: asked[key] for key in ("kind", "reference", "distance") if key in asked}
         return plain | {"matches": [[]] * count, "targets": [], "metric": "relation", "relation": relation}
     x, y, z = THINGS[asked.get("place", asked["objects"][0])][1]
-    target = ((x + asked.get("by", 0.0), y, z), (0.0, 0.0, 0.0, 1.0))
+    x, y = asked.get("at", (x + asked.get("by", 0.0), y))
+    target = ((x, y, z), (0.0, 0.0, 0.0, 1.0))
     return plain | {"matches": [[1]], "targets": [target], "metric": "pose"}
 
 
@@ -88,10 +92,16 @@ HONEST = [
     ("stack", "First put the corn can on the green mat, then stack the tuna on the corn."),
     ("beside", "Place the tuna next to the milk."),
     ("beside", "Bring the can of tuna close to the milk carton."),
+    ("aside", "Put the tuna left of the milk."),
+    ("in line", "Put the tuna to the left of the corn."),
     ("swap", "Let the red block and the blue block exchange their places."),
     ("swap", "Swap the red and the blue block."),
 ]
 WRONG = [
+    ("aside", "Put the tuna right of the milk."),
+    ("aside", "Put the tuna behind the milk."),
+    ("askew", "Put the tuna left of the milk."),
+    ("in line", "Put the tuna left of the milk."),
     ("pack", "Put the corn, the tuna and the milk into the open box."),
     ("pack", "Put the corn into the open box."),
     ("pack", "Put the corn and the tuna into the bowl."),

@@ -136,8 +136,23 @@ def _is_between(thing: Thing, one: Thing, other: Thing) -> bool:
 
 
 def _is_to_the_side(how: str, thing: Thing, place: Thing, scene: Scene) -> bool:
+    """Whether a thing ends rather to that side of another one than to the next side, and in line with no nearer one."""
+    along, across = _offset_to_side(how, thing, place)
+    in_line = across <= place.measure(1) / 2
+    if along <= _ASIDE or not (in_line or across <= along) or not _is_outside_of_place(thing, place, scene):
+        return False
+    return in_line or not any(
+        _ASIDE < nearer < along and off <= other.measure(1) / 2
+        for other in scene.things.values()
+        if other not in (thing, place)
+        for nearer, off in [_offset_to_side(how, thing, other)]
+    )
+
+
+def _offset_to_side(how: str, thing: Thing, place: Thing) -> tuple[float, float]:
+    """How far (m) a thing ends to a side of another one, and how far beside the line there."""
     axis, sign = _SIDES[how]
-    return _is_outside_of_place(thing, place, scene) and sign * (thing.end[axis] - place.end[axis]) > _ASIDE
+    return sign * (thing.end[axis] - place.end[axis]), abs(thing.end[1 - axis] - place.end[1 - axis])
 
 
 def _is_next_to_place(how: str, thing: Thing, place: Thing, scene: Scene) -> bool:
