@@ -39,7 +39,7 @@ TASKS: dict[str, list[Json]] = {
     ],
     "aside": [{"objects": [TUNA], "at": (0.38, -0.15)}],
     "askew": [{"objects": [TUNA], "at": (0.46, -0.24)}],
-    "in line": [{"objects": [TUNA], "at": (0.44, 0.0)}],
+    "in line": [{"objects": [TUNA], "at": (0.43, -0.02)}],
     "nudge": [{"objects": [MILK], "by": 0.03}, {"objects": [RAISINS], "by": 0.03}],
 }
 
