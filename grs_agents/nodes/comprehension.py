@@ -164,7 +164,7 @@ def segment_photo(state: RunState, services: Services) -> Update:
     """Segment what stands on the table into candidates, and place the robot in front of them."""
     frame, config, table = services.load_photo(state), services.config, _table_from_state(state)
     robot = robot_pixel_mask(frame, services.robot_name_or_path, services.library)
-    without_robot = replace(frame, depth=np.where(robot, np.float32(0), frame.depth))
+    without_robot = replace(frame, depth=np.where(robot, np.float32(0), frame.depth)) if robot.any() else frame
     # What is not set is not told, so that a tool need not take it.
     told = {"model": None, **config.segment.model_dump(exclude_defaults=True)}
     result = services.run_tool(config.tools.segment, frame=without_robot, table=table, **told)

@@ -30,6 +30,7 @@ from .image_geometry import label_connected_components as label_connected_compon
 from .image_geometry import mask_bounding_slices as mask_bounding_slices
 from .image_geometry import mask_outline_pixels as mask_outline_pixels
 from .image_geometry import pixels_by_label as pixels_by_label
+from .image_geometry import pixels_in_mask as pixels_in_mask
 from .image_geometry import points_in_hull_mask as points_in_hull_mask
 from .image_geometry import values_in_mask as values_in_mask
 from .picture_files import draw_candidate_overlay as draw_candidate_overlay
@@ -128,4 +129,6 @@ from .types import UprightBox as UprightBox
 from .types import is_reachable_position as is_reachable_position
 from .types import read_scene_description as read_scene_description
 from .working_resolution import downscale_frame as downscale_frame
+from .working_resolution import downscale_mask as downscale_mask
+from .working_resolution import repeat_cells as repeat_cells
 from .working_resolution import upscale_labels as upscale_labels

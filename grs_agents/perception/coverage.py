@@ -14,11 +14,16 @@ import numpy as np
 
 from grs_agents.perception.annotated_pictures import draw_numbered_regions
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.image_geometry import compute_percentiles, label_connected_components, pixels_by_label
+from grs_agents.perception.image_geometry import (
+    compute_percentiles,
+    label_connected_components,
+    pixels_by_label,
+    pixels_in_mask,
+)
 from grs_agents.perception.segmentation import foreground_pixel_mask, is_sensor_noise, smooth_frame_depth
 from grs_agents.perception.table_finding import pixels_to_robot_frame, robot_frame_point_map
 from grs_agents.perception.types import Aabb, Array, Coverage, Mask, RGBDFrame, TableFrame, UnownedRegion
-from grs_agents.perception.working_resolution import downscale_frame
+from grs_agents.perception.working_resolution import downscale_frame, repeat_cells
 
 CONFIG, SMALLEST = DEFAULT.coverage, DEFAULT.segmentation.filter.smallest
 PICTURE = "scene/coverage.png"
@@ -54,10 +59,7 @@ def raised_pixel_mask(frame: RGBDFrame, table: TableFrame, left_out: Mask | None
     above = _fill_enclosed_pixels(above, low | (smooth.depth <= 0))
     for _ in range(CONFIG.foot):
         above = above | (np.asarray(cv2.dilate(above.astype(np.uint8), KERNEL), np.bool_) & low)
-    height, width = above.shape
-    rows = np.minimum(np.arange(frame.camera.height, dtype=np.int64) // factor, height - 1)
-    columns = np.minimum(np.arange(frame.camera.width, dtype=np.int64) // factor, width - 1)
-    full = above[rows[:, None], columns[None]]
+    full = repeat_cells(above, frame, factor)
     if left_out is None:
         return full
     return full & ~np.asarray(cv2.dilate(left_out.astype(np.uint8), KERNEL, iterations=CONFIG.halo), np.bool_)
@@ -119,7 +121,7 @@ def _box_of_pixels(frame: RGBDFrame, table: TableFrame, mask: Mask) -> Aabb | No
     measured = frame.depth > 0
     if not (mask & measured).any():
         mask = np.asarray(cv2.dilate(mask.astype(np.uint8), KERNEL, iterations=CONFIG.thin), np.bool_)
-    points = pixels_to_robot_frame(frame, table, *np.nonzero(mask & measured))
+    points = pixels_to_robot_frame(frame, table, *pixels_in_mask(mask & measured))
     if not len(points):
         return None
     low, high = compute_percentiles(points, (1, 99)).round(4).tolist()

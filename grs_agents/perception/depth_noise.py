@@ -7,6 +7,7 @@ import numpy as np
 
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.types import RGBDFrame
+from grs_agents.perception.working_resolution import working_size_factor
 
 CONFIG = DEFAULT.noise
 NORMAL = 0.6745  # median of the absolute value of a standard normal variable
@@ -29,8 +30,10 @@ class DepthNoise:
 
 
 def measure_depth_noise(frame: RGBDFrame) -> DepthNoise:
-    """From second differences along rows: they are 0 on planes, and objects' edges are few."""
-    before, here, after = frame.depth[:, :-2], frame.depth[:, 1:-1], frame.depth[:, 2:]
+    """From second differences along rows: they are 0 on planes, and objects' edges are few; some rows of a large photo
+    are enough."""
+    depth = frame.depth[:: working_size_factor(frame)]
+    before, here, after = depth[:, :-2], depth[:, 1:-1], depth[:, 2:]
     known = (before > 0) & (here > 0) & (after > 0)
     if not known.any():
         return DepthNoise(0.0)

@@ -1,7 +1,7 @@
 """Small geometry on masks and footprints."""
 
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
 import cv2.typing
@@ -17,13 +17,23 @@ THINNEST = 0.012  # a footprint is at least this wide (m): thinner ones are seen
 ALIKE = 1.08  # rectangles of which the areas differ by less than this factor fit alike
 
 
+def depth_in_metres(units: "npt.NDArray[np.number[Any]]", scale: float) -> npt.NDArray[np.float32]:
+    """(H, W) depth of ``scale`` metres per unit, computed in 64 bits without a copy of the picture in them."""
+    return np.multiply(units, scale, out=np.empty(units.shape, np.float32), dtype=np.float64, casting="same_kind")
+
+
 def label_connected_components(mask: cv2.typing.MatLike, smallest: int) -> Labels:
     """Number the 4-connected components of at least ``smallest`` pixels from 1; the rest is 0."""
     _, found = cv2.connectedComponents(mask, connectivity=4)
     labels = np.asarray(found, np.int32)
-    large = np.bincount(labels.ravel()) >= max(smallest, 1)  # counted faster than with the components' other figures
+    if smallest <= 1:
+        return labels
+    pixels = np.flatnonzero(mask)
+    owners = labels.ravel().take(pixels)
+    large = np.bincount(owners, minlength=1) >= smallest  # counted faster than with the components' other figures
     large[0] = False
-    return np.where(large, np.cumsum(large), 0).astype(np.int32).take(labels)
+    labels.put(pixels, np.where(large, np.cumsum(large), 0).take(owners))
+    return labels
 
 
 def pixels_by_label(labels: Labels) -> list[Index]:
@@ -40,10 +50,28 @@ def values_in_mask(picture: npt.NDArray[Value], mask: Mask) -> npt.NDArray[Value
     return picture.reshape(-1, picture.shape[-1]).take(np.flatnonzero(mask), axis=0)
 
 
+def pixels_in_mask(mask: Mask) -> tuple[Index, Index]:
+    """Rows and columns of the pixels of a mask (H, W), as `np.nonzero`; many times as fast where they are few."""
+    rows, columns = np.divmod(np.flatnonzero(mask), mask.shape[1])
+    return rows, columns
+
+
 def mask_bounding_slices(mask: Mask) -> tuple[slice, slice]:
     """The least rows and columns that hold all of a mask (H, W)."""
-    left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
-    return slice(top, top + height), slice(left, left + width)
+    rows = np.flatnonzero(mask.any(axis=1))
+    if not len(rows):
+        return slice(0, 0), slice(0, 0)
+    tall = slice(int(rows[0]), int(rows[-1]) + 1)
+    columns = np.flatnonzero(mask[tall].any(axis=0))
+    return tall, slice(int(columns[0]), int(columns[-1]) + 1)
+
+
+def grow_window(window: tuple[slice, slice], reach: int) -> tuple[slice, slice]:
+    """Rows and columns of a picture, and so many more on each side as it has."""
+    rows, columns = window
+    return slice(max(0, rows.start - reach), rows.stop + reach), slice(
+        max(0, columns.start - reach), columns.stop + reach
+    )
 
 
 def mask_outline_pixels(mask: Mask) -> npt.NDArray[np.int32]:

@@ -10,9 +10,11 @@ import numpy.typing as npt
 
 from grs_agents.files import write_bytes
 from grs_agents.foreign import read_picture
-from grs_agents.perception.image_geometry import mask_bounding_slices
+from grs_agents.perception.image_geometry import depth_in_metres, mask_bounding_slices
 from grs_agents.perception.types import Camera, Candidate, CandidateRecord, Image, Mask, RGBDFrame
 
+ANNOTATED_SIDE = 1280
+"""Pixels of the longer side of the annotated photo at most: on a larger one its lines and numbers could not be seen."""
 COLORS = ((230, 60, 60), (60, 180, 75), (60, 110, 230), (245, 160, 40), (150, 60, 190), (60, 200, 220), (230, 80, 200))
 
 
@@ -25,7 +27,7 @@ def save_frame(frame: RGBDFrame, run: Path) -> dict[str, str]:
 
 def round_depth_as_saved(frame: RGBDFrame, source: str) -> RGBDFrame:
     """The frame that `load_frame` would read of what `save_frame` wrote: its depth is in whole units."""
-    metres = np.asarray(_to_depth_units(frame) * frame.camera.depth_scale, np.float32)
+    metres = depth_in_metres(_to_depth_units(frame), frame.camera.depth_scale)
     return RGBDFrame(frame.rgb, metres, frame.camera, Path(source))
 
 
@@ -36,7 +38,7 @@ def _to_depth_units(frame: RGBDFrame) -> npt.NDArray[np.uint16]:
 def load_frame(run: Path, camera: Camera, source: str) -> RGBDFrame:
     """Read again what `save_frame` wrote; raises InputError if the pictures are gone."""
     color, depth = (read_picture(run / name, cv2.IMREAD_UNCHANGED) for name in ("scene/rgb.png", "scene/depth.png"))
-    metres = np.asarray(depth * camera.depth_scale, np.float32)
+    metres = depth_in_metres(depth, camera.depth_scale)
     return RGBDFrame(np.asarray(cv2.cvtColor(color, cv2.COLOR_BGR2RGB), np.uint8), metres, camera, Path(source))
 
 
@@ -72,8 +74,12 @@ def _save_mask_and_crop(one: Candidate, run: Path) -> CandidateRecord:
 
 
 def draw_candidate_overlay(frame: RGBDFrame, masks: Mapping[int, Mask]) -> Image:
-    """(H, W, 3) uint8: the photo with the mask, outline and number of each candidate."""
+    """The photo, at most `ANNOTATED_SIDE` large, with the mask, outline and number of each candidate."""
     picture = frame.rgb.copy()
+    if (scale := ANNOTATED_SIDE / max(frame.depth.shape)) < 1:
+        picture = np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+        masks = {number: _resize_mask(mask, picture.shape) for number, mask in masks.items()}
+        masks = {number: mask for number, mask in masks.items() if mask.any()}
     for number, mask in masks.items():
         color = COLORS[number % len(COLORS)]
         window = mask_bounding_slices(mask)
@@ -91,6 +97,12 @@ def draw_candidate_overlay(frame: RGBDFrame, masks: Mapping[int, Mask]) -> Image
         for thickness, color in ((4, (0, 0, 0)), (1, (255, 255, 255))):
             cv2.putText(picture, str(number), place, cv2.FONT_HERSHEY_SIMPLEX, 0.6, color, thickness, cv2.LINE_AA)
     return picture
+
+
+def _resize_mask(mask: Mask, shape: tuple[int, ...]) -> Mask:
+    """A mask at the size of a picture of ``shape`` (h, w, ...)."""
+    resized = cv2.resize(mask.view(np.uint8), shape[1::-1], interpolation=cv2.INTER_NEAREST)
+    return np.asarray(resized, np.bool_)
 
 
 def write_png(file: Path, image: "npt.NDArray[np.integer[Any] | np.floating[Any]]", *flags: int) -> None:

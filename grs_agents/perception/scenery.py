@@ -12,6 +12,7 @@ from grs_agents.perception.image_geometry import convex_footprint_hull, points_i
 from grs_agents.perception.segmentation import is_segment_entering_view
 from grs_agents.perception.table_finding import robot_frame_point_map
 from grs_agents.perception.types import Array, Candidate, Mask, RGBDFrame, TableFrame, X, Y
+from grs_agents.perception.working_resolution import downscale_frame, downscale_mask, repeat_cells
 
 CONFIG = DEFAULT.scenery
 ROBOT = "the robot, at the joints that camera.json gives"
@@ -32,7 +33,8 @@ def separate_scenery_from_objects(
     candidates: Sequence[Candidate], robot: Mask, frame: RGBDFrame, table: TableFrame
 ) -> SortedCandidates:
     """Sort out what lies behind the base of a calibrated robot or beyond its workspace, the walls of a bin, and what
-    comes in from above or from beyond the picture, whether it was segmented or not.
+    comes in from above or from beyond the picture, whether it was segmented or not. Like the segmentation itself, this
+    works at the photo's working size.
 
     Args:
         candidates: the segments, robot frame.
@@ -40,17 +42,20 @@ def separate_scenery_from_objects(
         frame: the photo.
         table: the table in it.
     """
-    points = robot_frame_point_map(frame, table)
-    why = _explain_scenery_by_number(candidates, robot, points, table)
+    small, factor = downscale_frame(frame)
+    points = robot_frame_point_map(small, table)
+    reduced = [replace(one, mask=downscale_mask(one.mask, factor)) for one in candidates]
+    why = _explain_scenery_by_number(reduced, downscale_mask(robot, factor), points, table)
     kept = [one for one in candidates if one.id not in why]
     left_out = _unite_mask_with_candidates(robot, [one for one in candidates if one.id in why])
     owned = _unite_mask_with_candidates(left_out, kept)
     reasons = [*([ROBOT] if robot.any() else []), *why.values()]
-    for mask, _ in measure_coverage(frame, table, raised_pixel_mask(frame, table, left_out), owned).regions:
+    above = raised_pixel_mask(small, table, downscale_mask(left_out, factor))
+    for mask, _ in measure_coverage(small, table, above, downscale_mask(owned, factor)).regions:
         entering = is_segment_entering_view(mask, points, DEFAULT.segmentation)
         if entering or _surrounds_other_candidates(mask, kept, points):
             reasons.append(ENTERING if entering else WALL)
-            left_out |= mask
+            left_out |= repeat_cells(mask, frame, factor) & ~owned
     numbered = tuple(replace(one, id=number) for number, one in enumerate(kept, 1))
     return SortedCandidates(numbered, tuple(dict.fromkeys(reasons)), left_out)
 
@@ -70,7 +75,10 @@ def _explain_scenery_by_number(
 
 
 def _unite_mask_with_candidates(mask: Mask, candidates: Sequence[Candidate]) -> Mask:
-    return np.logical_or.reduce([mask, *(one.mask for one in candidates)])
+    united = mask.copy()
+    for one in candidates:
+        united |= one.mask
+    return united
 
 
 def _drop_given_candidates(candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -85,7 +93,8 @@ def _dilate_mask(mask: Mask, pixels: int) -> Mask:
 def _is_blurred_robot_edge(mask: Mask, beside_robot: Mask) -> bool:
     """Whether a segment (H, W) is nowhere wider than the robot's blurred edge, and lies beside the robot."""
     core = cv2.erode(mask.astype(np.uint8), np.ones((CONFIG.meets + 1,) * 2, np.uint8))
-    return not core.any() and bool(beside_robot[mask].mean() > CONFIG.beside)
+    beside = np.count_nonzero(beside_robot & mask) > CONFIG.beside * np.count_nonzero(mask)
+    return bool(beside and not core.any())
 
 
 def _explain_scenery_by_position(

@@ -61,9 +61,9 @@ def find_table(frame: RGBDFrame, rng: np.random.Generator, choice: TableChoice =
         InputError: no plane that the camera looks down on holds enough of the pixels, there is no plane of that number,
             or ``T_robot_cam`` puts the table elsewhere than at z = 0.
     """
-    rows, columns = np.nonzero(frame.depth > 0)
-    picked = rng.choice(len(rows), size=min(CONFIG.samples, len(rows)), replace=False)
-    sample = _pixels_to_camera_frame(frame, rows[picked], columns[picked])
+    known = np.flatnonzero(frame.depth > 0)
+    picked = known[rng.choice(len(known), size=min(CONFIG.samples, len(known)), replace=False)]
+    sample = _pixels_to_camera_frame(frame, *divmod(picked, frame.depth.shape[1]))
     given = None if frame.camera.T_robot_cam is None else np.asarray(frame.camera.T_robot_cam, dtype=np.float64)
     planes = find_level_planes(sample, given, rng)
     if not planes:

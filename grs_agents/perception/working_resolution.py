@@ -1,23 +1,32 @@
 """Large photos: segmented at a working size, then each pixel of the full size chooses between segments around it."""
 
+from typing import TypeVar
+
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.image_geometry import Index, Labels
+from grs_agents.perception.image_geometry import Index, Labels, pixels_in_mask
 from grs_agents.perception.table_finding import depth_tolerance
-from grs_agents.perception.types import Array, RGBDFrame
+from grs_agents.perception.types import Array, Mask, RGBDFrame
 
 CONFIG = DEFAULT.resolution
+Value = TypeVar("Value", bound=np.generic)
+
+
+def working_size_factor(frame: RGBDFrame) -> int:
+    """How many pixels of a row or column one cell of the frame at its working size stands for."""
+    return max(1, round((frame.depth.size / CONFIG.pixels) ** 0.5))
 
 
 def downscale_frame(frame: RGBDFrame) -> tuple[RGBDFrame, int]:
     """The frame at its working size, and how many pixels of a row or column one cell of it stands for.
     A cell's depth is measured: the median of at most 3 x 3 pixels, never a mixture of two surfaces."""
-    height, width = frame.depth.shape
-    factor = max(1, round((height * width / CONFIG.pixels) ** 0.5))
+    factor = working_size_factor(frame)
     if factor == 1:
         return frame, 1
+    height, width = frame.depth.shape
     rows, columns = height // factor, width // factor
     whole = frame.depth[: rows * factor, : columns * factor]
     offsets = sorted({0, factor // 2, factor - 1})
@@ -34,16 +43,27 @@ def downscale_frame(frame: RGBDFrame) -> tuple[RGBDFrame, int]:
     return RGBDFrame(rgb.astype(np.uint8), depth, small, frame.source), factor
 
 
+def downscale_mask(mask: Mask, factor: int) -> Mask:
+    """The middles of the cells of a mask (H, W), at the size of `downscale_frame`."""
+    rows, columns = (side // factor for side in mask.shape)
+    return mask[factor // 2 :: factor, factor // 2 :: factor][:rows, :columns]
+
+
+def repeat_cells(cells: npt.NDArray[Value], frame: RGBDFrame, factor: int) -> npt.NDArray[Value]:
+    """(H, W) what the cell of each pixel of the full frame holds, from the (h, w) ``cells`` of the reduced one."""
+    camera, (height, width) = frame.camera, cells.shape
+    rows = np.minimum(np.arange(camera.height, dtype=np.int64) // factor, height - 1)
+    columns = np.minimum(np.arange(camera.width, dtype=np.int64) // factor, width - 1)
+    return cells.take(columns, axis=1).take(rows, axis=0)  # many times as fast as both at once
+
+
 def upscale_labels(labels: Labels, small: RGBDFrame, frame: RGBDFrame, factor: int) -> Labels:
     """(H, W) labels of the full frame from the (h, w) ``labels`` of the reduced one. Where the cells around a pixel
     belong to different segments it takes the one of the cell that is most like it in place, depth and colour."""
-    camera = frame.camera
-    rows = np.minimum(np.arange(camera.height, dtype=np.int64) // factor, labels.shape[0] - 1)
-    columns = np.minimum(np.arange(camera.width, dtype=np.int64) // factor, labels.shape[1] - 1)
-    full = labels[rows[:, None], columns[None]]
+    full = repeat_cells(labels, frame, factor)
     around, values = np.ones((3, 3), np.uint8), labels.astype(np.float32)
-    spread: Array = np.asarray(cv2.dilate(values, around) - cv2.erode(values, around), np.float64)
-    down, across = np.nonzero(spread[rows[:, None], columns[None]])
+    border = np.asarray(cv2.dilate(values, around) != cv2.erode(values, around), np.bool_)
+    down, across = pixels_in_mask(repeat_cells(border, frame, factor))
     full[down, across] = _pick_most_similar_labels(labels, small, frame, factor, (down, across))
     return full
 

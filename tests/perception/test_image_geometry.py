@@ -12,6 +12,7 @@ from grs_agents.perception import (
     mask_bounding_slices,
     mask_outline_pixels,
     pixels_by_label,
+    pixels_in_mask,
     points_in_hull_mask,
     values_in_mask,
 )
@@ -66,6 +67,23 @@ def test_values_window_and_outline_are_those_of_the_mask() -> None:
     assert len(outline) == 2 * (4 + 10) - 4
     assert (outline.min(axis=0) == (7, 5)).all()
     assert (outline.max(axis=0) == (16, 8)).all()
+
+
+@given(mask=arrays.arrays(np.bool_, st.tuples(st.integers(1, 9), st.integers(1, 9))))
+def test_pixels_of_a_mask_and_their_window_are_those_of_numpy(mask: np.ndarray) -> None:
+    rows, columns = pixels_in_mask(mask)
+    assert (np.stack([rows, columns]) == np.stack(np.nonzero(mask))).all()
+    window = mask_bounding_slices(mask)
+    assert mask[window].sum() == mask.sum()
+    assert mask[window].size == (np.ptp(rows) + 1) * (np.ptp(columns) + 1) if len(rows) else mask[window].size == 0
+
+
+@given(mask=arrays.arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)), elements=st.integers(0, 1)))
+def test_large_components_keep_their_order(mask: np.ndarray) -> None:
+    every = label_connected_components(mask, 1)
+    large = [label for label in range(1, every.max() + 1) if (every == label).sum() >= 3]
+    expected = sum(number * (every == label) for number, label in enumerate(large, 1))
+    assert (label_connected_components(mask, 3) == expected).all()
 
 
 @given(

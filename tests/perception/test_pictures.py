@@ -1,5 +1,6 @@
 """The pictures that a run keeps."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -40,3 +41,16 @@ def test_the_annotated_photo_marks_the_candidates_only(rendered: Rendered) -> No
     assert picture.shape == rendered.frame.rgb.shape
     assert np.array_equal(picture[:20], rendered.frame.rgb[:20])
     assert (picture != rendered.frame.rgb)[rendered.labels > 0].any(axis=-1).mean() > 0.9
+
+
+def test_the_annotated_photo_of_a_large_one_is_smaller_and_marks_the_same(rendered: Rendered) -> None:
+    frame, labels = rendered.frame, rendered.labels
+    large = replace(frame, **{name: getattr(frame, name).repeat(4, 0).repeat(4, 1) for name in ("rgb", "depth")})
+    masks = {number: labels == number for number in range(1, 5)}
+    picture = draw_candidate_overlay(large, {number: mask.repeat(4, 0).repeat(4, 1) for number, mask in masks.items()})
+    assert max(picture.shape) == 1280
+    plain = cv2.resize(frame.rgb, picture.shape[1::-1], interpolation=cv2.INTER_NEAREST)
+    changed = np.asarray((np.abs(picture.astype(int) - plain) > 8).any(axis=-1))
+    seen = cv2.resize((labels > 0).astype(np.uint8), picture.shape[1::-1], interpolation=cv2.INTER_NEAREST).view(bool)
+    assert changed[seen].mean() > 0.9
+    assert changed[: picture.shape[0] // 20].mean() < 0.05

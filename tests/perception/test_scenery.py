@@ -63,9 +63,10 @@ def test_joints_that_the_arm_cannot_have_are_refused(joints: tuple[float, ...]) 
     assert "leave joints out" in caught.value.remedy
 
 
-def sorted_out(boxes: np.ndarray, parts: list[tuple[int, ...]]) -> tuple[list[int], tuple[str, ...]]:
-    """Which of the segments, each of some boxes of the room, stay objects; and the reasons why others do not."""
-    frame, _, owner = room.photo(room.camera(width=640, height=480), boxes=boxes)
+def sorted_out(boxes: np.ndarray, parts: list[tuple[int, ...]], factor: int = 1) -> tuple[list[int], tuple[str, ...]]:
+    """Which of the segments, each of some boxes of the room, stay objects in a photo of so many times 640x480; and the
+    reasons why others do not."""
+    frame, _, owner = room.photo(room.camera(width=640 * factor, height=480 * factor), boxes=boxes)
     table = find_table(frame, np.random.default_rng(0))
     labels = np.zeros(owner.shape, np.int32)
     for number, part in enumerate(parts, 1):
@@ -75,6 +76,7 @@ def sorted_out(boxes: np.ndarray, parts: list[tuple[int, ...]]) -> tuple[list[in
     )
     kept = [int(np.bincount(labels[one.mask]).argmax()) for one in found.objects]
     assert [one.id for one in found.objects] == list(range(1, len(kept) + 1))
+    assert found.left_out.shape == owner.shape
     assert not any((one.mask & found.left_out).any() for one in found.objects)
     return kept, found.reasons
 
@@ -84,9 +86,11 @@ def with_boxes(*boxes: tuple[tuple[float, float, float], tuple[float, float, flo
     return np.concatenate([room.BOXES, np.array(boxes)])
 
 
-def test_walls_of_a_bin_are_no_object() -> None:
+@pytest.mark.parametrize("factor", [1, 3])
+@pytest.mark.parametrize("parts", [[(4,), (5,), (6, 7, 8, 9)], [(4,), (5,)]], ids=["segmented", "not segmented"])
+def test_walls_of_a_bin_are_no_object(parts: list[tuple[int, ...]], factor: int) -> None:
     walls = [((x, y, 0.0), (far, wide, 0.08)) for x, y, far, wide in WALLS]
-    kept, reasons = sorted_out(with_boxes(*walls), [(4,), (5,), (6, 7, 8, 9)])
+    kept, reasons = sorted_out(with_boxes(*walls), parts, factor)
     assert kept == [1, 2]
     assert len(reasons) == 1 and "bin" in reasons[0]
 

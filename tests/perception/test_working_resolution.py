@@ -6,7 +6,15 @@ import cv2
 import numpy as np
 import pytest
 
-from grs_agents.perception import RGBDFrame, downscale_frame, find_table, segment_objects_on_table, upscale_labels
+from grs_agents.perception import (
+    RGBDFrame,
+    downscale_frame,
+    downscale_mask,
+    find_table,
+    repeat_cells,
+    segment_objects_on_table,
+    upscale_labels,
+)
 from tests.perception.conftest import Rendered
 
 
@@ -47,6 +55,21 @@ def test_a_cell_without_enough_depth_has_none(rendered: Rendered) -> None:
     frame.depth[:12, :12] = 0
     frame.depth[0, 0] = 1.0
     assert downscale_frame(frame)[0].depth[0, 0] == 0
+
+
+def test_masks_are_reduced_and_enlarged_cell_by_cell(rendered: Rendered) -> None:
+    large = _enlarged(rendered.frame, 4)
+    small, factor = downscale_frame(large)
+    mask = np.kron(rendered.labels > 0, np.ones((4, 4), np.bool_))
+    reduced = downscale_mask(mask, factor)
+    assert reduced.shape == small.depth.shape
+    cells = np.zeros(small.depth.shape, np.bool_)
+    cells[7, 11] = True
+    full = repeat_cells(cells, large, factor)
+    assert full.shape == mask.shape
+    assert full[7 * factor : 8 * factor, 11 * factor : 12 * factor].all()
+    assert full.sum() == factor**2
+    assert (repeat_cells(reduced, large, factor) != mask).mean() < 0.02
 
 
 @pytest.mark.parametrize("factor", [3, 4])

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.perception.image_geometry import mask_bounding_slices
+from grs_agents.perception.image_geometry import grow_window, mask_bounding_slices
 from grs_agents.perception.matching.asset_appearance import Floats, Indices
 from grs_agents.perception.matching.color_histogram import histograms_from_log_colors, to_log_opponent_colors
 from grs_agents.perception.table_finding import pixels_to_robot_frame
@@ -64,7 +64,7 @@ class Observation:
 
 def observe_candidate(view: View, mask: Mask, upright: UprightBox) -> Observation:
     """Take a candidate's pixels out of the photo."""
-    frame, window = view.frame, _grow_window(mask_bounding_slices(mask), _RIM)
+    frame, window = view.frame, grow_window(mask_bounding_slices(mask), _RIM)
     own, depth, rgb = mask[window], frame.depth[window], frame.rgb[window]
     inner = np.asarray(cv2.erode(own.astype(np.uint8), np.ones((_RIM, _RIM), np.uint8)), bool)
     inner = inner if inner.sum() > 0.4 * own.sum() else own
@@ -86,17 +86,10 @@ def observe_candidate(view: View, mask: Mask, upright: UprightBox) -> Observatio
 def _smooth_log_colors(frame: RGBDFrame, window: tuple[slice, slice], rows: Indices, columns: Indices) -> Floats:
     """(N, 3) tones at pixels of a window, of the photo without its finest detail (`color_histogram`)."""
     blur = max(0.7, frame.camera.width / 900)
-    wide = _grow_window(window, int(4 * blur) + 2)  # as far as the blur's kernel reaches
+    wide = grow_window(window, int(4 * blur) + 2)  # as far as the blur's kernel reaches
     smooth = cv2.GaussianBlur(frame.rgb[wide].astype(np.float32) / 255, (0, 0), blur)
     tones = smooth[rows - wide[0].start, columns - wide[1].start]
     return to_log_opponent_colors(tones.astype(np.float64)).astype(np.float32)
-
-
-def _grow_window(window: tuple[slice, slice], reach: int) -> tuple[slice, slice]:
-    rows, columns = window
-    return slice(max(0, rows.start - reach), rows.stop + reach), slice(
-        max(0, columns.start - reach), columns.stop + reach
-    )
 
 
 def _extents_without_outliers(surface: Floats, upright: UprightBox) -> Array:

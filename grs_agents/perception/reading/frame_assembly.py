@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
+from grs_agents.perception.image_geometry import depth_in_metres
 from grs_agents.perception.reading.camera import DepthUnit, scale_camera_to_size
 from grs_agents.perception.reading.picture import Picture, rotate_by_exif
 from grs_agents.perception.types import Camera, Image, RGBDFrame
@@ -44,7 +45,7 @@ def convert_depth_to_metres(measured: RecordedDepth) -> Depth:
     """(H, W) float32 metres, 0 where nothing was measured."""
     units, scale, where = measured.units, measured.scale, measured.where
     with np.errstate(over="ignore", invalid="ignore"):  # a forged file's numbers may leave the range
-        depth = (units * np.float64(scale)).astype(np.float32)
+        depth = depth_in_metres(units, scale)
         valid = np.isfinite(depth) & (depth > 0)
     if units.dtype.kind in "ui":
         valid &= units != np.iinfo(units.dtype.name).max  # saturated
@@ -53,7 +54,7 @@ def convert_depth_to_metres(measured: RecordedDepth) -> Depth:
         needed = f"at least {LEAST_MEASURED:.0%} are needed"
         found = f"{where} has a depth at {measured_at.size} of {depth.size} pixels, {needed}"
         raise InputError(found, "record the depth again")
-    median = float(np.median(measured_at))
+    median = float(np.median(measured_at, overwrite_input=True))
     if not NEAREST <= median <= FARTHEST:
         factor = 1000.0 if median < NEAREST else 0.001
         raise InputError(

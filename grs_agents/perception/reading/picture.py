@@ -38,7 +38,7 @@ def read_color_picture(file: Path) -> Picture:
         if image.mode in GREY[3:]:
             rgb = np.repeat((np.asarray(image) // 257).astype(np.uint8)[..., None], 3, axis=2)
         elif image.mode in GREY or image.mode in COLORED:
-            rgb = np.array(image.convert("RGB"), dtype=np.uint8)
+            rgb = np.array(image if image.mode == "RGB" else image.convert("RGB"), dtype=np.uint8)
         else:
             raise InputError(f"{file} has pixels of kind {image.mode!r}, no colours", "write it as 8-bit RGB")
         orientation, focal = _read_exif_tags(image)

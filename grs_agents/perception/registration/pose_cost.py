@@ -6,6 +6,7 @@ import numpy as np
 
 from grs_agents.perception.asset_surfaces import Surface, Tree
 from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.image_geometry import pixels_in_mask
 from grs_agents.perception.table_finding import measured_depth_at_points, pixels_to_robot_frame
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
 
@@ -33,7 +34,7 @@ class ObservedPoints:
 
 def sample_observed_points(frame: RGBDFrame, table: TableFrame, mask: Mask) -> ObservedPoints:
     """The points of a mask (H, W), at most as many as the configuration says, evenly drawn."""
-    rows, columns = np.nonzero(mask & (frame.depth > 0))
+    rows, columns = pixels_in_mask(mask & (frame.depth > 0))
     step = -(-len(rows) // CONFIG.samples) or 1
     return ObservedPoints(
         pixels_to_robot_frame(frame, table, rows[::step], columns[::step]), frame, table, CONFIG.samples

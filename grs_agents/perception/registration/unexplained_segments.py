@@ -10,7 +10,14 @@ import numpy.typing as npt
 from grs_agents.errors import InputError
 from grs_agents.perception.asset_surfaces import Surface
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.image_geometry import Index, Labels, label_connected_components
+from grs_agents.perception.image_geometry import (
+    Index,
+    Labels,
+    grow_window,
+    label_connected_components,
+    mask_bounding_slices,
+    pixels_in_mask,
+)
 from grs_agents.perception.segmentation import measure_candidates
 from grs_agents.perception.table_finding import measured_depth_at_points, pixels_to_robot_frame
 from grs_agents.perception.types import Array, Candidate, Mask, RGBDFrame, TableFrame
@@ -69,16 +76,18 @@ def label_residual_pixels(
         if rest is None:
             continue
         opened = cv2.morphologyEx(rest, cv2.MORPH_OPEN, KERNEL)
-        pieces = label_connected_components(opened, int(CONFIG.smallest * rest.size))
-        labels = np.where(pieces > 0, pieces + labels.max(), labels)
+        pieces = label_connected_components(opened, int(CONFIG.smallest * labels.size))
+        part = labels[cloud.window]
+        part[pieces > 0] = pieces[pieces > 0] + labels.max()
         divided += [index] if surface is None else []
     return labels, tuple(divided)
 
 
 @dataclass(frozen=True)
 class _Cloud:
-    """The pixels of a segment, and their measured (N, 3) points, m, robot frame."""
+    """The pixels of a segment in a window (h, w) around it, and their measured (N, 3) points, m, robot frame."""
 
+    window: tuple[slice, slice]
     rows: Index
     columns: Index
     points: Array
@@ -86,18 +95,21 @@ class _Cloud:
 
     @classmethod
     def from_mask(cls, mask: Mask, frame: RGBDFrame, table: TableFrame) -> "_Cloud":
-        rows, columns = np.nonzero(mask & (frame.depth > 0))
-        return cls(rows, columns, pixels_to_robot_frame(frame, table, rows, columns), frame.depth.shape)
+        window = grow_window(mask_bounding_slices(mask), 2)  # so that opening sees what is around the segment
+        depth = frame.depth[window]
+        rows, columns = pixels_in_mask(mask[window] & (depth > 0))
+        points = pixels_to_robot_frame(frame, table, rows + window[0].start, columns + window[1].start)
+        return cls(window, rows, columns, points, depth.shape)
 
     def draw_pixel_mask(self, chosen: Mask) -> Picture:
-        """(H, W) where those are of which ``chosen`` (N,) is true."""
+        """(h, w) where those are of which ``chosen`` (N,) is true."""
         drawn = np.zeros(self.shape, np.uint8)
         drawn[self.rows[chosen], self.columns[chosen]] = 1
         return drawn
 
 
 def _mask_off_own_surface(cloud: _Cloud, surface: Surface, frame: RGBDFrame, table: TableFrame) -> Picture | None:
-    """(H, W) what of a segment is not on the surface of its asset; ``None`` where that says nothing."""
+    """(h, w) what of a segment is not on the surface of its asset; ``None`` where that says nothing."""
     off = (surface.distances_to_points(cloud.points) > CONFIG.off) & (
         cloud.points[:, 2] > CONFIG.off
     )  # the table is no object
@@ -107,7 +119,7 @@ def _mask_off_own_surface(cloud: _Cloud, surface: Surface, frame: RGBDFrame, tab
 
 
 def _mask_off_other_surfaces(cloud: _Cloud, surfaces: Sequence[Surface]) -> Picture | None:
-    """(H, W) what of a segment is not on the surfaces of other objects; ``None`` where little of it is."""
+    """(h, w) what of a segment is not on the surfaces of other objects; ``None`` where little of it is."""
     near = np.full(len(cloud.points), np.inf)
     for surface in surfaces:
         near = np.minimum(near, surface.distances_within_reach(cloud.points, CONFIG.off))

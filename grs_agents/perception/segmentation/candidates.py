@@ -166,7 +166,7 @@ def _crop_segment(
     pad = int(margin * (max(rows.stop - rows.start, columns.stop - columns.start) - 1)) + 4
     wide = np.s_[max(0, rows.start - pad) : rows.stop + pad, max(0, columns.start - pad) : columns.stop + pad]
     crop = frame.rgb[wide]
-    return np.where(mask[wide][..., None], crop, DIMMED[crop])
+    return np.asarray(cv2.copyTo(crop, mask[wide].astype(np.uint8), cv2.LUT(crop, DIMMED)), np.uint8)
 
 
 def center_objects_in_workspace(

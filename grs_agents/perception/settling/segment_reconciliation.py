@@ -7,6 +7,7 @@ import numpy as np
 
 from grs_agents.library import Library
 from grs_agents.perception.asset_surfaces import Surface, asset_surface_at_pose
+from grs_agents.perception.image_geometry import pixels_in_mask
 from grs_agents.perception.proxies import EstimatedVolume, Surroundings, clip_boxes
 from grs_agents.perception.registration import match_pieces_to_objects
 from grs_agents.perception.settling.settling import PlacedObject
@@ -43,7 +44,7 @@ def reconcile_segments(
     segments: Sequence[Segment], frame: RGBDFrame, table: TableFrame, library: Library
 ) -> Reconciled:
     """Find the pieces of known objects, and clip the boxes of what is not known by those and by each other."""
-    clouds = [pixels_to_robot_frame(frame, table, *np.nonzero(one.mask & (frame.depth > 0))) for one in segments]
+    clouds = [pixels_to_robot_frame(frame, table, *pixels_in_mask(one.mask & (frame.depth > 0))) for one in segments]
     surfaces = [segment.posed_asset_surface(library) for segment in segments]
     found = match_pieces_to_objects(clouds, surfaces)
     pieces = {piece: whole for piece, whole in found.items() if not segments[piece].given}

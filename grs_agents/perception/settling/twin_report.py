@@ -7,6 +7,7 @@ import numpy as np
 
 from grs_agents.library import Library
 from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.image_geometry import pixels_in_mask
 from grs_agents.perception.settling.settling import (
     PlacedObject,
     RestState,
@@ -24,7 +25,7 @@ def measure_depth_fidelity(
     objects: Sequence[PlacedObject], library: Library, frame: RGBDFrame, table: TableFrame, mask: Mask
 ) -> float | None:
     """The share of the measured pixels of ``mask`` (H, W) at which the objects have the photo's depth, if any are."""
-    rows, columns = np.nonzero(mask & (frame.depth > 0))
+    rows, columns = pixels_in_mask(mask & (frame.depth > 0))
     if not len(rows):
         return None
     step = -(-len(rows) // CONFIG.rays)
