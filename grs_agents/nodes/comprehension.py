@@ -47,6 +47,7 @@ from grs_agents.perception import (
     describe_depth_shift,
     describe_table_doubts,
     draw_object_names,
+    find_bin_walls,
     is_known_scene,
     load_mask,
     measure_coverage,
@@ -164,11 +165,17 @@ def segment_photo(state: RunState, services: Services) -> Update:
     """Segment what stands on the table into candidates, and place the robot in front of them."""
     frame, config, table = services.load_photo(state), services.config, _table_from_state(state)
     robot = robot_pixel_mask(frame, services.robot_name_or_path, services.library)
-    without_robot = replace(frame, depth=np.where(robot, np.float32(0), frame.depth)) if robot.any() else frame
+    walls = find_bin_walls(frame, table, robot)
     # What is not set is not told, so that a tool need not take it.
     told = {"model": None, **config.segment.model_dump(exclude_defaults=True)}
-    result = services.run_tool(config.tools.segment, frame=without_robot, table=table, **told)
-    found = separate_scenery_from_objects(result.candidates, robot, frame, table)
+    known = robot | walls
+    left = replace(frame, depth=np.where(known, np.float32(0), frame.depth)) if known.any() else frame
+    result = services.run_tool(config.tools.segment, frame=left, table=table, **told)
+    if walls.any() and any(one.given for one in result.candidates):  # who gave masks says what is an object
+        walls = np.zeros_like(walls)
+        left = replace(frame, depth=np.where(robot, np.float32(0), frame.depth))
+        result = services.run_tool(config.tools.segment, frame=left, table=table, **told)
+    found = separate_scenery_from_objects(result.candidates, robot, walls, frame, table)
     if not found.objects:
         raise InputError(
             f"{state['scene_path']}: nothing on the table is an object: {'; '.join(sorted(set(found.reasons)))}",

@@ -441,20 +441,9 @@ class Scenery:
 
     base: float = 0.0  # what has its middle behind this x is behind the robot's base
     beyond: float = 0.25  # what has its middle farther from the workspace than this is in no task's way
-    raised: float = 0.02  # walls of a bin are higher; lower is its floor
-    fewest: int = 50  # points: fewer are no wall
-    thinned: int = 7  # so many points stand for one
-    enclosed: int = 2  # a bin is around at least so many things, and around half of them: fewer may lie in a bowl
-    bin: float = 0.25  # and at least so long
-    corners: tuple[float, float] = (0.32, 0.08)  # two walls that meet are longer, and each is longer than the second
-    empty: float = 0.4  # and cover less than this share of the rectangle around them
-    sectors: int = 24  # the directions from its middle are cut into so many
-    around: float = 0.6  # in this share of them a wall is seen
-    long: float = 0.27  # a straight part of a wall is longer: longer than what is packed in boxes
-    thickest: float = 0.05  # and thinner: blurred by the sensor
-    end: float = 2.0  # percent of its points are its end
-    meets: int = 8  # pixels: an end is so near to what it meets, the robot's blurred edge to the robot
-    beside: float = 0.7  # of a thin segment: what has more of it so near to the robot is its edge
+    meets: int = 8  # pixels: what is so near to the robot is beside it
+    widest: int = 20  # pixels: its blurred edge is narrower
+    longer: float = 4.0  # times as long as wide: its blurred edge is longer
 
 
 @dataclass(frozen=True)
@@ -468,7 +457,7 @@ class CoverageMeasuring:
     listed: float = 0.005  # of what rises: a smaller region is counted, but not listed
     most: float = 0.5  # of a region: what holds of more than this share of it is the reason
     thin: int = 5  # pixels: what is thinner is an edge
-    halo: int = 5  # pixels around what is left out: its blurred edges do not count
+    halo: int = 10  # pixels around what is left out: its blurred edges do not count
     named: int = 3  # regions are named in a warning
 
 

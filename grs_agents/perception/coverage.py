@@ -56,7 +56,13 @@ def raised_pixel_mask(frame: RGBDFrame, table: TableFrame, left_out: Mask | None
     noise = max(CONFIG.lowest, CONFIG.deviations * table.residual)
     low = (points[..., 2] > noise) & (points[..., 2] < DEFAULT.segmentation.foreground.tallest)
     above = _drop_sensor_noise(above, points[..., 2], table)
-    above = _fill_enclosed_pixels(above, low | (smooth.depth <= 0))
+    scenery = np.zeros(above.shape, np.bool_)
+    if left_out is not None:
+        scenery = cv2.resize(left_out.astype(np.uint8), above.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+    # What has no depth beside the robot is its shadow; what is low between both and a plate's rim is a plate's bottom.
+    blind = smooth.depth <= 0
+    above = _fill_enclosed_pixels(above & ~scenery, low | blind)
+    above |= _fill_enclosed_pixels(above | scenery | blind, low) & low & ~scenery
     for _ in range(CONFIG.foot):
         above = above | (np.asarray(cv2.dilate(above.astype(np.uint8), KERNEL), np.bool_) & low)
     full = repeat_cells(above, frame, factor)

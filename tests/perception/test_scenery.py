@@ -9,6 +9,7 @@ from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.perception import (
     RGBDFrame,
+    find_bin_walls,
     find_table,
     measure_candidates,
     require_joints_within_limits,
@@ -71,9 +72,10 @@ def sorted_out(boxes: np.ndarray, parts: list[tuple[int, ...]], factor: int = 1)
     labels = np.zeros(owner.shape, np.int32)
     for number, part in enumerate(parts, 1):
         labels[np.isin(owner, part)] = number
-    found = separate_scenery_from_objects(
-        measure_candidates(frame, table, labels), np.zeros(owner.shape, bool), frame, table
-    )
+    robot = np.zeros(owner.shape, bool)
+    walls = find_bin_walls(frame, table, robot)
+    seen = RGBDFrame(frame.rgb, np.where(walls, np.float32(0), frame.depth), frame.camera, frame.source)
+    found = separate_scenery_from_objects(measure_candidates(seen, table, labels), robot, walls, frame, table)
     kept = [int(np.bincount(labels[one.mask]).argmax()) for one in found.objects]
     assert [one.id for one in found.objects] == list(range(1, len(kept) + 1))
     assert found.left_out.shape == owner.shape

@@ -1,0 +1,378 @@
+"""The walls of a bin that the things lie in: straight, upright, thin, level at the top and all around.
+
+Seen from above they are the sides of a rectangle, of which the robot, things and the picture's border may hide parts.
+It is checked against the photo: where the camera looks past a rim that should be there, there is no wall.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.image_geometry import axes_from_yaws, label_connected_components, values_in_mask
+from grs_agents.perception.segmentation import foreground_pixel_mask, smooth_frame_depth
+from grs_agents.perception.table_finding import depth_tolerance, robot_frame_point_map
+from grs_agents.perception.types import Array, Camera, Mask, RGBDFrame, TableFrame
+from grs_agents.perception.working_resolution import downscale_frame
+
+
+@dataclass(frozen=True)
+class BinWalls:
+    """How the walls of a bin are told from things; lengths in m."""
+
+    raised: float = 0.02  # walls are higher; lower is the floor
+    highest: float = 0.3  # what is higher is no wall to reach over
+    blurred: int = 8  # pixels around the robot are blurred by it
+    cell: float = 0.005  # of the table seen from above
+    fewest: int = 100  # cells: fewer are no walls
+    turn: float = 2.0  # degrees: so far apart are the yaws that are tried first
+    rounds: int = 3  # of laying the axes along the walls
+    line: float = 0.01  # cells are in a line within two of these; its length is counted by one
+    outside: float = 0.1  # of what rises: less lies beyond a wall
+    strip: float = 0.025  # on either side of a line its wall is looked for
+    thick: float = 0.03  # walls are thinner, as they are seen
+    level: float = 0.015  # rims differ less in height, and blur less far upward
+    short: float = 0.08  # what is seen of a rim is longer
+    apart: float = 0.015  # m along the ray: closer to where a rim should be is the rim, farther is seen past it
+    seen: float = 0.75  # of what is not hidden of a rim: more is there
+    few: int = 4  # cm of a rim: so little may be missing
+    fewest_walls: int = 2  # with a rim that is seen
+    stray: float = 0.02  # of what rises below the rims: less lies beyond a wall whose rim is hidden
+    hidden: float = 0.12  # of such a wall more is seen below its rim, and more of the rim is hidden within the picture
+    gap: float = 0.03  # corners may be blurred away
+    free: float = 0.04  # what is seen past so far beyond the gap is where a wall ends
+    open: float = 1.0  # a wall of which no end is seen may go on so far
+    long: float = 0.5  # the rims seen are longer together
+    things: int = 2  # a bin holds at least so many: a box with fewer is an object with its content
+    margin: float = 0.01  # around walls: what is nearer is theirs
+    lowest: float = 0.004  # what is lower is the floor
+    deviations: float = 1.5  # and what is lower than so many standard deviations of the table's points
+
+
+CONFIG, SMALLEST = BinWalls(), DEFAULT.segmentation.filter.smallest
+SIDES = ((0, -1.0), (0, 1.0), (1, -1.0), (1, 1.0))
+"""Axis across each wall, and the sign of its outward side."""
+
+
+@dataclass(frozen=True)
+class _Wall:
+    """A wall in the bin's axes: from ``inner`` to ``outer`` across, outward positive, ``start`` to ``end`` along; m."""
+
+    side: int  # of `SIDES`
+    inner: float
+    outer: float
+    start: float
+    end: float
+    height: float
+
+    @property
+    def middle(self) -> float:
+        return (self.inner + self.outer) / 2
+
+
+@dataclass(frozen=True)
+class _View:
+    """The photo at its working size."""
+
+    camera: Camera
+    depth: Array  # (H, W) m, without the robot
+    pose: Array  # (4, 4) robot frame from camera frame
+
+    def look(self, rim: Array) -> tuple[Mask, Mask, Mask]:
+        """Which of the (N, 3) points of a rim are seen, past which of them the camera sees something farther, and which
+        of them are hidden by something nearer, or lie where the depth is not known."""
+        camera = self.camera
+        x, y, z = ((rim - self.pose[:3, 3]) @ self.pose[:3, :3]).T
+        ahead = np.maximum(z, 1e-6)
+        column, row = np.rint(camera.fx * x / ahead + camera.cx), np.rint(camera.fy * y / ahead + camera.cy)
+        height, width = self.depth.shape
+        inside = (z > 0) & (column >= 1) & (column < width - 1) & (row >= 1) & (row < height - 1)
+        seen, past = np.zeros((2, len(rim)), np.bool_)
+        rows, columns = row[inside].astype(np.int64), column[inside].astype(np.int64)
+        offsets = [(down, across) for down in (-1, 0, 1) for across in (-1, 0, 1)]
+        around = np.stack([self.depth[rows + down, columns + across] for down, across in offsets])
+        away = np.where(around > 0, around - z[inside], np.nan)
+        bound = CONFIG.apart + depth_tolerance(z[inside])
+        seen[inside] = (np.abs(away) < bound).any(axis=0)
+        past[inside] = (away > bound).all(axis=0)
+        return seen, past, inside & ~seen & ~past
+
+
+def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> Mask:
+    """(H, W) the pixels of the walls of a bin around the things; none where there is no bin.
+
+    Args:
+        frame: the photo.
+        table: the table in it, which is the bin's floor.
+        robot: (H, W) the pixels that are known to show the robot.
+    """
+    near = cv2.dilate(robot.astype(np.uint8), np.ones((2 * CONFIG.blurred + 1,) * 2, np.uint8)) > 0
+    small, _ = downscale_frame(replace(frame, depth=np.where(near, np.float32(0), frame.depth)))
+    smooth = smooth_frame_depth(small)
+    points, pose = robot_frame_point_map(smooth, table), np.asarray(table.T_robot_cam)
+    above = foreground_pixel_mask(points, smooth.depth, pose[:3, 3])
+    cells = _raised_cells(values_in_mask(points, above))
+    found = np.zeros(frame.depth.shape, np.bool_)
+    if len(cells) < CONFIG.fewest:
+        return found
+    view = _View(small.camera, np.asarray(smooth.depth, np.float64), pose)
+    walls, axes = _find_walls(cells, _find_axes(cells), view)
+    if not walls or not _holds_things(walls, axes, above, points):
+        return found
+    return _wall_pixels(walls, axes, robot_frame_point_map(frame, table), table) & ~robot
+
+
+def _raised_cells(cloud: Array) -> Array:
+    """(N, 3) x, y and greatest height of the cells of the table that something rises over; from (M, 3) points."""
+    cloud = cloud[(cloud[:, 2] > CONFIG.raised) & (cloud[:, 2] < CONFIG.highest)]
+    if not len(cloud):
+        return np.zeros((0, 3))
+    index = np.floor(cloud[:, :2] / CONFIG.cell).astype(np.int64)
+    index -= index.min(axis=0)
+    keys, owners = np.unique(index[:, 0] * (index[:, 1].max() + 1) + index[:, 1], return_inverse=True)
+    tops = np.zeros(len(keys))
+    np.maximum.at(tops, owners, cloud[:, 2])
+    count = np.bincount(owners)
+    middle = [np.bincount(owners, cloud[:, axis]) / count for axis in (0, 1)]
+    return np.stack([*middle, tops], axis=1)
+
+
+def _find_axes(cells: Array) -> Array:
+    """(2, 2) the directions across the walls: those in which outermost straight lines hold most."""
+    yaws = np.deg2rad(np.arange(0, 90, CONFIG.turn))
+    turned = [cells @ _widened(axes) for axes in axes_from_yaws(yaws)]
+    scores = [sum(_longest_line(local, *side)[1] for side in SIDES) for local in turned]
+    return axes_from_yaws(yaws[[int(np.argmax(scores))]])[0]
+
+
+def _widened(axes: Array) -> Array:
+    """(3, 3) what turns rows of (N, 3) points into the bin's axes."""
+    turn = np.eye(3)
+    turn[:2, :2] = axes.T
+    return turn
+
+
+def _straight_lines(local: Array, axis: int, sign: float) -> tuple[Array, npt.NDArray[np.int64], Array]:
+    """Lines along a side, from the innermost: where they lie across it, m outward; how many centimetres of each are
+    occupied; and the share of all that lies beyond. ``local`` are (N, 3) cells in the bin's axes."""
+    across, along = sign * local[:, axis], local[:, 1 - axis]
+    bins = ((across - across.min()) / CONFIG.line).astype(np.int64)
+    places = ((along - along.min()) / CONFIG.line).astype(np.int64)
+    grid = np.zeros((bins.max() + 4, places.max() + 1), np.bool_)
+    grid[bins, places] = True
+    held = (grid[:-3] | grid[1:-2]).sum(axis=1)
+    within = np.cumsum(np.bincount(bins, minlength=len(grid)))
+    beyond = 1 - within[3:] / len(local)
+    return across.min() + (np.arange(len(held)) + 1) * CONFIG.line, held, beyond
+
+
+def _longest_line(local: Array, axis: int, sign: float) -> tuple[float, int]:
+    """Of the lines along a side that hardly anything lies beyond, where the longest lies and its length, m and cm."""
+    places, held, beyond = _straight_lines(local, axis, sign)
+    held[beyond > CONFIG.outside] = 0
+    best = int(np.argmax(held))
+    return float(places[best]), int(held[best])
+
+
+def _find_walls(cells: Array, axes: Array, view: _View) -> tuple[list[_Wall], Array]:
+    """The walls of a bin, none where they do not make one; and the directions across them, (2, 2)."""
+    local = cells @ _widened(axes)
+    walls = _straight_walls(local, axes, view)
+    for _ in range(CONFIG.rounds):
+        if len(walls) < CONFIG.fewest_walls:
+            return [], axes
+        axes = axes_from_yaws(np.array([_turn(walls, local)]))[0] @ axes
+        local = cells @ _widened(axes)
+        walls = _straight_walls(local, axes, view)
+    if len(walls) < CONFIG.fewest_walls:
+        return [], axes
+    joined = _joined_walls(walls | _hidden_walls(walls, local, axes, view), axes, view)
+    return (joined if _are_all_around(joined, local, axes, view) else []), axes
+
+
+def _straight_walls(local: Array, axes: Array, view: _View) -> dict[int, _Wall]:
+    """By side, the outermost lines of which the rims are level with that of the longest, and seen all along."""
+    lines = [(*_longest_line(local, *side), number) for number, side in enumerate(SIDES)]
+    found: dict[int, _Wall] = {}
+    level = 0.0
+    for place, _, number in sorted(lines, key=lambda line: -line[1]):
+        if not found:
+            level = _level_at(local, number, place)
+        walls = [_measure_wall(local, number, place, level) for place in _possible_places(local, number, level)]
+        seen = {_length_seen(wall, axes, view): wall for wall in walls if wall is not None}
+        if seen and max(seen) > 0:
+            found[number] = seen[max(seen)]
+    return found
+
+
+def _possible_places(local: Array, number: int, level: float) -> list[float]:
+    """Where across a side rims at ``level`` may lie, m outward."""
+    rim = local[np.abs(local[:, 2] - level) < CONFIG.level]
+    if not len(rim):
+        return []
+    axis, sign = SIDES[number]
+    places, held, _ = _straight_lines(rim, axis, sign)
+    limit = np.quantile(sign * local[:, axis], 1 - CONFIG.outside) - CONFIG.strip
+    peaks = held == np.asarray(cv2.dilate(held.astype(np.float32), np.ones((5, 5), np.uint8))).ravel()
+    return [float(place) for place in places[peaks & (held * CONFIG.line > CONFIG.short) & (places > limit)]]
+
+
+def _measure_wall(local: Array, number: int, place: float, level: float) -> _Wall | None:
+    """The wall with its rim at ``level`` at a place across a side; None if it is not long."""
+    axis, sign = SIDES[number]
+    across, along = sign * local[:, axis], local[:, 1 - axis]
+    rim = (np.abs(local[:, 2] - level) < CONFIG.level) & (np.abs(across - place) < CONFIG.strip)
+    rim &= np.abs(across - _straight(across, along, rim)) < CONFIG.thick / 2
+    if len(np.unique(np.floor(along[rim] / CONFIG.line))) * CONFIG.line < CONFIG.short:
+        return None
+    inner, outer = np.percentile(across[rim], (10, 90))
+    start, end = np.percentile(along[rim], (1, 99))
+    return _Wall(number, float(inner), float(outer), float(start), float(end), level)
+
+
+def _hidden_walls(walls: dict[int, _Wall], local: Array, axes: Array, view: _View) -> dict[int, _Wall]:
+    """By side, walls of which something hides the rim: the outermost straight lines below its height, where no other
+    wall is seen to go on beyond them."""
+    height = next(iter(walls.values())).height
+    thick = float(np.median([wall.outer - wall.inner for wall in walls.values()]))
+    low = local[local[:, 2] < height + CONFIG.level]
+    found: dict[int, _Wall] = {}
+    for number in set(range(len(SIDES))) - set(walls):
+        axis, sign = SIDES[number]
+        places, held, beyond = _straight_lines(low, axis, sign)
+        held[beyond > CONFIG.stray] = 0
+        best = int(np.argmax(held))
+        inner = float(places[best])
+        wall = _cornered(_Wall(number, inner, inner + thick, 0.0, 0.0, height), walls)
+        ends = [sign * (one.end if sign > 0 else one.start) for one in walls.values() if SIDES[one.side][0] != axis]
+        _, past, behind = view.look(_rim(wall, axes, wall.start, wall.end))
+        long = min(held[best], behind.sum()) * CONFIG.line > CONFIG.hidden
+        if long and past.sum() <= CONFIG.few and ends and max(ends) < wall.outer + CONFIG.margin:
+            found[number] = wall
+    return found
+
+
+def _level_at(local: Array, number: int, place: float) -> float:
+    """The height at which most of what rises at a place across a side ends."""
+    axis, sign = SIDES[number]
+    own = np.abs(sign * local[:, axis] - place) < CONFIG.strip
+    places = np.floor(local[own, 1 - axis] / CONFIG.line).astype(np.int64)
+    tops = np.zeros(int(places.max() - places.min()) + 1)
+    np.maximum.at(tops, places - places.min(), local[own, 2])
+    return float(np.median(tops[tops > 0]))
+
+
+def _straight(across: Array, along: Array, rim: Mask) -> Array:
+    """(N,) where the line that most of the ``rim`` cells lie on is across, at (N,) places along it."""
+    level, slope, own = float(np.median(across[rim])), 0.0, rim
+    for _ in range(3):
+        own = rim & (np.abs(across - level - slope * along) < CONFIG.thick / 2)
+        if np.count_nonzero(own) < 3:
+            break
+        slope, level = (float(v) for v in np.polyfit(along[own], across[own], 1))
+    return level + slope * along
+
+
+def _turn(walls: dict[int, _Wall], local: Array) -> float:
+    """By what angle, rad, the axes must turn to be along the walls."""
+    turns: list[float] = []
+    for wall in walls.values():
+        axis, sign = SIDES[wall.side]
+        across, along = local[:, axis], local[:, 1 - axis]
+        own = np.abs(sign * across - wall.middle) < CONFIG.thick / 2
+        own &= np.abs(local[:, 2] - wall.height) < CONFIG.level
+        slope = float(np.polyfit(along[own], across[own], 1)[0])
+        turns.append(-slope if axis == 0 else slope)
+    # The angle of a line is known the better, the longer it is: its variance falls with the third power of the length.
+    return float(np.average(turns, weights=[(wall.end - wall.start) ** 3 for wall in walls.values()]))
+
+
+def _rim(wall: _Wall, axes: Array, start: float, end: float) -> Array:
+    """(N, 3) points along the middle of a wall's rim, robot frame."""
+    axis, sign = SIDES[wall.side]
+    along = np.arange(start, end, CONFIG.line)
+    across = np.full(len(along), sign * wall.middle)
+    local = np.stack([across, along] if axis == 0 else [along, across], axis=1)
+    return np.column_stack([local @ axes, np.full(len(along), wall.height)])
+
+
+def _length_seen(wall: _Wall, axes: Array, view: _View) -> int:
+    """How many centimetres of a rim are seen; 0 if it is not there wherever nothing hides it."""
+    seen, past, _ = view.look(_rim(wall, axes, wall.start, wall.end))
+    return int(seen.sum()) if seen.sum() > CONFIG.seen * (seen | past).sum() else 0
+
+
+def _joined_walls(walls: dict[int, _Wall], axes: Array, view: _View) -> list[_Wall]:
+    """The walls from corner to corner; where one ends in plain sight and no other meets it, another one is assumed."""
+    for wall in list(walls.values()):
+        for last, sign in ((False, -1.0), (True, 1.0)):
+            other = 2 * (1 - SIDES[wall.side][0]) + int(last)
+            end = wall.end if last else wall.start
+            if other not in walls and _ends_in_sight(wall, end, sign, axes, view):
+                thick = wall.outer - wall.inner
+                walls[other] = _Wall(other, sign * end - thick, sign * end, 0.0, 0.0, wall.height)
+    return [_cornered(wall, walls) for wall in walls.values()]
+
+
+def _ends_in_sight(wall: _Wall, end: float, sign: float, axes: Array, view: _View) -> bool:
+    """Whether the camera looks past where a wall would go on."""
+    near, far = end + sign * CONFIG.gap, end + sign * (CONFIG.gap + CONFIG.free)
+    _, past, _ = view.look(_rim(wall, axes, min(near, far), max(near, far)))
+    return bool(past.mean() > 0.5)
+
+
+def _cornered(wall: _Wall, walls: dict[int, _Wall]) -> _Wall:
+    """A wall that reaches to the outsides of those that it meets, and beyond the picture where it meets none."""
+    first = 2 * (1 - SIDES[wall.side][0])
+    low, high = walls.get(first), walls.get(first + 1)
+    start = -low.outer if low else wall.start - CONFIG.open
+    end = high.outer if high else wall.end + CONFIG.open
+    return _Wall(wall.side, wall.inner, wall.outer, start, end, wall.height)
+
+
+def _are_all_around(walls: Sequence[_Wall], local: Array, axes: Array, view: _View) -> bool:
+    """Whether the walls are seen wherever they are not hidden, and hardly anything that rises is beyond them."""
+    total = 0
+    for wall in walls:
+        seen, past, _ = view.look(_rim(wall, axes, wall.start, wall.end))
+        total += int(seen.sum())
+        if past.sum() > CONFIG.few and seen.sum() < CONFIG.seen * (seen | past).sum():
+            return False
+    return total * CONFIG.line > CONFIG.long and _beyond(walls, local[:, :2]).mean() < CONFIG.outside
+
+
+def _beyond(walls: Sequence[_Wall], local: Array) -> Mask:
+    """(...,) which of the (..., 2) points in the bin's axes are outside of a wall."""
+    out = np.zeros(local.shape[:-1], np.bool_)
+    for wall in walls:
+        axis, sign = SIDES[wall.side]
+        out |= sign * local[..., axis] > wall.outer + CONFIG.margin
+    return out
+
+
+def _holds_things(walls: Sequence[_Wall], axes: Array, above: Mask, points: Array) -> bool:
+    """Whether several things stand between the walls: a box with one in it is an object."""
+    local = points[..., :2] @ axes.T
+    inside = above.copy()
+    for wall in walls:
+        axis, sign = SIDES[wall.side]
+        inside &= sign * local[..., axis] < wall.inner - CONFIG.margin
+    return int(label_connected_components(inside.astype(np.uint8), int(SMALLEST * above.size)).max()) >= CONFIG.things
+
+
+def _wall_pixels(walls: Sequence[_Wall], axes: Array, points: Array, table: TableFrame) -> Mask:
+    """(H, W) the pixels of the walls, by their ``points`` (H, W, 3)."""
+    local = points[..., :2] @ axes.T
+    found = np.zeros(points.shape[:2], np.bool_)
+    low = max(CONFIG.lowest, CONFIG.deviations * table.residual)
+    for wall in walls:
+        axis, sign = SIDES[wall.side]
+        across, along = sign * local[..., axis], local[..., 1 - axis]
+        own = (across > wall.inner - CONFIG.margin) & (across < wall.outer + CONFIG.margin)
+        own &= (along > wall.start - CONFIG.margin) & (along < wall.end + CONFIG.margin)
+        found |= own & (points[..., 2] > low) & (points[..., 2] < wall.height + CONFIG.level)
+    closed = cv2.morphologyEx(found.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+    return np.asarray(closed, np.bool_)

@@ -1,0 +1,85 @@
+"""Walls of a bin: found whatever their direction and whatever hides them, and told from boxes among the things."""
+
+import numpy as np
+import pytest
+
+from grs_agents.perception import RGBDFrame, find_bin_walls, find_table
+from tests.perception import room
+
+Box = tuple[tuple[float, float, float], tuple[float, float, float]]
+FIRST = len(room.BOXES)
+"""The number of the first wall."""
+
+
+def walls_around(low: tuple[float, float], high: tuple[float, float], height: float, thick: float = 0.01) -> list[Box]:
+    """Four walls on the table, between the outer corners ``low`` and ``high``, m."""
+    (x, y), (far, left) = low, high
+    sides = [
+        (x, y, far, y + thick),
+        (x, left - thick, far, left),
+        (x, y + thick, x + thick, left - thick),
+        (far - thick, y + thick, far, left - thick),
+    ]
+    return [((a, b, 0.0), (c, d, height)) for a, b, c, d in sides]
+
+
+BIN = walls_around((0.3, -0.3), (0.72, 0.3), 0.08)
+
+
+def found_in(
+    boxes: list[Box], hidden: np.ndarray | None = None, yaw: float = 0.0, calibrated: bool = True, noise: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """The pixels found, and the number of the box in each pixel, of a room with ``boxes``; ``hidden`` is the robot."""
+    frame, _, owner = room.photo(
+        room.camera(yaw=yaw, width=640, height=480), noise, np.concatenate([room.BOXES, np.array(boxes)])
+    )
+    if not calibrated:
+        camera = frame.camera.model_copy(update={"T_robot_cam": None})
+        frame = RGBDFrame(frame.rgb, frame.depth, camera, frame.source)
+    robot = np.zeros(owner.shape, bool) if hidden is None else hidden
+    return find_bin_walls(frame, find_table(frame, np.random.default_rng(0)), robot), owner
+
+
+def require_walls(found: np.ndarray, owner: np.ndarray, least: float = 0.9) -> None:
+    walls = owner >= FIRST
+    assert np.count_nonzero(found & walls) > least * np.count_nonzero(walls) > 1000
+    assert np.count_nonzero(found & np.isin(owner, room.THINGS)) < 0.01 * np.isin(owner, room.THINGS).sum()
+    assert np.count_nonzero(found & ~walls) < 0.15 * np.count_nonzero(walls)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.002])
+@pytest.mark.parametrize(("yaw", "calibrated"), [(0.0, True), (0.6, True), (0.6, False)])
+def test_walls_are_found_in_any_direction(yaw: float, calibrated: bool, noise: float) -> None:
+    require_walls(*found_in(BIN, yaw=yaw, calibrated=calibrated, noise=noise))
+
+
+def test_walls_that_the_robot_hides_in_part_are_found() -> None:
+    arm = np.zeros((480, 640), bool)
+    arm[:, 440:560] = True
+    found, owner = found_in(BIN, hidden=arm)
+    assert not (found & arm).any()
+    require_walls(found, np.where(arm, -1, owner))
+
+
+def test_walls_that_go_on_beyond_the_picture_are_found() -> None:
+    require_walls(*found_in(walls_around((0.3, -0.8), (0.72, 0.3), 0.08)))
+
+
+def test_without_walls_nothing_is_found() -> None:
+    assert not found_in([((0.6, -0.3, 0.0), (0.7, -0.25, 0.1))])[0].any()
+
+
+def test_a_box_that_things_stand_beside_is_no_bin() -> None:
+    beside = walls_around((0.35, -0.4), (0.65, -0.2), 0.08)
+    assert not found_in(beside)[0].any()
+
+
+def test_a_box_with_one_thing_in_it_is_no_bin() -> None:
+    around = walls_around((0.35, -0.3), (0.65, 0.05), 0.08)
+    boxes = np.concatenate([room.BOXES[:5], np.array(around)])
+    frame, _, _ = room.photo(room.camera(width=640, height=480), boxes=boxes)
+    assert not find_bin_walls(frame, find_table(frame, np.random.default_rng(0)), np.zeros((480, 640), bool)).any()
+
+
+def test_two_walls_are_no_bin_if_the_others_are_missing() -> None:
+    assert not found_in(BIN[:1] + BIN[2:3])[0].any()
