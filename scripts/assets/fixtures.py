@@ -14,6 +14,8 @@ _WOOD: tuple[Rgba, ...] = ((0.86, 0.68, 0.47, 1.0), (0.64, 0.46, 0.30, 1.0), (0.
 _GRAY: Rgba = (0.70, 0.69, 0.66, 1.0)
 _PALLET: Vec3 = (0.30, 0.25, 0.0375)
 _BOARD = 0.0075
+_SUPPORT = box((0.02, 0.02, 0.001), (0, 0, -0.0195))
+"""A plate under the corner of the ell's place, as published: it holds the ell up where no table is below."""
 
 
 def build_fixtures() -> list[BuiltAsset]:
@@ -23,16 +25,21 @@ def build_fixtures() -> list[BuiltAsset]:
         _fixture("hanoi/stand", (*_steps(0.12, 0.01), *_pegs()), 0.3, "brown", "three plates in a row, a peg on each"),
         _fixture("kitting/kit", (box((0.28, 0.2, 0.005), color=_WOOD[1]),), 0.2, "brown", "a flat board, 28 x 20 cm"),
         _fixture("insertion/ell", _ell(), 0.1, "red", "a red block shaped like an L, 4 cm high"),
-        _fixture("insertion/fixture", _walls(), 0.1, "gray", "gray walls around the place of an L-shaped block"),
+        _fixture(
+            "insertion/fixture", _walls(), 0.1, "gray", "gray walls around the place of an L-shaped block", (_SUPPORT,)
+        ),
         _pallet(),
         _plane(),
     ]
 
 
-def _fixture(name: str, shapes: tuple[Shape, ...], mass: float, color: str, look: str) -> BuiltAsset:
+def _fixture(
+    name: str, shapes: tuple[Shape, ...], mass: float, color: str, look: str, unseen: tuple[Shape, ...] = ()
+) -> BuiltAsset:
+    """Shapes that are seen and touched, and ``unseen`` ones that are only touched."""
     size = _extents(shapes)
     category = name.rsplit("/", 1)[-1]
-    bare = [shape.model_copy(update={"color": None}) for shape in shapes]
+    bare = [*(shape.model_copy(update={"color": None}) for shape in shapes), *unseen]
     return build_asset(toy_asset(name, category, size, mass, color, look, category != "ell"), shapes, bare)
 
 

@@ -3,7 +3,7 @@
 import ast
 from collections.abc import Mapping, Sequence
 from types import ModuleType
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -43,7 +43,7 @@ class Task(TaskKit):
         max_steps: pick-and-place actions allowed; one and a half for each object that moves, rounded up, or more.
         lang_template: what a person would say, e.g. ``"pack the {} in the box"``.
         task_completed_desc: said at the end.
-        sixdof: kept for CLIPort programs.
+        sixdof: whether tilted targets are met tilted.
         pos_eps, rot_eps: tolerance of ``pose`` goals, metres (at most 0.05) and radians.
         primitive: ``"push"`` to push with a spatula instead of picking and placing.
         bounds: (3, 2) lowest and highest x, y, z of the workspace, metres.
@@ -70,6 +70,9 @@ class Task(TaskKit):
                               rotations=False, metric='pose', params=None, step_max_reward=1.0,
                               symmetries=[np.pi / 2], language_goal=self.lang_template)
     """
+
+    _may_cover_marks: ClassVar[bool] = False
+    """Whether ``get_random_pose`` gives places on marks where no other is free."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -206,6 +209,11 @@ class Task(TaskKit):
             env.record_warning("get_random_pose: a size with negative lengths was taken without their sign")
         bounds = self.bounds if bound is None else np.asarray(bound, dtype=np.float64)
         pose = placement.sample_free_pose(size, bounds, _placement_obstacles(env), env.rng, env.arm)
+        if pose is None and self._may_cover_marks:
+            pose = placement.sample_free_pose(size, bounds, _placement_obstacles(env, False), env.rng, env.arm)
+            if pose is not None:
+                what = f"{size[0]:.2f} x {size[1]:.2f} m"
+                env.record_warning(f"get_random_pose: no place is free for {what}, so it covers marks on the table")
         if pose is not None:
             env.failed_placements = 0
             return list(pose[0]), pose[1]
@@ -302,6 +310,8 @@ class Task(TaskKit):
 class PublishedTask(Task):
     """What programs get that import ``Task`` from ``cliport``: words of ``lang_template`` choose, as published."""
 
+    _may_cover_marks = True
+
     def additional_reset(self) -> None:
         """Act on ``lang_template``: "bowl" widens ``pos_eps`` to 5 cm, "rope" to 2 cm, "piles" means pushing."""
         if "bowl" in self.lang_template:
@@ -327,15 +337,16 @@ def _parse_size_xyz(size: Any) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _placement_obstacles(env: Environment) -> list[Prism]:
-    """One outline for each object, marks on the table included, since nothing should start on a target; and what is
+def _placement_obstacles(env: Environment, marks: bool = True) -> list[Prism]:
+    """One outline for each object, with ``marks`` on the table, since nothing should start on a target; and what is
     around the robot."""
     around = (
         []
         if env.background is None
         else collider_prisms_at_pose(env.library.load_object_model(env.background), _ORIGIN)
     )
-    return [*(env.object_prism(item.id) for item in env.objects), *around]
+    standing = [item.id for item in env.objects if marks or env.object_model(item.id).colliders]
+    return [*map(env.object_prism, standing), *around]
 
 
 def find_task_class(module: ModuleType) -> type[Task]:

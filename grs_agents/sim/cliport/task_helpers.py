@@ -4,7 +4,7 @@ They make ropes (beads in a row, each tied to the next at a point, laid on the t
 shapes (as GenSim's ``make_kitting_objects`` puts them there).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import PurePosixPath
 from typing import Any, Final, cast
@@ -20,7 +20,7 @@ from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.goals import TaskAccounting
 from grs_agents.sim.instance import InstanceTie, NoFreeSpaceError, SimulationError
 from grs_agents.sim.motion import placement
-from grs_agents.sim.world import COLORS, Tabletop, parse_pose, rotation_matrix_2d, templates
+from grs_agents.sim.world import COLORS, Prism, Tabletop, parse_pose, rotation_matrix_2d, templates
 
 _BEAD: Final = "sphere/sphere_rope.urdf"
 _BEAD_RADIUS: Final = 0.005
@@ -86,7 +86,26 @@ def _add_beads(env: Tabletop, points: FloatArray, radius: float, color_name: str
 
 def _find_free_rope_curve(env: Tabletop, bounds: FloatArray, count: int, spacing: float, radius: float) -> FloatArray:
     """Points (count, 2) of a curve with equal steps that lies free on the table, within reach."""
-    standing = [env.object_prism(item.id) for item in env.objects]
+    for standing in _rope_obstacles(env):
+        points = _find_rope_curve_among(standing, env, bounds, count, spacing, radius)
+        if points is not None:
+            return points
+    raise NoFreeSpaceError(
+        f"no free place for a rope of {count} beads, {count * spacing:.2f} m, among {len(env.objects)} objects",
+        "add fewer objects or a shorter rope",
+    )
+
+
+def _rope_obstacles(env: Tabletop) -> Iterator[list[Prism]]:
+    """What a rope keeps clear of: everything, or where that leaves no room, what it would touch."""
+    yield [env.object_prism(item.id) for item in env.objects]
+    yield [env.object_prism(item.id) for item in env.objects if env.object_model(item.id).colliders]
+
+
+def _find_rope_curve_among(
+    standing: Sequence[Prism], env: Tabletop, bounds: FloatArray, count: int, spacing: float, radius: float
+) -> FloatArray | None:
+    """The same, clear of what stands there; None where no room is found."""
     for bend in _BENDS:
         for _ in range(_TRIES):
             curve = _arc_points(count, spacing, bend * float(env.rng.uniform(0.5, 1.0) * env.rng.choice([-1.0, 1.0])))
@@ -97,10 +116,7 @@ def _find_free_rope_curve(env: Tabletop, bounds: FloatArray, count: int, spacing
             points = curve @ rotation_matrix_2d(transforms.yaw_of_quaternion(pose[1])).T + np.asarray(pose[0][:2])
             if env.arm.reachable_mask(np.column_stack([points, np.full(count, 2 * radius)])).all():
                 return points
-    raise NoFreeSpaceError(
-        f"no free place for a rope of {count} beads, {count * spacing:.2f} m, among {len(env.objects)} objects",
-        "add fewer objects or a shorter rope",
-    )
+    return None
 
 
 def _arc_points(count: int, spacing: float, bend: float) -> FloatArray:
@@ -199,7 +215,7 @@ class TaskKit:
         return templates.resolve_asset_name(path, library) in library
 
     def make_piles(self, env: Environment, block_color: Any = None, *_more: Any, **_unknown: Any) -> list[int]:
-        """Strew ``num_blocks`` cubes of 1 cm over a patch of 20 cm in the middle of the table; returns their ids.
+        """Strew ``num_blocks`` cubes of 1 cm over 20 cm in the middle of the table, between earlier ones: their ids.
 
         Raises:
             SimulationError: so many do not lie there side by side.
@@ -208,12 +224,15 @@ class TaskKit:
         env.warn_of_unknown_arguments("task.make_piles", _unknown, TaskKit.make_piles)
         low, side = self.bounds[:2, 0] + (0.15, 0.4), int(0.2 / _CELL)
         count = self.num_blocks if asked is None else int(asked)
-        if not 0 <= count <= side**2:
-            raise SimulationError(
-                f"make_piles: num_blocks is {count}, {side**2} have room side by side", "ask for fewer"
-            )
-        # A cube a cell, so that none starts inside another.
+        # A cube a cell, so that none starts inside another, of this pile or of one before.
         cells = np.stack(np.meshgrid(np.arange(side), np.arange(side), indexing="ij"), axis=-1).reshape(-1, 2)
+        strewn = [item.pose[0][:2] for item in env.objects if item.asset == _GRAIN]
+        nearest = np.rint((np.array(strewn).reshape(-1, 2) - low) * side / 0.2 - 0.5)
+        cells = cells[np.logical_not((cells[:, None] == nearest[None]).all(axis=2).any(axis=1))]
+        if not 0 <= count <= len(cells):
+            raise SimulationError(
+                f"make_piles: num_blocks is {count}, {len(cells)} have room side by side", "ask for fewer"
+            )
         ids: list[int] = []
         colors = _list_colors(block_color)
         for number, cell in enumerate(env.rng.permutation(cells)[:count]):

@@ -12,6 +12,7 @@ import numpy as np
 from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.expert import placement_planner
+from grs_agents.sim.expert.tilted_placement import TRIES, find_tilted_place_pose
 from grs_agents.sim.goals import (
     SceneView,
     ScoredTask,
@@ -201,9 +202,12 @@ class Oracle:
 
     def _make_action_for_attempt(self, attempt: tuple[int, int], hold: Vec3, spot: Spot, view: SceneView) -> Action:
         """Carry the object that an attempt is about to a spot; the attempt counts."""
+        self._count_attempt(attempt)
+        return _make_pick_place_action(attempt[1], hold, spot, view)
+
+    def _count_attempt(self, attempt: tuple[int, int]) -> None:
         self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
         self._last = attempt
-        return _make_pick_place_action(attempt[1], hold, spot, view)
 
     def _unplaced_rows_in_order(self, goal: Goal, view: SceneView) -> list[int]:
         """Rows of the goal whose objects are not yet placed: low targets and big objects first."""
@@ -235,6 +239,18 @@ class Oracle:
             return hold
         if isinstance(hold, BlockedTarget):
             return self._plan_blocker_removal(hold, number, view, waiting)
+        tilted = find_tilted_place_pose(goal, row, self.task, view, hold)
+        if tilted is not None and self._attempts.get(attempt, 0) < TRIES:
+            self._count_attempt(attempt)
+            return {"pose0": (hold, transforms.IDENTITY), "pose1": tilted}
+        return self._plan_upright_placement(goal, row, hold, view, waiting)
+
+    def _plan_upright_placement(
+        self, goal: Goal, row: int, hold: Vec3, view: SceneView, waiting: tuple[int, ...]
+    ) -> Action | Stop:
+        """Carry the object of a row of a goal, taken at ``hold`` (m), to a target, or free that first."""
+        number = goal.objects[row]
+        attempt = (len(self.task.goals), number)
         lift = hold[2] - view.object_prism(number).low
         target = self._planner.choose_target(goal, row, self.task, view, lift)
         if isinstance(target, Stop):

@@ -14,6 +14,7 @@ from .scene_view import describe_unmovables as describe_unmovables
 from .scene_view import enclosing_object_ids as enclosing_object_ids
 from .scene_view import has_toppled as has_toppled
 from .scene_view import is_placement_stable as is_placement_stable
+from .scene_view import is_target_tilted as is_target_tilted
 from .scene_view import make_oracle_stop as make_oracle_stop
 from .scene_view import supporting_object_ids as supporting_object_ids
 from .strict_score import StrictScorer as StrictScorer

@@ -175,6 +175,8 @@ _FOOTING: Final = 0.002
 """How far within what carries it a centre of mass must lie, metres."""
 _OVERLAP: Final = -0.0005
 _STILL: Final = 0.05
+_TILTED: Final = math.radians(5)
+"""Targets that lean by less are meant upright: programs compute them from poses that settled."""
 _GRAIN: Final = 0.02
 """What is no larger than this lies as it falls: any of its sides will do, metres."""
 
@@ -250,6 +252,11 @@ def is_placement_stable(parts: Sequence[Prism], height: float, center: FloatArra
 def has_toppled(number: int, view: SceneView, tolerance: float) -> bool:
     """Whether an object is more tilted than at the start, by more than ``tolerance`` radians; no ball or grain is."""
     return not cannot_topple(number, view) and view.object_tilt(number) > view.object_tilt_at_start(number) + tolerance
+
+
+def is_target_tilted(target: Pose) -> bool:
+    """Whether a target pose says of an object that it is not to stand upright."""
+    return tilt_of_pose(target) > _TILTED
 
 
 def cannot_topple(number: int, view: SceneView) -> bool:

@@ -32,6 +32,7 @@ from grs_agents.sim.goals.scene_view import (
     enclosing_object_ids,
     has_toppled,
     is_at_rest,
+    is_target_tilted,
     mark_ids_under_object,
     supporting_object_ids,
 )
@@ -122,7 +123,7 @@ class StrictScorer:
 
     def _score_object(self, goal: Goal, row: int, claimed: dict[int, int], view: SceneView) -> tuple[float, str]:
         number = goal.objects[row]
-        if has_toppled(number, view, self.task.rot_eps):
+        if has_toppled(number, view, self.task.rot_eps) and not self._is_tilted_as_target(goal, row, view):
             return 0.0, f"does not stand upright: {describe_tilt(number, view)}"
         if not is_at_rest(number, view):
             return 0.0, "does not lie still"
@@ -130,8 +131,21 @@ class StrictScorer:
             return self._score_zone_object(goal, number, view)
         if row not in claimed:
             return 0.0, self._explain_missed_target(goal, row, view)
-        trouble = _explain_not_in_its_container(number, goal.targets[claimed[row]], view)
+        target = goal.targets[claimed[row]]
+        if self.task.sixdof and is_target_tilted(target):  # its height and tilt tell that it hangs in there
+            return 1.0, ""
+        trouble = _explain_not_in_its_container(number, target, view)
         return float(not trouble), trouble
+
+    def _is_tilted_as_target(self, goal: Goal, row: int, view: SceneView) -> bool:
+        """Whether an object lies as tilted as a tilted target of a task of six degrees of freedom, and that way."""
+        up = transforms.quaternion_to_matrix(view.object_pose(goal.objects[row])[1])[:, 2]
+        tilted = [goal.targets[index] for index in goal.allowed_target_indices(row) if goal.metric == "pose"]
+        return self.task.sixdof and any(
+            is_target_tilted(target)
+            and float(up @ transforms.quaternion_to_matrix(target[1])[:, 2]) > math.cos(self.task.rot_eps)
+            for target in tilted
+        )
 
     def _explain_missed_target(self, goal: Goal, row: int, view: SceneView) -> str:
         """How an object misses every target that will do for it."""
@@ -265,9 +279,20 @@ def _explain_not_in_its_container(number: int, target: Pose, view: SceneView) ->
     for other in view.object_ids:
         if other != number and view.is_object_hollow(other) and view.is_point_over_object(other, target[0]):
             walls = view.object_prism(other)
+            if _is_solid_below(other, target, walls.high, view):
+                continue
             if walls.high - walls.low > _WALLS and target[0][2] - half < walls.high - _HEIGHT:
                 return explain_not_inside(number, other, view)
     return ""
+
+
+def _is_solid_below(number: int, target: Pose, top: float, view: SceneView) -> bool:
+    """Whether what is under a target reaches as high as its rim (m), as a pallet's deck does: nothing goes into it."""
+    point = np.array([target[0][:2]])
+    return any(
+        prism.high > top - _HEIGHT and margins_inside_outline(np.zeros((1, 2)), prism.outline, point)[0] >= 0
+        for prism in view.collider_prisms(number)
+    )
 
 
 def _would_be_unsupported(number: int, pose: Pose, low: float, view: SceneView) -> bool:

@@ -52,6 +52,7 @@ class ScoredTask(Protocol):
     lang_template: str  # for goals without a sentence
     pos_eps: float  # tolerance of ``pose`` goals, metres
     rot_eps: float  # the same, radians
+    sixdof: bool  # whether the tilt of a target is asked for
     zone_bounds: npt.NDArray[np.float64]  # (3, 2) lowest and highest x, y, z that count as in a zone, metres
     grs: "TaskAccounting"
 

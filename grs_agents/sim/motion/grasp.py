@@ -9,7 +9,6 @@ import numpy as np
 
 from grs_agents.base import Vec3
 from grs_agents.geometry import FloatArray
-from grs_agents.sim.arms import CUP_RADIUS
 from grs_agents.sim.motion.tool_paths import Payload
 from grs_agents.sim.world import Physics, Prism, find_nearby_prisms, margins_inside_outline, nearest_point_of_outline
 
@@ -22,12 +21,12 @@ _RING: Final = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
 
 _STEP: Final = 0.005
 """What is no more than this above the surface does not hinder the cup, metres."""
-_RIM: Final = 0.008
-"""Where the lip of the cup seals, metres from its axis."""
 _GIVE: Final = 0.003
 """How far the lip follows a surface that falls away: so a ball of more than 12 mm radius seals, metres."""
-_BODY, _SWAY = CUP_RADIUS + 0.0015, 0.005
-"""How near to the cup's axis nothing may stand up, and how much farther off it had better be, metres."""
+_CLEAR, _SWAY = 0.0015, 0.005
+"""How near to the cup nothing may stand up, and how much farther off it had better be, metres."""
+_AROUND: Final = 0.003
+"""How far beside the cup its surroundings are looked at, metres."""
 SEALED: Final = 0.7
 """The share of the lip that must be on the object for the cup to hold it."""
 
@@ -43,7 +42,8 @@ def cup_sealed_fraction(physics: Physics, number: int) -> float:
     depth, owner = physics.cast_ray(start, axis)
     if owner != number or abs(depth - 0.02) > 0.02:
         return 0.0
-    rays = [physics.cast_ray(start + _RIM * (dx * matrix[:, 0] + dy * matrix[:, 1]), axis) for dx, dy in _RING]
+    lip = physics.world.nozzle_for_object(number).lip
+    rays = [physics.cast_ray(start + lip * (dx * matrix[:, 0] + dy * matrix[:, 1]), axis) for dx, dy in _RING]
     return sum(other == number and abs(far - depth) <= _GIVE for far, other in rays) / len(rays)
 
 
@@ -75,7 +75,7 @@ def find_grasp(physics: Physics, number: int, outline: Prism, others: Sequence[P
     best: tuple[float, Vec3 | None] = (np.inf, None)
     covered: Counter[int] = Counter()
     center, tips = physics.center_of_mass(number), False
-    around = find_nearby_prisms(outline, others, (0.0, 0.0), _BODY + _SWAY)
+    around = find_nearby_prisms(outline, others, (0.0, 0.0), _body_radius(physics, number) + _SWAY)
     for rank, (x, y) in enumerate(_candidate_grasp_points(center, outline)):
         if best[0] <= _FARTHER * rank:
             break  # nothing that is left can be better
@@ -107,8 +107,14 @@ def _make_grasp_or_reason(point: Vec3 | None, covered: Counter[int], tips: bool)
 def _would_tip_off_cup(physics: Physics, number: int, point: Vec3) -> bool:
     """Whether the weight of an object, lifted at a point, bends it off the cup; a rope hangs freely."""
     x, y, z = np.subtract(point, physics.center_of_mass(number)).tolist()
-    burden = Payload(physics.object_mass(number), float(np.hypot(x, y)), max(0.0, z))
+    nozzle = physics.world.nozzle_for_object(number)
+    burden = Payload(physics.object_mass(number), float(np.hypot(x, y)), max(0.0, z), nozzle)
     return burden.would_peel_off_cup and number not in physics.world.limp
+
+
+def _body_radius(physics: Physics, number: int) -> float:
+    """How near (m) to the axis of the nozzle for an object nothing may stand up."""
+    return physics.world.nozzle_for_object(number).radius + _CLEAR
 
 
 def _score_grasp_point(physics: Physics, number: int, others: Sequence[Prism], point: Vec3) -> tuple[float, int]:
@@ -116,7 +122,7 @@ def _score_grasp_point(physics: Physics, number: int, others: Sequence[Prism], p
     roughness, beside = _estimate_seal_cost(physics, number, *point)
     if beside >= 0:
         return roughness, beside
-    room, neighbour = _suction_cup_clearance(physics, others, *point)
+    room, neighbour = _suction_cup_clearance(physics, others, _body_radius(physics, number), *point)
     return roughness + max(0.0, _SWAY - room), neighbour if room < 0 else -1
 
 
@@ -133,33 +139,34 @@ def _candidate_grasp_points(center: Vec3, outline: Prism) -> list[tuple[float, f
 
 
 def _suction_cup_clearance(
-    physics: Physics, others: Sequence[Prism], x: float, y: float, height: float
+    physics: Physics, others: Sequence[Prism], body: float, x: float, y: float, height: float
 ) -> tuple[float, int]:
-    """How far, metres, the cup is from what stands up beside a point, and what that is: rays go to nearest outlines."""
+    """How far, metres, a cup of radius ``body`` is from what stands up beside a point, and what that is: rays go to
+    nearest outlines."""
     point, room, found = np.array([x, y]), _SWAY, -1
     for prism in others:
         if prism.high <= height + _STEP:
             continue
         foot = nearest_point_of_outline(prism.outline, point)
         away = float(np.linalg.norm(foot - point))
-        if 0 < away < _BODY + room:
+        if 0 < away < body + room:
             beyond = foot + (foot - point) * (0.001 / away)
             top, owner = physics.surface_height_below(float(beyond[0]), float(beyond[1]))
             if owner == prism.owner and top > height + _STEP:
-                room, found = away - _BODY, owner
+                room, found = away - body, owner
     return room, found
 
 
 def _estimate_seal_cost(physics: Physics, number: int, x: float, y: float, height: float) -> tuple[float, int]:
     """How little of the cup's lip would seal (0 all; from ``_LEAKS`` on too little), what else is in its way, or -1."""
-    missing, step = 0, 0.0
+    missing, step, nozzle = 0, 0.0, physics.world.nozzle_for_object(number)
     for dx, dy in _RING:
-        for radius in (_RIM, 0.013):
+        for radius in (nozzle.lip, nozzle.radius + _AROUND):
             around, owner = physics.surface_height_below(x + radius * float(dx), y + radius * float(dy))
             if owner != number and around > height + _STEP:
                 return 1.0, owner
             if around > height + _GIVE:
                 step = 0.05  # the object's own higher part: only if there is nothing better
-            missing += radius == _RIM and (owner != number or abs(around - height) > _GIVE)
+            missing += radius == nozzle.lip and (owner != number or abs(around - height) > _GIVE)
     leaks = 1 - missing / len(_RING) < SEALED
     return 0.003 * missing + step + _LEAKS * leaks, -1

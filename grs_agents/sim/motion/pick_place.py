@@ -29,7 +29,7 @@ from grs_agents.sim.motion.tool_paths import (
     split_into_yaw_and_tilt,
     tool_up_axis,
 )
-from grs_agents.sim.world import HOLDING_FORCE, PEELING_MOMENT, Physics, Prism
+from grs_agents.sim.world import Physics, Prism
 
 FREE_SPEED: Final = 1.2
 HELD_SPEED: Final = 0.8
@@ -43,6 +43,8 @@ _ROPE_CLEARANCE: Final = 0.01
 """What is tied to other things is dragged rather than carried: slowly and low, else it flings about."""
 _LOWEST: Final = 0.001
 _UP: Final[FloatArray] = np.array([0.0, 0.0, 1.0])
+_ABOVE_TILTED: Final = 0.05
+"""From so far above a tilted place, metres, what is held goes along the tool: an upright way would hit the walls."""
 _PEELING, _RETREAT = 0.02, 0.06
 """How far the cup draws back along the tool, then up, metres."""
 _LETTING_GO: Final = 10
@@ -121,6 +123,7 @@ class PickPlace:
             return self._make_out_of_reach_result(point)
         lowest = ToolPose((point[0], point[1], max(_LOWEST, point[2] - 0.03)), yaw)
         aimed, met = physics.surface_height_below(*point[:2])[1], set[int]()
+        physics.cup.fit_nozzle(physics.world.nozzle_for_object(aimed))
 
         def touches() -> bool:
             met.update(physics.unheld_objects_touching_robot())
@@ -165,7 +168,7 @@ class PickPlace:
         tilted = bool(up[2] < 1.0)
         self._lift_clear_of_neighbours(grasped)
         radius, drop = self._held_object_extent(grasped)
-        near = place.shifted_by(0.012 * up)
+        near = place.shifted_by((_ABOVE_TILTED if tilted else 0.012) * up)
         if not self._carry_object(grasped, near, radius, drop, tilted):
             if physics.held_object_id is None:
                 note = self._describe_drop(grasped)
@@ -220,14 +223,15 @@ class PickPlace:
         )
 
     def _describe_drop(self, number: int) -> str:
-        name, slip = self.names[number], self.physics.cup.slip
+        name, slip, nozzle = self.names[number], self.physics.cup.slip, self.physics.cup.nozzle
         if slip is None or slip.number != number:
             return f"{name} was dropped on the way"
         weight, touched = self.physics.object_mass(number), sorted(self.physics.objects_touching_object(number))
         hit = f" as it hit {' and '.join(self.names[other] for other in touched)}" if touched else ""
-        how = f"slipped off the cup, which holds {HOLDING_FORCE:.0f} N: it pulled with {slip.load:.0f} N"
-        if slip.load <= HOLDING_FORCE:
-            how = f"tipped off the cup, which bears {PEELING_MOMENT:.2f} N m: it bent it with {slip.moment:.2f} N m"
+        how = f"slipped off the cup, which holds {nozzle.holding_force:.3g} N: it pulled with {slip.load:.3g} N"
+        if slip.load <= nozzle.holding_force:
+            bent = f"which bears {nozzle.peeling_moment:.2g} N m: it bent it with {slip.moment:.2g} N m"
+            how = f"tipped off the cup, {bent}"
         return f"{name} ({weight:.2g} kg) {how}{hit}"
 
     def _put_down_held_object(self) -> None:
@@ -310,7 +314,8 @@ class PickPlace:
     def _compute_payload_of_object(self, number: int) -> Payload:
         """An object as the cup feels it, were it to hold it where the tip is now, the tool down."""
         x, y, z = np.subtract(self.physics.center_of_mass(number), self.physics.tip_position).tolist()
-        return Payload(self.physics.object_mass(number), float(np.hypot(x, y)), max(0.0, -z))
+        nozzle = self.physics.world.nozzle_for_object(number)
+        return Payload(self.physics.object_mass(number), float(np.hypot(x, y)), max(0.0, -z), nozzle)
 
     def _descend_until(self, start: ToolPose, end: ToolPose, stop: Callable[[], bool]) -> bool:
         """Feel the way until ``stop``; False, without moving, if the arm cannot go all of it."""

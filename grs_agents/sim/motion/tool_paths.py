@@ -11,9 +11,9 @@ from grs_agents.base import Quat, Vec3
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.arms import Arm, rotations_about_z, trapezoidal_profile
 from grs_agents.sim.world import (
+    CUP,
     GRAVITY,
-    HOLDING_FORCE,
-    PEELING_MOMENT,
+    Nozzle,
     Prism,
     find_nearby_prisms,
     nearest_point_of_outline,
@@ -58,22 +58,24 @@ class Pace:
 
 @dataclass(frozen=True)
 class Payload:
-    """What is on the cup: its mass (kg), and how far (m) its centre is from the tip, to the side and along the tool."""
+    """What is on a nozzle: its mass (kg), and how far (m) its centre is from the tip, aside and along the tool."""
 
     mass: float
     aside: float
     below: float
+    nozzle: Nozzle = CUP
 
     @property
     def would_peel_off_cup(self) -> bool:
         """Whether its weight, with the gentlest motion, bends it off the cup."""
-        return self.mass * (GRAVITY * self.aside + _SLOWEST * (self.aside + self.below)) > PEELING_MOMENT
+        return self.mass * (GRAVITY * self.aside + _SLOWEST * (self.aside + self.below)) > self.nozzle.peeling_moment
 
     def safe_acceleration(self, level: float) -> float:
         """What its inertia stands without tearing it off, m/s^2, on a way of which a share ``level`` is level."""
         mass = max(self.mass, 1e-6)
-        pulled = _SHARE * HOLDING_FORCE / mass - GRAVITY
-        bent = (_SHARE * PEELING_MOMENT / mass - GRAVITY * self.aside) / max(self.aside + level * self.below, 1e-3)
+        pulled = _SHARE * self.nozzle.holding_force / mass - GRAVITY
+        moment = _SHARE * self.nozzle.peeling_moment / mass - GRAVITY * self.aside
+        bent = moment / max(self.aside + level * self.below, 1e-3)
         return max(min(pulled, bent), _SLOWEST)
 
 

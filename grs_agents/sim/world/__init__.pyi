@@ -40,6 +40,8 @@ from .footprints import rest_heights_at_offsets as rest_heights_at_offsets
 from .footprints import rest_heights_for_gaps as rest_heights_for_gaps
 from .footprints import rotation_matrix_2d as rotation_matrix_2d
 from .footprints import signed_outline_gaps as signed_outline_gaps
+from .nozzles import CUP as CUP
+from .nozzles import Nozzle as Nozzle
 from .physics import Physics as Physics
 from .recording import Recording as Recording
 from .spec import TIMESTEP as TIMESTEP

@@ -13,6 +13,7 @@ from grs_agents.library import Library
 from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.arms import Arm, get_arm
 from grs_agents.sim.instance import InstanceObject, InstanceTie, SimulationError
+from grs_agents.sim.world.nozzles import CUP, NARROW, Nozzle
 from grs_agents.sim.world.spec import (
     LARGEST_BEAD,
     TIMESTEP,
@@ -41,11 +42,16 @@ class World:
     limp: frozenset[int] = frozenset()
     joined: Mapping[int, frozenset[int]] = field(default_factory=dict[int, frozenset[int]])  # ids of rigid compounds
     beads: frozenset[int] = frozenset()  # those of them that are so small that the cup always seals
+    small: frozenset[int] = frozenset()  # ids of what has no face on which the cup's lip finds room
 
     @cached_property
     def owner_of_geom(self) -> npt.NDArray[np.int_]:
         """``owners`` as an array."""
         return np.asarray(self.owners)
+
+    def nozzle_for_object(self, number: int) -> Nozzle:
+        """The nozzle with which an object is picked."""
+        return NARROW if number in self.small else CUP
 
 
 def build_world(
@@ -101,6 +107,7 @@ def compile_world(made: WorldSpec) -> World:
         limp=limp,
         joined=_group_rigidly_tied_objects(ties),
         beads=frozenset(number for number in limp if max(models[number].size) <= LARGEST_BEAD),
+        small=frozenset(number for number in set(made.graspable) - limp if CUP.is_wider_than(models[number].size)),
     )
 
 

@@ -11,7 +11,7 @@ from grs_agents.geometry import FloatArray
 from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.arms import DOWN
 from grs_agents.sim.world.compilation import World
-from grs_agents.sim.world.suction import GRAVITY, HOLDING_FORCE, PEELING_MOMENT, Cup
+from grs_agents.sim.world.suction import GRAVITY, Cup
 
 _SPACING: Final = 4
 """Time steps between two rows of a path at which the tip's pose is worked out, all but the last."""
@@ -132,7 +132,8 @@ class ContactFreeMotion:
         twist = u * a + v * b + w * c
         loads: FloatArray = x * x + y * y + z * z - pressing**2
         moments: FloatArray = u * u + v * v + w * w - twist**2
-        return bool(loads.max() > HOLDING_FORCE**2 or moments.max() > PEELING_MOMENT**2)
+        nozzle = self._cup.nozzle
+        return bool(loads.max() > nozzle.holding_force**2 or moments.max() > nozzle.peeling_moment**2)
 
     def _current_tip(self) -> tuple[FloatArray, FloatArray]:
         """The tip's position (3,), and the tool's rotation (3, 3) from straight down."""

@@ -6,15 +6,16 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.arms import CUP_RADIUS, ROBOT_CONTYPE
+from grs_agents.sim.arms import ROBOT_CONTYPE
 from grs_agents.sim.world.compilation import World
+from grs_agents.sim.world.nozzles import CUP, Nozzle
 
-HOLDING_FORCE: Final = 15.0
-"""What the suction cup holds, newtons: 60 kPa below the air's pressure on a disk of 20 mm (18.8 N), times 0.8."""
+HOLDING_FORCE: Final = CUP.holding_force
+"""What the suction cup holds, newtons."""
 GRAVITY: Final = 9.81
 """Metres a second squared."""
-PEELING_MOMENT: Final = HOLDING_FORCE * CUP_RADIUS
-"""What bends the cup's lip off, newton metres: so much tips a disk, which that force holds, over its edge."""
+PEELING_MOMENT: Final = CUP.peeling_moment
+"""What bends the cup's lip off, newton metres."""
 WATCHED: Final = 4
 """Time steps between two looks at the load of the cup; two looks in succession over the limit break the hold."""
 
@@ -60,11 +61,19 @@ class Cup:
         self._tip_axes: Any = data.site_xmat[world.tip_site]
         self._joint_forces: Any = data.qfrc_applied[: self._dof]
         self._set_cup_collisions(True)
+        self.fit_nozzle(CUP)
+
+    def fit_nozzle(self, nozzle: Nozzle) -> None:
+        """Pick with another nozzle from now on; a spatula stays one."""
+        self.nozzle = nozzle
+        if self._world.model.geom_type[self._world.cup_geom] == mujoco.mjtGeom.mjGEOM_CYLINDER:
+            self._world.model.geom_size[self._world.cup_geom, 0] = nozzle.radius
 
     def grasp(self, number: int) -> None:
         """Switch suction on: the object keeps its present pose relative to the cup; a rope's bead is free to turn."""
         world, data = self._world, self._data
         weld, cup, body = world.welds[number], world.cup_body, world.bodies[number]
+        self.nozzle = world.nozzle_for_object(number)
         back, relative, rotation = np.empty(4), np.empty(3), np.empty(4)
         mujoco.mju_negQuat(back, data.xquat[cup])
         mujoco.mju_rotVecQuat(relative, data.xpos[body] - data.xpos[cup], back)
@@ -115,8 +124,8 @@ class Cup:
             return
         self._compensate_held_weight(self.held)
         (load, moment), before = self.measure_load(self.held), self._strained
-        bent = moment > PEELING_MOMENT and not is_supported(self._world, self._data, self.held)
-        self._strained = load > HOLDING_FORCE or bent
+        bent = moment > self.nozzle.peeling_moment and not is_supported(self._world, self._data, self.held)
+        self._strained = load > self.nozzle.holding_force or bent
         if self._strained and before:
             number = self.held
             self.release()

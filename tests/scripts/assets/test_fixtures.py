@@ -24,7 +24,9 @@ def test_the_ell_lies_in_its_fixture_with_room_to_spare() -> None:
     assert ell.bounds[0] == pytest.approx((-0.015, -0.015, -0.02))
     assert ell.bounds[1] == pytest.approx((0.065, 0.065, 0.02))
     gaps: list[float] = []
-    for leg, wall in product(ell.colliders, fixture.colliders):
+    walls = [shape for shape in fixture.colliders if shape.size[2] == pytest.approx(0.04)]
+    assert len(walls) == 6
+    for leg, wall in product(ell.colliders, walls):
         (low, high), (start, end) = shape_bounds(leg), shape_bounds(wall)
         gaps.append(float(max((start - high)[:2].max(), (low - end)[:2].max())))
     assert min(gaps) > 0.007
@@ -34,3 +36,9 @@ def test_a_pallet_touches_as_one_solid_and_looks_like_boards() -> None:
     pallet = LIBRARY.load_object_model("pallet/pallet.urdf")
     assert len(pallet.colliders) == 1
     assert len(pallet.visuals) > 8
+
+
+def test_a_plate_that_is_not_seen_holds_the_ell_up_in_its_fixture() -> None:
+    fixture = LIBRARY.load_object_model("insertion/fixture.urdf")
+    assert len(fixture.colliders) == len(fixture.visuals) + 1
+    assert fixture.bounds[0][2] == pytest.approx(-0.02)

@@ -4,7 +4,7 @@ from sim_scenes import Scripted, at, pose_goal, zone_goal
 
 from grs_agents.errors import UnknownNameError
 from grs_agents.library import Library
-from grs_agents.sim import Environment, Task, inside, instantiate, rollout, run_oracle
+from grs_agents.sim import Environment, Task, inside, instantiate, rollout, run_oracle, upright
 from grs_agents.sim.cliport import PublishedTask, push
 
 BLOCK = "block/red_block.urdf"
@@ -254,3 +254,30 @@ def test_a_random_pose_keeps_to_the_bound_that_it_is_given() -> None:
     drawn(scene)
     assert 0.3 <= found[0] <= 0.4
     assert 0.2 <= found[1] <= 0.4
+
+
+def test_where_nothing_else_is_free_published_programs_and_ropes_get_places_on_marks() -> None:
+    def cover_table(task, env) -> None:
+        wide = task.fill_template("zone/zone-template.urdf", {"DIM": (0.5, 1.0, 0.002)})
+        env.add_object(wide, at(0.5, 0.0, 0.001), "fixed")
+
+    class Covered(PublishedTask):
+        def reset(self, env) -> None:
+            super().reset(env)
+            cover_table(self, env)
+            self.pose = self.get_random_pose(env, (0.04, 0.04, 0.04))
+            self.beads, *_ = self.make_ropes(env, ((0.4, 0.0, 0.0), (0.4, 0.1, 0.0)), n_parts=8)
+            self.add_goal(upright([env.add_object("block/red_block.urdf", self.pose)]))
+
+    task = Covered()
+    env = Environment(task=task)
+    env.reset(settle=False)
+    assert task.pose[0] is not None
+    assert len(task.beads) == 8
+    assert any("covers marks on the table" in warning for warning in env.warnings)
+
+    def own(task, env) -> None:
+        cover_table(task, env)
+        assert task.get_random_pose(env, (0.04, 0.04, 0.04)) == (None, None)
+
+    Environment(task=Scripted(own)).reset()

@@ -112,6 +112,18 @@ def test_a_pile_takes_a_list_of_colours_in_turn() -> None:
     assert shown[0] == shown[2] != shown[1] == shown[3] == (0.0, 0.0, 1.0, 1.0)
 
 
+def test_a_second_pile_lies_between_the_cubes_of_the_first() -> None:
+    def scene(task, env) -> None:
+        task.num_blocks = 60
+        task.make_piles(env)
+        task.make_piles(env)
+
+    env = played(scene)
+    points = np.array([item.pose[0][:2] for item in env.objects])
+    apart = np.linalg.norm(points[:, None] - points, axis=2)[~np.eye(120, dtype=bool)]
+    assert apart.min() > 0.0145
+
+
 def test_ids_get_their_symmetries_unless_they_have_them() -> None:
     task = Task()
     assert task.zip_obj_ids([3, 4], [0.5, 1.0]) == [(3, (0.5, None)), (4, (1.0, None))]

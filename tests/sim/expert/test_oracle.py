@@ -200,3 +200,31 @@ def test_the_cup_keeps_clear_of_a_thin_peg_beside_what_it_picks() -> None:
 
     episode, _ = run(scene)
     assert (episode.outcome, len(episode.actions), episode.strict) == ("success", 1, 1.0)
+
+
+@pytest.mark.parametrize("lean", [(0.5, 0.0), (0.3, -0.3)])
+def test_it_places_tilted_where_a_task_of_six_degrees_of_freedom_has_a_tilted_target(lean) -> None:
+    place = ((0.5, 0.2, 0.12), utils.eulerXYZ_to_quatXYZW((*lean, 1.0)))
+
+    def scene(task, env) -> None:
+        task.sixdof, task.pos_eps = True, 0.02
+        ell = env.add_object("insertion/ell.urdf", at(0.45, -0.2, 0.02))
+        env.add_object("insertion/fixture.urdf", place, "fixed")
+        pose_goal(task, ell, place, symmetry=2 * np.pi)
+
+    episode, env = run(scene)
+    assert (episode.outcome, episode.steps) == ("success", 1), episode.detail
+    assert episode.strict == 1.0, episode.shortfalls
+    position, rotation = env.get_object_pose(1)
+    np.testing.assert_allclose(position, place[0], atol=0.015)
+    assert abs(np.dot(rotation, place[1])) > np.cos(np.deg2rad(15) / 2)
+
+
+def test_it_lets_things_down_upright_where_the_task_does_not_ask_for_tilt() -> None:
+    def scene(task, env) -> None:
+        block = env.add_object("block/red_block.urdf", at(0.45, -0.2, 0.02))
+        pose_goal(task, block, ((0.5, 0.2, 0.02), utils.eulerXYZ_to_quatXYZW((0.5, 0.0, 0.0))))
+
+    episode, env = run(scene)
+    assert episode.strict == 1.0, episode.shortfalls
+    assert utils.rotation_matrix(env.get_object_pose(1)[1])[2, 2] > 0.999

@@ -163,3 +163,13 @@ def test_what_stands_in_a_fixture_is_where_a_target_in_the_fixture_says() -> Non
 
     episode, _ = run(scene)
     assert (episode.outcome, episode.strict) == ("success", 1.0)
+
+
+def test_nothing_need_go_into_the_solid_deck_of_a_pallet() -> None:
+    def scene(task, env) -> None:
+        block = env.add_object(BLOCKS[0], at(0.45, -0.2, 0.02))
+        env.add_object("pallet/pallet.urdf", at(0.5, 0.2, 0.01), "fixed")
+        pose_goal(task, block, at(0.5, 0.2, 0.03))
+
+    episode = after(scene, _1=at(0.5, 0.2, 0.0488)).current_episode
+    assert (episode.reward, episode.strict, episode.shortfalls) == (1.0, 1.0, ())

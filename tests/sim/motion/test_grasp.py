@@ -61,6 +61,20 @@ def test_the_cup_seals_on_a_ball_that_is_large_enough(single) -> None:
     assert env.pick_place(at(x, y, z + 0.016), at(0.45, 0.2, 0.04)).grasped == 1
 
 
+def test_what_has_no_face_of_16_mm_is_picked_with_a_narrow_nozzle_that_holds_little(single) -> None:
+    for shape, size in (box(0.01, 0.01, 0.01), box(0.06, 0.012, 0.012), ball(0.005)):
+        env = single(shape, size, 0.5, 0, mass=0.02)
+        top = find_grasp(env.physics, 1, env.object_prism(1)).point
+        assert top is not None
+        result = env.pick_place(at(*top), at(0.45, 0.2, size[2]))
+        assert result.note == "placed", shape
+        assert np.hypot(*np.subtract(env.get_object_pose(1)[0][:2], (0.45, 0.2))) < 0.02
+    heavy = single(*box(0.012, 0.012, 0.012), 0.5, 0, mass=0.4)
+    assert "slipped off the cup, which holds 2.4 N" in heavy.pick_place(at(0.5, 0, 0.012), at(0.45, 0.2, 0.012)).note
+    wide = single(*box(0.02, 0.02, 0.02), 0.5, 0, mass=0.4)
+    assert wide.pick_place(at(0.5, 0, 0.02), at(0.45, 0.2, 0.02)).note == "placed"
+
+
 def test_the_cup_finds_no_seal_on_a_small_ball_nor_on_an_edge(single) -> None:
     env = single(*ball(0.009), 0.5, 0)
     x, y, z = env.get_object_pose(1)[0]

@@ -100,6 +100,19 @@ def test_a_pile_is_swept_into_a_zone_and_the_same_seed_sweeps_alike() -> None:
     assert first.info == second.info
 
 
+def test_piles_of_two_goals_are_pushed_one_goal_after_the_other() -> None:
+    def strewn(task, env) -> None:
+        spots = env.rng.uniform((0.3, -0.35), (0.65, 0.35), (16, 2)).tolist()
+        grains = [env.add_object("block/small.urdf", at(x, y, 0.005)) for x, y in spots]
+        for pieces, y in ((grains[:8], 0.35), (grains[8:], -0.35)):
+            zone_goal(task, pieces, at(0.5, y, 0.001), (0.14, 0.14, 0), 1 / 2)
+
+    for seed in (1, 3, 4):
+        first, second = played(strewn, seed).current_episode.goals
+        assert first.published == first.strict == 1.0
+        assert second.published > 0.5
+
+
 def test_a_push_task_travels_as_an_instance() -> None:
     instance = instantiate(Pushing(pile), 1)
     assert instance.primitive == "push"
