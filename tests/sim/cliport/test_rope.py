@@ -162,3 +162,16 @@ def test_pybullets_plain_bodies_are_objects() -> None:
         p.createMultiBody(1, 9)
     with pytest.raises(SimulationError, match="type 5"):
         p.createCollisionShape(p.GEOM_MESH)
+
+
+def test_of_beads_side_by_side_the_one_that_is_aimed_at_is_taken() -> None:
+    def scene(task, env) -> None:
+        corners = ((0.5, 0.0, 0.0), (0.5, 0.064, 0.0))  # 8 mm apart, so that the cup touches three at once
+        objs, targets, matches = task.make_ropes(env, corners, n_parts=8)
+        task.add_goal(objs=objs, matches=matches, targ_poses=targets)
+
+    env = Environment(task=Scripted(scene))
+    for number in (1, 2, 5, 8):
+        env.reset()
+        (x, y, z), _ = env.get_object_pose(number)
+        assert env.pick_place(at(x, y, z + 0.004), at(x, y + 0.01, z + 0.004)).grasped == number
