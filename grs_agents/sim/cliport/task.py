@@ -43,7 +43,7 @@ class Task(TaskKit):
         max_steps: pick-and-place actions allowed; one and a half for each object that moves, rounded up, or more.
         lang_template: what a person would say, e.g. ``"pack the {} in the box"``.
         task_completed_desc: said at the end.
-        sixdof: whether tilted targets are met tilted.
+        sixdof: kept for CLIPort programs.
         pos_eps, rot_eps: tolerance of ``pose`` goals, metres (at most 0.05) and radians.
         primitive: ``"push"`` to push with a spatula instead of picking and placing.
         bounds: (3, 2) lowest and highest x, y, z of the workspace, metres.

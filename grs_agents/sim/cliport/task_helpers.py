@@ -215,7 +215,7 @@ class TaskKit:
         return templates.resolve_asset_name(path, library) in library
 
     def make_piles(self, env: Environment, block_color: Any = None, *_more: Any, **_unknown: Any) -> list[int]:
-        """Strew ``num_blocks`` cubes of 1 cm over 20 cm in the middle of the table, between earlier ones: their ids.
+        """Strew ``num_blocks`` cubes of 1 cm over a patch of 20 cm in the middle of the table; returns their ids.
 
         Raises:
             SimulationError: so many do not lie there side by side.
