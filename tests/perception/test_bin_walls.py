@@ -40,7 +40,7 @@ def found_in(
     return find_bin_walls(frame, find_table(frame, np.random.default_rng(0)), robot), owner
 
 
-def require_walls(found: np.ndarray, owner: np.ndarray, least: float = 0.9) -> None:
+def assert_walls_found(found: np.ndarray, owner: np.ndarray, least: float = 0.9) -> None:
     walls = owner >= FIRST
     assert np.count_nonzero(found & walls) > least * np.count_nonzero(walls) > 1000
     assert np.count_nonzero(found & np.isin(owner, room.THINGS)) < 0.01 * np.isin(owner, room.THINGS).sum()
@@ -50,7 +50,7 @@ def require_walls(found: np.ndarray, owner: np.ndarray, least: float = 0.9) -> N
 @pytest.mark.parametrize("noise", [0.0, 0.002])
 @pytest.mark.parametrize(("yaw", "calibrated"), [(0.0, True), (0.6, True), (0.6, False)])
 def test_walls_are_found_in_any_direction(yaw: float, calibrated: bool, noise: float) -> None:
-    require_walls(*found_in(BIN, yaw=yaw, calibrated=calibrated, noise=noise))
+    assert_walls_found(*found_in(BIN, yaw=yaw, calibrated=calibrated, noise=noise))
 
 
 def test_walls_that_the_robot_hides_in_part_are_found() -> None:
@@ -58,11 +58,11 @@ def test_walls_that_the_robot_hides_in_part_are_found() -> None:
     arm[:, 440:560] = True
     found, owner = found_in(BIN, hidden=arm)
     assert not (found & arm).any()
-    require_walls(found, np.where(arm, -1, owner))
+    assert_walls_found(found, np.where(arm, -1, owner))
 
 
 def test_walls_that_go_on_beyond_the_picture_are_found() -> None:
-    require_walls(*found_in(walls_around((0.3, -0.8), (0.72, 0.3), 0.08)))
+    assert_walls_found(*found_in(walls_around((0.3, -0.8), (0.72, 0.3), 0.08)))
 
 
 def test_without_walls_nothing_is_found() -> None:
