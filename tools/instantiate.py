@@ -4,9 +4,9 @@ Each instance is drawn twice, in two processes and in another order, and counts 
 the program and the seed, not to the moment: a program can still hand out any instance it likes, but always the same.
 """
 
-import os
+import sys
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Final, Literal, get_args
 
 from pydantic import Field, ValidationError
 
@@ -75,6 +75,13 @@ class Request(ToolRequest):
     """What the photo shows, which stands on the table before the program sets its scene up."""
 
 
+_ALLOCATED: Final = 64
+"""Blocks of each small size that are allocated before each seed of the second drawing, and none of the first: what a
+program allocates lies elsewhere then. Of 240 instances taken from an address none came out the same twice."""
+_SMALL_BLOCKS: Final = range(48, 513, 16)
+"""Bytes of blocks that Python keeps apart by size, but for those of 16 and 32; what is larger lies anywhere."""
+
+
 class Failure(Frozen):
     """A seed that gave no instance.
 
@@ -117,7 +124,7 @@ def run(request: Request, context: ToolContext) -> Result:
     drawn, first = _draw_instances_of_seeds(tuple(dict.fromkeys(request.seeds)), request, context)
     calls = first.calls
     if kept := tuple(seed for seed, outcome in drawn.items() if isinstance(outcome, TaskInstance)):
-        again, second = _draw_instances_of_seeds(_reorder_seeds(kept), request, context)
+        again, second = _draw_instances_of_seeds(_reorder_seeds(kept), request, context, _ALLOCATED)
         calls += second.calls
         drawn |= {seed: _require_same_instance(drawn[seed], again[seed]) for seed in kept}
     return Result(
@@ -144,13 +151,13 @@ def _list_source_failures(request: Request) -> tuple[Failure, ...]:
 
 
 def _draw_instances_of_seeds(
-    seeds: Sequence[int], request: Request, context: ToolContext
+    seeds: Sequence[int], request: Request, context: ToolContext, allocated: int = 0
 ) -> tuple[dict[int, TaskInstance | Failure], BatchResult]:
     """Draw each seed once, in a process that ran nothing before."""
     batch = sandbox.call_tool_for_each_item(
         context.sandbox,
         "instantiate",
-        request.model_dump(mode="json") | {"limits": context.limits.model_dump(mode="json")},
+        request.model_dump(mode="json") | {"limits": context.limits.model_dump(mode="json"), "allocated": allocated},
         [str(seed) for seed in seeds],
         context.limits,
         hopeless=lambda call: True,  # what hangs in reset for one seed hangs for all
@@ -195,7 +202,8 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
         background=request["background"],
         bystanders=bystanders,
     )
-    ballast = [bytearray(16 * size) for size in os.urandom(int.from_bytes(os.urandom(1)))]
+    allocated: int = request["allocated"]
+    ballast = _allocate_blocks(allocated)
     items: Sequence[str] = request["items"]
     task: Any = None
     with sandbox.CapturedError() as loading:
@@ -203,6 +211,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
         task = sim.find_task_class(sandbox.load_program(request["simulation"]))
     for item in items:
         sandbox.report_progress({"item": item, "phase": "start"})
+        ballast += _allocate_blocks(allocated)
         sandbox.seed_everything(int(item))
         sim.reset_before_test()
         event: dict[str, Any] = {"instance": None}
@@ -220,6 +229,12 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
         sandbox.report_progress({"item": item, "phase": "end", **event})
     ballast.clear()  # until here it moves what a program allocates, so that no instance can depend on addresses
     return {}
+
+
+def _allocate_blocks(blocks: int) -> list[object]:
+    """So many blocks of every small size."""
+    larger = [bytes(size - sys.getsizeof(b"")) for size in _SMALL_BLOCKS for _ in range(blocks)]
+    return [*larger, *(made() for made in (object, complex) for _ in range(blocks))]
 
 
 def _format_failure_fields(error: BaseException) -> dict[str, str]:
