@@ -74,4 +74,5 @@ def run_suite_once(
 
 
 def _is_generated_program(module: Any) -> bool:
-    return getattr(module, "__file__", None) in (SIMULATION_FILE, TESTS_FILE)
+    # Not by the attribute: a module may look a missing one up.
+    return getattr(module, "__dict__", {}).get("__file__") in (SIMULATION_FILE, TESTS_FILE)

@@ -202,10 +202,10 @@ def _parse_match_matrix(matches: Any, objects: int, targets: int) -> tuple[tuple
             f"add_goal: matches has shape {array.shape} for {objects} objects and {targets} targets",
             f"give np.ones(({objects}, {targets})) or another array of that shape",
         )
-    rows = np.zeros((objects, targets), dtype=np.int64)
-    kept = np.pad(array[:objects, :targets], ((0, max(objects - len(array), 0)), (0, 0)), "edge")
-    rows[:, : kept.shape[1]] = kept > 0
-    return tuple(map(tuple, rows.tolist()))
+    if array.shape != (objects, targets):
+        array = np.pad(array[:objects, :targets], ((0, max(objects - len(array), 0)), (0, 0)), "edge")
+        array = np.pad(array, ((0, 0), (0, targets - array.shape[1])))
+    return tuple(map(tuple, (array > 0).astype(np.int64).tolist()))
 
 
 def _parse_symmetries(symmetries: Any, own: Sequence[float]) -> tuple[float, ...]:

@@ -187,9 +187,10 @@ def find_free_spot(
 def _is_center_supported(offsets: FloatArray, heights: FloatArray, obstacles: Sequence[Prism]) -> npt.NDArray[np.bool_]:
     """Where (N,) a body's centre is over what carries it: it will not tip, as it would on a rim."""
     supported = heights < _FLUSH
-    for prism in () if supported.all() else obstacles:
-        near = ~supported & (np.abs(heights - prism.high) < _FLUSH)
-        if near.any():
+    levels = set[float](heights[~supported].tolist())  # tops of obstacles, so that they are few
+    for prism in obstacles:
+        if any(abs(level - prism.high) < _FLUSH for level in levels):
+            near = ~supported & (np.abs(heights - prism.high) < _FLUSH)
             supported |= near & (margins_inside_outline(np.zeros((1, 2)), prism.outline, offsets) > 0)
     return supported
 

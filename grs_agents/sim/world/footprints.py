@@ -174,13 +174,21 @@ def _get_prism_cache(model: ObjectModel) -> dict[tuple[Pose, int], tuple[list[Pr
 def find_prisms_at_pose(model: ObjectModel, pose: Pose, owner: int) -> tuple[list[Prism], Prism]:
     """The prisms of an object's colliders, and the one around the whole of it; remembered."""
     known = _get_prism_cache(model)
-    if (pose, owner) not in known:
+    prisms = known.get((pose, owner))
+    if prisms is None:
         if len(known) >= _REMEMBERED:
             known.clear()
         parts = collider_prisms_at_pose(model, pose, owner)
-        whole = parts[0] if len(parts) == 1 else object_prism_at_pose(model, pose, owner)
-        known[pose, owner] = parts, whole
-    return known[pose, owner]
+        prisms = known[pose, owner] = parts, _prism_around_parts(parts) or object_prism_at_pose(model, pose, owner)
+    return prisms
+
+
+def _prism_around_parts(parts: Sequence[Prism]) -> Prism | None:
+    """One prism around several of an object; None for none."""
+    if len(parts) < 2:
+        return parts[0] if parts else None
+    outline = convex_hull(np.concatenate([part.outline for part in parts]))
+    return Prism(outline, min(part.low for part in parts), max(part.high for part in parts), parts[0].owner)
 
 
 def rectangle_outline(center: tuple[float, float], size: tuple[float, float], yaw: float) -> FloatArray:

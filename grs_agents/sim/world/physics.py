@@ -56,6 +56,8 @@ class Physics:
         self.world, self.budget = world, budget
         self.model: Any = world.model
         self.data: Any = world.data
+        self._positions, self._turns = self.data.xpos, self.data.xquat  # of every body, as it is now
+        self._poses: dict[int, tuple[list[float], list[float], Pose]] = {}  # of objects, by what they were made from
         reset_world_to_poses(world, objects)
         self.timestep = float(self.model.opt.timestep)
         self.arm, self.dof = world.arm, world.arm.dof
@@ -100,9 +102,13 @@ class Physics:
     def object_pose(self, number: int) -> Pose:
         """Position and rotation (xyzw) of an object."""
         body = self.world.bodies[number]
-        w, i, j, k = self.data.xquat[body].tolist()
-        x, y, z = self.data.xpos[body].tolist()
-        return (x, y, z), transforms.to_unit_quaternion((i, j, k, w))
+        position, turn = self._positions[body].tolist(), self._turns[body].tolist()
+        known = self._poses.get(number)
+        if known is None or known[0] != position or known[1] != turn:  # most things stand where they stood
+            (x, y, z), (w, i, j, k) = position, turn
+            known = (position, turn, ((x, y, z), transforms.to_unit_quaternion((i, j, k, w))))
+            self._poses[number] = known
+        return known[2]
 
     def _check_contact_count(self) -> None:
         """Refuse too many contacts: many bodies one inside another would take minutes a step."""

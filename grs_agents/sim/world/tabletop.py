@@ -22,7 +22,7 @@ from grs_agents.sim.world.physics import Physics
 
 @dataclass(frozen=True)
 class _RestState:
-    """A scene before it settled, its state afterwards, and the steps that this took."""
+    """A scene before it settled, all that decides how it does; its state afterwards, and the steps that this took."""
 
     before: object
     world: compilation.World
@@ -33,6 +33,9 @@ class _RestState:
 _REMEMBERED = 8
 """Compiled worlds of a library that are kept: a program's tests and an audit's episodes have one or two."""
 _compiled: WeakKeyDictionary[Library, dict[object, compilation.World]] = WeakKeyDictionary()
+_RESTED = 4
+"""Settled scenes of a library that are kept, those used last: a suite of tests, run on mutants too, returns to few."""
+_rested: WeakKeyDictionary[Library, list[_RestState]] = WeakKeyDictionary()
 CATEGORIES = ("fixed", "rigid", "deformable")
 
 
@@ -50,12 +53,12 @@ class Tabletop:
         self.background = templates.defaults.background
         self._objects: dict[int, InstanceObject] = {}
         self._copies: dict[int, tuple[InstanceObject, InstanceObject]] = {}  # objects with their last pose
+        self._prisms: dict[int, tuple[ObjectModel, Pose, tuple[list[footprints.Prism], footprints.Prism]]] = {}
         self._ties: list[InstanceTie] = []
         self._models: dict[int, ObjectModel] = {}
         self._physics: Physics | None = None
         self._stale, self._vertices = False, 0
         self._world: tuple[object, compilation.World] | None = None
-        self._rested: _RestState | None = None
 
     def seed(self, seed: int | None = None) -> int:
         """Seed ``rng``, which places objects at random; returns the seed used."""
@@ -265,7 +268,12 @@ class Tabletop:
         return self._find_prisms(obj)[1]
 
     def _find_prisms(self, number: int) -> tuple[list[footprints.Prism], footprints.Prism]:
-        return footprints.find_prisms_at_pose(self.object_model(number), self.get_object_pose(number), number)
+        model, pose = self.object_model(number), self.get_object_pose(number)
+        known = self._prisms.get(number)
+        if known is None or known[0] is not model or known[1] is not pose:
+            known = (model, pose, footprints.find_prisms_at_pose(model, pose, number))
+            self._prisms[number] = known
+        return known[2]
 
     @property
     def is_static(self) -> bool:
@@ -308,17 +316,25 @@ class Tabletop:
 
     def settle_scene(self) -> None:
         """Let everything settle; a scene that was settled before is taken up as it came to rest then."""
-        before, known = (self.timestep, self.objects, self.object_ties, self.tool, self.background), self._rested
-        if known is not None and known.before == before:
+        before = (self.timestep, self.objects, self.object_ties, self.tool, self.background, self.arm)
+        states = _rested.setdefault(self.library, [])
+        known = next((state for state in states if state.before == before), None)
+        if known is not None:
+            states.remove(known)
             self.budget.spend_steps(known.steps)
             self.physics.restore_state(known.state)
-            return
+        else:
+            known = self._settle_and_remember(before, states.pop(0) if len(states) >= _RESTED else None)
+        states.append(known)
+
+    def _settle_and_remember(self, before: object, forgotten: _RestState | None) -> _RestState:
         start = self.budget.left
         self.raise_sunken_objects()
         self.physics.separate_overlapping_bodies()
         self.physics.simulate_until_at_rest()
-        older = known.state if known is not None and known.world is self.physics.world else None
-        self._rested = _RestState(before, self.physics.world, self.physics.save_state(older), start - self.budget.left)
+        reused = forgotten.state if forgotten is not None and forgotten.world is self.physics.world else None
+        state = self.physics.save_state(reused)
+        return _RestState(before, self.physics.world, state, start - self.budget.left)
 
     def step_simulation(self, steps: int = 1) -> None:
         """Simulate a number of time steps; errors as ``Physics.check``."""
