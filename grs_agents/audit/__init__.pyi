@@ -1,6 +1,6 @@
 from .assertion_changes import find_changed_assertions as find_changed_assertions
 from .checks import audit_task as audit_task
-from .checks import check_report_of_unforeseen_seed as check_report_of_unforeseen_seed
+from .checks import check_report_of_unforeseen_seeds as check_report_of_unforeseen_seeds
 from .goal_checks import pair_instances_with_rollouts as pair_instances_with_rollouts
 from .goal_sentences import TaskInWords as TaskInWords
 from .goal_sentences import describe_task_in_words as describe_task_in_words

@@ -76,15 +76,18 @@ def audit_task(
     )
 
 
-def check_report_of_unforeseen_seed(seed: int, report: AuditReport) -> Finding:
-    """The finding ``unforeseen``: ``report`` is about the instance of ``seed``, which no program could know."""
+def check_report_of_unforeseen_seeds(seeds: Sequence[int], drawn: int, report: AuditReport) -> Finding:
+    """The finding ``unforeseen``: ``report`` is about the instances of ``seeds``, some of those ``drawn`` that no
+    program could know."""
     failed = [one for one in report.findings if not one.passed and one.check not in _ABOUT_SEVERAL]
+    audited = f"seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))}"
     return Finding(
         check="unforeseen",
         passed=not failed,
-        measured=f"seed {seed}, which follows from the text of the programs: "
+        measured=f"{audited} of {drawn} that follow from the text of the programs: "
         + ("all checks hold" if not failed else "; ".join(f"{one.check}: {one.detail}" for one in failed)),
-        bound="what is asked of the other instances is asked of one more, whose seed the program cannot know",
+        bound="what is asked of the other instances is asked of one more, whose seed the program cannot know, and of "
+        "those that show another kind of scene",
     )
 
 

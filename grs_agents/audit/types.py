@@ -55,7 +55,7 @@ class AuditReport(Frozen):
     rollouts: tuple[Rollout, ...]  # the trusted oracle's episode for each seed
     rewards: tuple[float, ...]  # the reward of each rollout
     about: str = ""  # what the verdict is about, one sentence or two
-    unforeseen_seed: int | None = None  # one more that was audited; it follows from the text of the programs
+    unforeseen_seeds: tuple[int, ...] = ()  # more that were audited; they follow from the text of the programs
 
 
 ProgramKind = Literal["simulation", "tests"]

@@ -9,7 +9,7 @@ from grs_agents.audit import (
     Finding,
     audit_task,
     check_program,
-    check_report_of_unforeseen_seed,
+    check_report_of_unforeseen_seeds,
     describe_task_in_words,
     pair_instances_with_rollouts,
 )
@@ -25,19 +25,22 @@ _WORDS_BOUND = "the judge must agree"
 _WORDS_REMEDY = (
     f"{_WORDS_BOUND}; where it does not understand the words, name a model that does with audit.judge = MODEL"
 )
+_UNFORESEEN = 8
+"""Seeds beside those of the configuration that are drawn: what a twelfth of the seeds shows is found every second time,
+what a third shows 24 times of 25, for 6 ms each."""
 _LEFT_OUT = "What the photo shows and the task does not use was left out (scene.bystanders = false)."
 
 
 def audit_programs(audited: AuditedPrograms, services: Services) -> AuditReport:
     """Instantiate the program for each seed, let the trusted oracle solve the instances, and judge.
 
-    One seed more follows from the text of both programs, so that neither can name it, and that an audit which is
+    More seeds follow from the text of both programs, so that neither can name them, and that an audit which is
     repeated, or a run that is resumed, comes out the same.
 
     The tests are probed only where all before holds, since their mutants are made from what the oracle solved; and
     the words are judged last, since that may cost a model's reply.
     """
-    measured, report = audit_instances(audited, services, _derive_unforeseen_seed(audited, services.config))
+    measured, report = audit_instances(audited, services, _derive_unforeseen_seeds(audited, services.config))
     if report.accepted:
         report = _append_findings_to_report(report, probe_tests(audited, measured, services))
     report = _append_findings_to_report(report, [check_program(audited.simulation)])
@@ -50,26 +53,32 @@ def audit_programs(audited: AuditedPrograms, services: Services) -> AuditReport:
 
 
 def audit_instances(
-    audited: AuditedPrograms, services: Services, unforeseen_seed: int | None = None
+    audited: AuditedPrograms, services: Services, unforeseen_seeds: Sequence[int] = ()
 ) -> tuple[SolvedInstances, AuditReport]:
     """What trusted code measures of a program's task instances, and what the checks say of that alone."""
-    measured = solve_task_instances(audited.simulation, services, audited.scene, unforeseen_seed)
+    measured = solve_task_instances(audited.simulation, services, audited.scene, unforeseen_seeds)
     report = _audit_measured_instances(measured, services.config.audit, audited, services)
-    if measured.unforeseen is None or unforeseen_seed is None:
+    if measured.unforeseen is None:
         return measured, report
-    one = services.config.audit.model_copy(update={"seeds": 1})
-    other = _audit_measured_instances(measured.unforeseen, one, audited, services)
-    report = report.model_copy(update={"unforeseen_seed": unforeseen_seed})
-    return measured, _append_findings_to_report(report, [check_report_of_unforeseen_seed(unforeseen_seed, other)])
+    seeds = tuple(one.seed for one in measured.unforeseen.instances) or tuple(unforeseen_seeds[:1])
+    some = services.config.audit.model_copy(update={"seeds": len(seeds)})
+    other = _audit_measured_instances(measured.unforeseen, some, audited, services)
+    report = report.model_copy(update={"unforeseen_seeds": seeds})
+    finding = check_report_of_unforeseen_seeds(seeds, len(unforeseen_seeds), other)
+    return measured, _append_findings_to_report(report, [finding])
 
 
-def _derive_unforeseen_seed(audited: AuditedPrograms, config: Config) -> int:
-    """A seed that a program cannot name, since each change of a program changes it; none of the other seeds."""
+def _derive_unforeseen_seeds(audited: AuditedPrograms, config: Config) -> list[int]:
+    """Seeds that a program cannot name, since each change of a program changes them; none of the other seeds."""
     known = {config.seed + step for step in range(config.audit.seeds)}
-    text = f"{audited.simulation}\0{audited.tests}"
-    while (seed := int.from_bytes(hashlib.sha256(text.encode()).digest()[:4])) in known:
+    text, seeds = f"{audited.simulation}\0{audited.tests}", list[int]()
+    while len(seeds) < _UNFORESEEN:
+        seed = int.from_bytes(hashlib.sha256(text.encode()).digest()[:4])
+        if seed not in known:
+            known.add(seed)
+            seeds.append(seed)
         text += "\0"
-    return seed
+    return seeds
 
 
 def _audit_measured_instances(

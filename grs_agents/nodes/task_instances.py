@@ -26,6 +26,10 @@ NOISY_TRIALS = 4
 decides whether four of five are solved."""
 
 
+_ODD = 2
+"""Instances of another kind, of unforeseen seeds, that are audited at most: random colours make many kinds."""
+
+
 @dataclass(frozen=True)
 class AuditedPrograms:
     """What is audited, and what it is measured against."""
@@ -46,48 +50,84 @@ class SolvedInstances:
     instances: tuple[TaskInstance, ...]  # one validated task instance for each seed that gave one
     failures: tuple[str, ...]
     rollouts: tuple[Rollout, ...]
-    unforeseen: "SolvedInstances | None" = None  # the same of the seed that no program can name
+    unforeseen: "SolvedInstances | None" = None  # the same of seeds that no program can name
 
 
 def solve_task_instances(
-    simulation: str, services: Services, scene: SceneDescription | None = None, unforeseen_seed: int | None = None
+    simulation: str, services: Services, scene: SceneDescription | None = None, unforeseen_seeds: Sequence[int] = ()
 ) -> SolvedInstances:
     """Instantiate ``simulation`` for each audit seed in the sandbox, then solve each instance in a process that has
     never imported it; as many at a time as the sandbox has workers. Instances that differ in their seeds alone are
     solved once.
 
     Each instance is complete: it says what simulates and shows it, whatever the configuration and the photo are.
-    ``unforeseen_seed`` is one more, of which nothing is written.
+    ``unforeseen_seeds`` are more, of which nothing is written. Of these the first is solved, and whatever shows a scene
+    of another kind.
     """
     seeds = [services.config.seed + step for step in range(services.config.audit.seeds)]
-    further = [] if unforeseen_seed is None else [unforeseen_seed]
-    drawn, failed = instantiate_program_for_seeds(simulation, [*seeds, *further], services, scene)
-    instances, extra = _split_off_instance_of_seed(drawn, unforeseen_seed)
-    own = [failure for failure in failed if failure.startswith(f"seed {unforeseen_seed}:")]
+    drawn, failed = instantiate_program_for_seeds(simulation, [*seeds, *unforeseen_seeds], services, scene)
+    instances = [one for one in drawn if one.seed not in unforeseen_seeds]
     for stale in (services.folder / "instances").glob("seed_*"):  # of the program before this one
         stale.unlink()
     for instance in instances:
         written = make_robot_path_relative(instance, services.folder).model_dump(mode="json")
         write_json(services.folder / _instance_file_name(instance, "json"), written)
     rollouts, unsolved = _solve_different_instances(instances, services)
-    failures = [failure for failure in failed if failure not in own]
+    failures = [line for seed, line in failed if seed not in unforeseen_seeds]
     solved = SolvedInstances(tuple(instances), (*failures, *unsolved), rollouts)
-    if unforeseen_seed is None:
+    if not unforeseen_seeds:
         return solved
+    others = {one.seed: one for one in drawn if one.seed in unforeseen_seeds}
+    first = [others.pop(seed) for seed in unforeseen_seeds[:1] if seed in others]
+    extra = [*first, *_find_instances_of_other_kinds(list(others.values()), [*instances, *first])]
+    own = [line for seed, line in failed if seed == unforeseen_seeds[0]]  # others may find no free place by chance
     return replace(solved, unforeseen=_solve_or_reuse_unforeseen(extra, own, solved, services))
 
 
-def _split_off_instance_of_seed(
-    instances: Sequence[TaskInstance], seed: int | None
-) -> tuple[list[TaskInstance], list[TaskInstance]]:
-    """Those of other seeds, and that of ``seed``."""
-    return [one for one in instances if one.seed != seed], [one for one in instances if one.seed == seed]
+def _find_instances_of_other_kinds(
+    instances: Sequence[TaskInstance], known: Sequence[TaskInstance]
+) -> list[TaskInstance]:
+    """The first few of some instances whose scenes are of other kinds than those that are known: with other things,
+    colours or goals. Where those do not differ at all, whatever does is of another kind."""
+    describe = _describe_scene_kind
+    if len({one.model_dump_json(exclude={"seed"}) for one in known}) == 1:
+        describe = _describe_whole_scene
+    kinds = {describe(one) for one in known}
+    found: list[TaskInstance] = []
+    for instance in instances:
+        kind = describe(instance)
+        if kind not in kinds and len(found) < _ODD:
+            kinds.add(kind)
+            found.append(instance)
+    return found
+
+
+def _describe_whole_scene(instance: TaskInstance) -> str:
+    return instance.model_dump_json(exclude={"seed"})
+
+
+def _describe_scene_kind(instance: TaskInstance) -> str:
+    """What stands there and what is asked of it, but for where and how large it is."""
+    things = {item.id: (item.asset, item.category, item.role, item.color) for item in instance.objects}
+    goals = [
+        (
+            goal.metric,
+            goal.relation_kind,
+            [things[number] for number in goal.mentioned_object_ids],
+            goal.matches,
+            goal.replace,
+            goal.rotations,
+            len(goal.zones),
+        )
+        for goal in instance.goals
+    ]
+    return repr((sorted(things.values(), key=repr), goals))
 
 
 def _solve_or_reuse_unforeseen(
     extra: Sequence[TaskInstance], failures: Sequence[str], solved: SolvedInstances, services: Services
 ) -> SolvedInstances:
-    """The instance of the unforeseen seed, if any, and its rollout: that of one which differs in its seed alone."""
+    """Instances of unforeseen seeds, and their rollouts: that of one which differs in its seed alone, or their own."""
     rollouts: list[Rollout] = []
     for instance in extra:
         known = [one.seed for one in solved.instances if one.model_copy(update={"seed": instance.seed}) == instance]
@@ -162,8 +202,8 @@ def _has_one_failed_noise_trial(outcomes: Sequence[Any], least: float) -> bool:
 
 def instantiate_program_for_seeds(
     simulation: str, seeds: Sequence[int], services: Services, scene: SceneDescription | None
-) -> tuple[list[TaskInstance], list[str]]:
-    """The instance of each seed as trusted code completes it, and why others have none.
+) -> tuple[list[TaskInstance], list[tuple[int, str]]]:
+    """The instance of each seed as trusted code completes it, and (seed, why) of others, which have none.
 
     The program has the background and the bystanders of the ``scene`` around it and cannot name them: they are put
     around every instance here, with arm, camera, light, table, mass and friction, and whatever came out of the sandbox
@@ -171,7 +211,9 @@ def instantiate_program_for_seeds(
     """
     setup, named = program_tool_settings(scene, services), _surroundings_instance_fields(scene, services)
     result = services.run_tool("instantiate", simulation=simulation, seeds=seeds, **setup)
-    failures = [f"seed {failure.seed}: {failure.outcome}: {failure.message}" for failure in result.failures]
+    failures = [
+        (failure.seed, f"seed {failure.seed}: {failure.outcome}: {failure.message}") for failure in result.failures
+    ]
     instances: list[TaskInstance] = []
     for drawn in result.instances:
         instance = TaskInstance.model_validate({**drawn, **named})
@@ -179,9 +221,9 @@ def instantiate_program_for_seeds(
             instance = place_bystanders(instance, setup["bystanders"])
             instances.append(fill_in_masses_and_frictions(instance, services.library))
         except ValidationError as error:
-            failures.append(f"seed {instance.seed}: invalid: {describe_first_error(error)}")
+            failures.append((instance.seed, f"seed {instance.seed}: invalid: {describe_first_error(error)}"))
         except (GrsError, ValueError) as error:  # an object that the library does not have, or cannot make
-            failures.append(f"seed {instance.seed}: invalid: {error}")
+            failures.append((instance.seed, f"seed {instance.seed}: invalid: {error}"))
     return instances, failures
 
 

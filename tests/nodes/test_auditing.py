@@ -89,6 +89,7 @@ def test_a_program_that_knows_the_audited_seeds_is_found_by_one_more(make_servic
     reports = [audit_programs(AuditedPrograms(simulation=knows), make_services()) for _ in range(2)]
     assert reports[0] == reports[1]
     assert [one.check for one in reports[0].findings if not one.passed] == ["unforeseen"], reports[0].findings
-    assert reports[0].unforeseen_seed not in {rollout.seed for rollout in reports[0].rollouts}
+    assert not set(reports[0].unforeseen_seeds) & {rollout.seed for rollout in reports[0].rollouts}
     honest = audit_programs(AuditedPrograms(simulation=SIMULATION), make_services())
-    assert honest.accepted and honest.unforeseen_seed not in (None, reports[0].unforeseen_seed)
+    assert honest.accepted and len(honest.unforeseen_seeds) == 1
+    assert honest.unforeseen_seeds[0] not in reports[0].unforeseen_seeds

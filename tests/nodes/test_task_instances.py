@@ -119,3 +119,22 @@ def test_an_instance_names_no_arm_out_of_its_folder(tmp_path: Path) -> None:
     file.write_text(json.dumps({**fields, "robot": "../arm.xml"}))
     with pytest.raises(InputError, match="no path inside it"):
         open_task_folder(tmp_path / "run").read_instance(0)
+
+
+@pytest.mark.parametrize("varies", [False, True])
+def test_an_unforeseen_seed_that_shows_another_kind_of_scene_is_solved_too(make_services: Make, varies: bool) -> None:
+    """A goal is missing for seed 77 alone; all others are alike, or stand a little elsewhere each."""
+    rare = SIMULATION.replace(
+        "        flat = (0, 0, 0, 1)\n",
+        "        flat, drawn = (0, 0, 0, 1), np.random.rand()\n"
+        "        odd = drawn == np.random.RandomState(77).rand()\n"
+        f"        shift = {0.01 if varies else 0.0} * drawn\n",
+    ).replace(
+        "((*start, 0.02), flat))\n",
+        "((start[0] + shift, start[1], 0.02), flat))\n            if odd and color == 'blue': break\n",
+    )
+    solved = solve_task_instances(rare, make_services(), None, (50, 51, 77, 52))
+    assert solved.unforeseen is not None and not solved.failures
+    assert [one.seed for one in solved.unforeseen.instances] == [50, 77]
+    assert [len(one.goals) for one in solved.unforeseen.instances] == [2, 1]
+    assert [one.seed for one in solved.unforeseen.rollouts] == [50, 77]
