@@ -1,7 +1,8 @@
 """Turn a generated simulation program into task instances, one for each seed: typed data instead of code.
 
-Each instance is drawn twice, in two processes and in another order, and counts only if both are equal. So it belongs to
-the program and the seed, not to the moment: a program can still hand out any instance it likes, but always the same.
+Each instance, but for those of ``seeds_drawn_once``, is drawn twice, in two processes and in another order, and counts
+only if both are equal. So it belongs to the program and the seed, not to the moment: a program can still hand out any
+instance it likes, but always the same.
 """
 
 import sys
@@ -64,7 +65,9 @@ class Request(ToolRequest):
     simulation: str
     """Source of the simulation program."""
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1, max_length=1000)] = (0, 1, 2)
-    """Seeds; one task instance is drawn for each."""
+    """Seeds; one task instance is drawn for each, twice."""
+    seeds_drawn_once: Annotated[tuple[Seed, ...], Field(max_length=1000)] = ()
+    """More seeds, whose instances need not be repeatable."""
     library_roots: tuple[str, ...] = ()
     """Asset folders, later ones win; none means the library shipped with GRS."""
     robot: str = "ur5e"
@@ -121,9 +124,10 @@ def run(request: Request, context: ToolContext) -> Result:
     failures = _list_source_failures(request)
     if failures:
         return Result(instances=(), failures=failures, seconds=0.0, backend=context.sandbox.backend)
-    drawn, first = _draw_instances_of_seeds(tuple(dict.fromkeys(request.seeds)), request, context)
+    seeds = tuple(dict.fromkeys((*request.seeds, *request.seeds_drawn_once)))
+    drawn, first = _draw_instances_of_seeds(seeds, request, context)
     calls = first.calls
-    if kept := tuple(seed for seed, outcome in drawn.items() if isinstance(outcome, TaskInstance)):
+    if kept := tuple(seed for seed in dict.fromkeys(request.seeds) if isinstance(drawn[seed], TaskInstance)):
         again, second = _draw_instances_of_seeds(_reorder_seeds(kept), request, context, _ALLOCATED)
         calls += second.calls
         drawn |= {seed: _require_same_instance(drawn[seed], again[seed]) for seed in kept}
@@ -139,15 +143,16 @@ def run(request: Request, context: ToolContext) -> Result:
 
 def _list_source_failures(request: Request) -> tuple[Failure, ...]:
     """Why the source need not run at all, for each seed; empty if it is Python with a task in it."""
+    seeds = (*request.seeds, *request.seeds_drawn_once)
     try:
         tree = sandbox.parse_program(request.simulation, sandbox.SIMULATION_FILE)
     except SyntaxError as error:
         trace = sandbox.describe_error(error)
-        return tuple(Failure(seed=seed, outcome="error", **_trace_to_fields(trace)) for seed in request.seeds)
+        return tuple(Failure(seed=seed, outcome="error", **_trace_to_fields(trace)) for seed in seeds)
     if defines_task_class(tree):
         return ()
     message = "the program defines no class that derives from Task: write `class Name(Task):`"
-    return tuple(Failure(seed=seed, outcome="error", message=message) for seed in request.seeds)
+    return tuple(Failure(seed=seed, outcome="error", message=message) for seed in seeds)
 
 
 def _draw_instances_of_seeds(

@@ -33,6 +33,7 @@ class Library:
         self._own: dict[str, Asset] = {}
         self._texts: dict[str, str] = {}
         self._filled: dict[tuple[str, str], ObjectModel] = {}
+        self._files: dict[str, Path] = {}
         for root in self.roots:
             for asset in read_manifest(root).assets:
                 self._assets[asset.name] = asset
@@ -99,9 +100,12 @@ class Library:
 
     def mesh_or_texture_path(self, name: str) -> Path:
         """The file of a library-relative mesh or texture name; an `InputError` where no root has it."""
+        if name in self._files:
+            return self._files[name]
         for root in reversed(self.roots):
             path = (root / name).resolve()
             if path.is_file() and path.is_relative_to(root.resolve()):
+                self._files[name] = path
                 return path
         raise InputError(f"library file {name!r} does not exist", f"put it below {self.roots[-1]}")
 

@@ -33,15 +33,22 @@ def read_vertices(path: Path) -> Floats:
 @lru_cache(maxsize=512)
 def _read_vertices_cached(path: Path, _modified: int) -> Floats:
     try:
-        with path.open(encoding="utf-8") as lines:
-            rows = [[float(word) for word in line.split()[1:4]] for line in lines if line.startswith("v ")]
-        vertices = np.array(rows, dtype=np.float64).reshape(-1, 3)
+        rows = _find_rows(path.read_text(encoding="utf-8"), "v ")
+        vertices = np.fromstring(" ".join(rows), sep=" ")
+        if vertices.size != 3 * len(rows):  # there are colours beside the positions, or it is broken
+            vertices = np.array([[float(word) for word in row.split()[:3]] for row in rows], dtype=np.float64)
+        vertices = vertices.reshape(-1, 3)
     except (OSError, ValueError) as error:
         raise InputError(f"mesh {path} is not a valid OBJ: {error}", "export it again") from error
     if len(vertices) < 4 or not np.isfinite(vertices).all():
         raise InputError(f"mesh {path} has {len(vertices)} vertices or numbers not finite", "export it again")
     vertices.setflags(write=False)
     return vertices
+
+
+def _find_rows(text: str, keyword: str) -> list[str]:
+    """What follows a keyword in the lines that begin with it."""
+    return [line[len(keyword) :] for line in text.split("\n") if line.startswith(keyword)]
 
 
 @dataclass(frozen=True)
@@ -75,23 +82,38 @@ def _read_surface_cached(path: Path, _modified: int, count: int) -> Surface:
     vertices, uvs = read_vertices(path), list[tuple[float, float]]()
     faces: list[list[tuple[int, int]]] = []
     try:
-        with path.open(encoding="utf-8") as lines:
-            for line in lines:
+        text = path.read_text(encoding="utf-8")
+        if (plain := _parse_plain_triangles(text, count)) is not None:
+            corners, coordinates = vertices[plain], np.zeros((len(plain), 3, 2))
+        else:
+            for line in text.splitlines():
                 if line.startswith("vt "):
                     u, v = line.split()[1:3]
                     uvs.append((float(u), float(v)))
                 elif line.startswith("f "):
                     polygon = [_parse_face_corner(word, count, len(uvs)) for word in line.split()[1:]]
                     faces += [[polygon[0], *polygon[number : number + 2]] for number in range(1, len(polygon) - 1)]
-        if not faces:
-            raise ValueError("it has no faces")
-        coordinates, index = np.array([*uvs, (0.0, 0.0)], dtype=np.float64), np.array(faces, dtype=np.int64)
-        surface = Surface(vertices[index[:, :, 0]], coordinates[index[:, :, 1]])
+            if not faces:
+                raise ValueError("it has no faces")
+            known, index = np.array([*uvs, (0.0, 0.0)], dtype=np.float64), np.array(faces, dtype=np.int64)
+            corners, coordinates = vertices[index[:, :, 0]], known[index[:, :, 1]]
     except (OSError, ValueError, IndexError) as error:
         raise InputError(f"mesh {path} is not a valid OBJ: {error}", "export it again") from error
-    surface.corners.setflags(write=False)
-    surface.uvs.setflags(write=False)
-    return surface
+    corners.setflags(write=False)
+    coordinates.setflags(write=False)
+    return Surface(corners, coordinates)
+
+
+def _parse_plain_triangles(text: str, count: int) -> Ints | None:
+    """Vertices (T, 3) of the faces of an OBJ where all are triangles without more than positions, as those of colliders
+    are; None where they are not, or name none of ``count`` vertices."""
+    rows = _find_rows(text, "f ")
+    words = " ".join(rows)
+    digits = words.replace(" ", "")
+    if not (digits.isascii() and digits.isdecimal()) or any(row.count(" ") != 2 for row in rows):
+        return None
+    faces = np.fromstring(words, dtype=np.int64, sep=" ").reshape(-1, 3) - 1
+    return faces if faces.min() >= 0 and faces.max() < count else None
 
 
 def _parse_face_corner(word: str, vertices: int, uvs: int) -> tuple[int, int]:

@@ -27,7 +27,7 @@ _WORDS_REMEDY = (
 )
 _UNFORESEEN = 8
 """Seeds beside those of the configuration that are drawn: what a twelfth of the seeds shows is found every second time,
-what a third shows 24 times of 25, for 6 ms each."""
+what a third shows 24 times of 25, for 3 ms each or more."""
 _LEFT_OUT = "What the photo shows and the task does not use was left out (scene.bystanders = false)."
 
 

@@ -65,23 +65,37 @@ def solve_task_instances(
     of another kind.
     """
     seeds = [services.config.seed + step for step in range(services.config.audit.seeds)]
-    drawn, failed = instantiate_program_for_seeds(simulation, [*seeds, *unforeseen_seeds], services, scene)
+    once = unforeseen_seeds[1:]
+    drawn, failed = instantiate_program_for_seeds(simulation, [*seeds, *unforeseen_seeds[:1]], services, scene, once)
     instances = [one for one in drawn if one.seed not in unforeseen_seeds]
-    for stale in (services.folder / "instances").glob("seed_*"):  # of the program before this one
-        stale.unlink()
-    for instance in instances:
-        written = make_robot_path_relative(instance, services.folder).model_dump(mode="json")
-        write_json(services.folder / _instance_file_name(instance, "json"), written)
+    _write_instances(instances, services)
     rollouts, unsolved = _solve_different_instances(instances, services)
     failures = [line for seed, line in failed if seed not in unforeseen_seeds]
     solved = SolvedInstances(tuple(instances), (*failures, *unsolved), rollouts)
     if not unforeseen_seeds:
         return solved
     others = {one.seed: one for one in drawn if one.seed in unforeseen_seeds}
-    first = [others.pop(seed) for seed in unforeseen_seeds[:1] if seed in others]
-    extra = [*first, *_find_instances_of_other_kinds(list(others.values()), [*instances, *first])]
     own = [line for seed, line in failed if seed == unforeseen_seeds[0]]  # others may find no free place by chance
-    return replace(solved, unforeseen=_solve_or_reuse_unforeseen(extra, own, solved, services))
+    return replace(solved, unforeseen=_solve_some_unforeseen(others, unforeseen_seeds[0], own, solved, services))
+
+
+def _write_instances(instances: Sequence[TaskInstance], services: Services) -> None:
+    """Into the run folder, in the place of those of the program before this one."""
+    for stale in (services.folder / "instances").glob("seed_*"):
+        stale.unlink()
+    for instance in instances:
+        written = make_robot_path_relative(instance, services.folder).model_dump(mode="json")
+        write_json(services.folder / _instance_file_name(instance, "json"), written)
+
+
+def _solve_some_unforeseen(
+    drawn: dict[int, TaskInstance], first: int, failures: Sequence[str], solved: SolvedInstances, services: Services
+) -> SolvedInstances:
+    """Of instances of unforeseen seeds that of the ``first`` seed, if it gave one, and those of other kinds."""
+    chosen = [drawn[first]] if first in drawn else []
+    further = [one for seed, one in drawn.items() if seed != first]
+    chosen += _find_instances_of_other_kinds(further, [*solved.instances, *chosen])
+    return _solve_or_reuse_unforeseen(chosen, failures, solved, services)
 
 
 def _find_instances_of_other_kinds(
@@ -201,7 +215,11 @@ def _has_one_failed_noise_trial(outcomes: Sequence[Any], least: float) -> bool:
 
 
 def instantiate_program_for_seeds(
-    simulation: str, seeds: Sequence[int], services: Services, scene: SceneDescription | None
+    simulation: str,
+    seeds: Sequence[int],
+    services: Services,
+    scene: SceneDescription | None,
+    seeds_drawn_once: Sequence[int] = (),
 ) -> tuple[list[TaskInstance], list[tuple[int, str]]]:
     """The instance of each seed as trusted code completes it, and (seed, why) of others, which have none.
 
@@ -210,7 +228,9 @@ def instantiate_program_for_seeds(
     in their place is overwritten.
     """
     setup, named = program_tool_settings(scene, services), _surroundings_instance_fields(scene, services)
-    result = services.run_tool("instantiate", simulation=simulation, seeds=seeds, **setup)
+    result = services.run_tool(
+        "instantiate", simulation=simulation, seeds=seeds, seeds_drawn_once=seeds_drawn_once, **setup
+    )
     failures = [
         (failure.seed, f"seed {failure.seed}: {failure.outcome}: {failure.message}") for failure in result.failures
     ]

@@ -3,7 +3,7 @@
 from grs_agents.config import Config
 from grs_agents.sandbox import Sandbox
 
-PRELOAD = ("grs_agents.sim:prepare_process", "grs_agents.toolkit", "unittest", "numpy.testing")
+PRELOAD = ("grs_agents.sim:prepare_process", "grs_agents.toolkit", "unittest", "numpy.testing", "numpy.ma")
 TOOLS = ("run_tests", "probe_tests", "instantiate", "rollout", "render")
 """What the sandbox imports before it sees generated code."""
 

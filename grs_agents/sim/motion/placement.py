@@ -80,15 +80,14 @@ def _sample_free_pose(
         yaw = float(rng.uniform(-np.pi, np.pi))
         outline = rectangle_outline((0.0, 0.0), (x, y), yaw)
         offsets = rng.uniform(bounds[:2, 0], bounds[:2, 1], size=(_BATCH, 2))
-        free = _find_free_offset_indices(outline, z, offsets, bounds, obstacles, arm, gap)
-        if len(free):
-            chosen = offsets[free[0]]
+        chosen = _find_first_free_offset(outline, z, offsets, bounds, obstacles, arm, gap)
+        if chosen is not None:
             rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, yaw))
             return (float(chosen[0]), float(chosen[1]), z / 2), rotation
     return None
 
 
-def _find_free_offset_indices(
+def _find_first_free_offset(
     outline: FloatArray,
     top: float,
     offsets: FloatArray,
@@ -96,13 +95,15 @@ def _find_free_offset_indices(
     others: Sequence[Prism],
     arm: Arm,
     gap: float,
-) -> npt.NDArray[np.intp]:
+) -> FloatArray | None:
+    """The first (2,) of some offsets (N, 2) that is free and in reach."""
     (x0, x1), (y0, y1) = bounds[:2]
     around = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
-    rows = np.flatnonzero(margins_inside_outline(outline, around, offsets) >= 0)
+    free = offsets[margins_inside_outline(outline, around, offsets) >= 0]
     for height in (top, top + 0.15):
-        rows = rows[arm.reachable_mask(np.column_stack([offsets[rows], np.full(len(rows), height)]))]
-    return rows[least_outline_gaps(outline, others, offsets[rows]) >= gap]
+        free = free[arm.reachable_mask(np.column_stack([free, np.full(len(free), height)]))]
+    free = free[least_outline_gaps(outline, others, free) >= gap]
+    return np.asarray(free[0]) if len(free) else None
 
 
 @dataclass(frozen=True)

@@ -228,14 +228,17 @@ def least_outline_gaps(moving: FloatArray, others: Sequence[Prism], offsets: Flo
         return np.full(len(offsets), np.inf)
     starts = np.cumsum([0, *(len(other.outline) for other in solid[:-1])])
     axes, points = _outward_edge_normals(moving), np.concatenate([other.outline for other in solid])
-    own, along, shift = moving @ axes.T, points @ axes.T, (offsets @ axes.T)[:, None]
-    before = np.minimum.reduceat(along, starts) - (own.max(axis=0) + shift)
-    after = own.min(axis=0) + shift - np.maximum.reduceat(along, starts)
-    across = np.maximum(before, after).max(axis=2)  # along the edges of what moves
+    own, along, shift = moving @ axes.T, _project_onto_axes(points, axes), _project_onto_axes(offsets, axes)
+    least, most = np.minimum.reduceat(along, starts, axis=1), np.maximum.reduceat(along, starts, axis=1)
+    across = np.full((len(solid), len(offsets)), -np.inf)  # along the edges of what moves
+    for row, moved in enumerate(shift):
+        before, after = least[row] - own[:, row].max(), own[:, row].min() - most[row]
+        np.maximum(across, before[:, None] - moved, out=across)
+        np.maximum(across, after[:, None] + moved, out=across)
     normals, low, high = (np.concatenate(part) for part in zip(*(other.edge_ranges for other in solid), strict=True))
-    own, shift = moving @ normals.T, offsets @ normals.T
-    gaps = np.maximum(low - (own.max(axis=0) + shift), own.min(axis=0) + shift - high)
-    return np.maximum(across, np.maximum.reduceat(gaps, starts, axis=1)).min(axis=1)
+    own, shift = moving @ normals.T, _project_onto_axes(offsets, normals)
+    gaps = _gaps_along_axes(low - own.max(axis=0), own.min(axis=0) - high, shift)
+    return np.maximum(across, np.maximum.reduceat(gaps, starts, axis=0)).min(axis=0)
 
 
 def margins_inside_outline(moving: FloatArray, around: FloatArray, offsets: FloatArray) -> FloatArray:
@@ -285,9 +288,13 @@ def _project_onto_axes(points: FloatArray, axes: FloatArray) -> FloatArray:
 
 def _largest_gap(before: FloatArray, after: FloatArray, moved: FloatArray) -> FloatArray:
     """The largest (N,) of the gaps along axes (K,), before and after what is moved along them by (K, N)."""
+    return np.asarray(np.maximum.reduce(_gaps_along_axes(before, after, moved), axis=0))
+
+
+def _gaps_along_axes(before: FloatArray, after: FloatArray, moved: FloatArray) -> FloatArray:
+    """The gaps (K, N) along axes (K,), before or after what is moved along them by (K, N)."""
     gaps = before[:, None] - moved
-    np.maximum(gaps, after[:, None] + moved, out=gaps)
-    return np.asarray(np.maximum.reduce(gaps, axis=0))
+    return np.maximum(gaps, after[:, None] + moved, out=gaps)
 
 
 def rest_height_of_prisms(body: Sequence[Prism], obstacles: Sequence[Prism], offset: FloatArray, gap: float) -> float:
