@@ -68,15 +68,35 @@ def solve_task_instances(
     once = unforeseen_seeds[1:]
     drawn, failed = instantiate_program_for_seeds(simulation, [*seeds, *unforeseen_seeds[:1]], services, scene, once)
     instances = [one for one in drawn if one.seed not in unforeseen_seeds]
+    extra = _choose_unforeseen(drawn, instances, unforeseen_seeds)
     _write_instances(instances, services)
-    rollouts, unsolved = _solve_different_instances(instances, services)
-    failures = [line for seed, line in failed if seed not in unforeseen_seeds]
-    solved = SolvedInstances(tuple(instances), (*failures, *unsolved), rollouts)
+    rollouts, unsolved = _solve_different_instances(instances, extra, services)
+    failures = [*failed, *unsolved]
+    solved = _select_solved_seeds(instances, seeds, failures, rollouts)
     if not unforeseen_seeds:
         return solved
-    others = {one.seed: one for one in drawn if one.seed in unforeseen_seeds}
-    own = [line for seed, line in failed if seed == unforeseen_seeds[0]]  # others may find no free place by chance
-    return replace(solved, unforeseen=_solve_some_unforeseen(others, unforeseen_seeds[0], own, solved, services))
+    asked = [*unforeseen_seeds[:1], *(one.seed for one in extra)]  # others may find no free place by chance
+    return replace(solved, unforeseen=_select_solved_seeds(extra, asked, failures, rollouts))
+
+
+def _choose_unforeseen(
+    drawn: Sequence[TaskInstance], instances: Sequence[TaskInstance], seeds: Sequence[int]
+) -> list[TaskInstance]:
+    """Of what was drawn for unforeseen ``seeds`` that of the first one, if it gave one, and those of other kinds."""
+    others = {one.seed: one for one in drawn if one.seed in seeds}
+    first = [others.pop(seed) for seed in seeds[:1] if seed in others]
+    return [*first, *_find_instances_of_other_kinds(list(others.values()), [*instances, *first])]
+
+
+def _select_solved_seeds(
+    instances: Sequence[TaskInstance],
+    seeds: Sequence[int],
+    failures: Sequence[tuple[int, str]],
+    rollouts: Sequence[Rollout],
+) -> SolvedInstances:
+    """What was measured of some seeds."""
+    lines, done = [line for seed, line in failures if seed in seeds], [one for one in rollouts if one.seed in seeds]
+    return SolvedInstances(tuple(instances), tuple(lines), tuple(done))
 
 
 def _write_instances(instances: Sequence[TaskInstance], services: Services) -> None:
@@ -86,16 +106,6 @@ def _write_instances(instances: Sequence[TaskInstance], services: Services) -> N
     for instance in instances:
         written = make_robot_path_relative(instance, services.folder).model_dump(mode="json")
         write_json(services.folder / _instance_file_name(instance, "json"), written)
-
-
-def _solve_some_unforeseen(
-    drawn: dict[int, TaskInstance], first: int, failures: Sequence[str], solved: SolvedInstances, services: Services
-) -> SolvedInstances:
-    """Of instances of unforeseen seeds that of the ``first`` seed, if it gave one, and those of other kinds."""
-    chosen = [drawn[first]] if first in drawn else []
-    further = [one for seed, one in drawn.items() if seed != first]
-    chosen += _find_instances_of_other_kinds(further, [*solved.instances, *chosen])
-    return _solve_or_reuse_unforeseen(chosen, failures, solved, services)
 
 
 def _find_instances_of_other_kinds(
@@ -138,72 +148,75 @@ def _describe_scene_kind(instance: TaskInstance) -> str:
     return repr((sorted(things.values(), key=repr), goals))
 
 
-def _solve_or_reuse_unforeseen(
-    extra: Sequence[TaskInstance], failures: Sequence[str], solved: SolvedInstances, services: Services
-) -> SolvedInstances:
-    """Instances of unforeseen seeds, and their rollouts: that of one which differs in its seed alone, or their own."""
-    rollouts: list[Rollout] = []
-    for instance in extra:
-        known = [one.seed for one in solved.instances if one.model_copy(update={"seed": instance.seed}) == instance]
-        same = [one for one in solved.rollouts if one.seed in known]
-        if same:
-            rollouts.append(same[0].model_copy(update={"seed": instance.seed}))
-            continue
-        outcome = services.run_tool(
-            "rollout", instance=instance.model_dump(mode="json"), **services.library_root_fields
-        )
-        if outcome.rollout is None:
-            failures = [*failures, f"seed {instance.seed}: rollout {outcome.outcome}: {outcome.error}"]
-        else:
-            rollouts.append(Rollout.model_validate(outcome.rollout))
-    return SolvedInstances(tuple(extra), tuple(failures), tuple(rollouts))
-
-
 def _solve_different_instances(
-    instances: Sequence[TaskInstance], services: Services
-) -> tuple[tuple[Rollout, ...], list[str]]:
-    """A rollout for each instance, in the order of their seeds, and why there is none for the others."""
+    instances: Sequence[TaskInstance], unforeseen: Sequence[TaskInstance], services: Services
+) -> tuple[tuple[Rollout, ...], list[tuple[int, str]]]:
+    """A rollout for each instance, in the order of their seeds, and (seed, why) of those that have none. The
+    ``instances`` are filmed and share the trials of a hand that misses; those that are ``unforeseen`` do not."""
     alike: dict[str, list[TaskInstance]] = {}
-    for instance in instances:
+    for instance in [*instances, *unforeseen]:
         alike.setdefault(instance.model_dump_json(exclude={"seed"}), []).append(instance)
-    rollouts: list[Rollout] = []
-    failures: list[str] = []
     firsts = [same[0] for same in alike.values()]
-    outcomes = _run_rollout_tool_on_instances(firsts, NOISY_TRIALS, services)
-    if _has_one_failed_noise_trial(outcomes, services.config.audit.reward):
-        rank = NOISY_TRIALS % len(firsts)
-        outcomes[rank] = _run_rollout_tool_on_instances(firsts, NOISY_TRIALS + 1, services, (rank,))[0]
+    filmed = sum(one in instances for one in firsts)
+    outcomes = _run_rollout_tool(
+        [_make_rollout_job(firsts, rank, filmed, services) for rank in range(len(firsts))], services
+    )
+    if _has_one_failed_noise_trial(outcomes[:filmed], services.config.audit.reward):
+        rank = NOISY_TRIALS % filmed
+        again = _make_rollout_job(firsts, rank, filmed, services, NOISY_TRIALS + 1)
+        outcomes[rank] = _run_rollout_tool([again], services)[0]
+    rollouts: list[Rollout] = []
+    failures: list[tuple[int, str]] = []
     for same, outcome in zip(alike.values(), outcomes, strict=True):
         if outcome.rollout is None:
-            failures += [f"seed {one.seed}: rollout {outcome.outcome}: {outcome.error}" for one in same]
+            failures += [(one.seed, f"seed {one.seed}: rollout {outcome.outcome}: {outcome.error}") for one in same]
             continue
-        update = {"recording": _instance_file_name(same[0], "npz")}
-        solved = Rollout.model_validate(outcome.rollout).model_copy(update=update)
-        # What was measured once counts once: the trials stay with the first.
-        again = [solved.model_copy(update={"seed": one.seed, "trials": ()}) for one in same[1:]]
-        for instance, done in zip(same, [solved, *again], strict=True):
-            rollouts.append(done)
-            services.log.append(_make_rollout_event(instance, done))
+        rollouts += _share_rollout(same, Rollout.model_validate(outcome.rollout), instances, services)
     return tuple(sorted(rollouts, key=lambda done: done.seed)), failures
 
 
-def _run_rollout_tool_on_instances(
-    instances: Sequence[TaskInstance], trials: int, services: Services, ranks: Sequence[int] | None = None
-) -> list[Any]:
-    """What the tool ``rollout`` makes of the instances, or of those with ``ranks``; all share ``trials`` evenly."""
+def _share_rollout(
+    same: Sequence[TaskInstance], solved: Rollout, instances: Sequence[TaskInstance], services: Services
+) -> list[Rollout]:
+    """A rollout for each of some instances that differ in their seeds alone; of the ``instances`` an event too."""
+    if same[0] in instances:
+        solved = solved.model_copy(update={"recording": _instance_file_name(same[0], "npz")})
+    # What was measured once counts once: the trials stay with the first.
+    again = [solved.model_copy(update={"seed": one.seed, "trials": ()}) for one in same[1:]]
+    for instance, done in zip(same, [solved, *again], strict=True):
+        if instance in instances:
+            services.log.append(_make_rollout_event(instance, done))
+    return [solved, *again]
 
-    def solve(rank: int) -> Any:
-        instance = instances[rank]
-        return services.run_tool(
-            "rollout",
-            instance=instance.model_dump(mode="json"),
-            recording=str((services.folder / _instance_file_name(instance, "npz")).resolve()),
-            trials=len(range(rank, trials, len(instances))),
-            **services.library_root_fields,
-        )
 
-    with ThreadPoolExecutor(services.config.workers) as pool:
-        return list(pool.map(solve, range(len(instances)) if ranks is None else ranks))
+def _make_rollout_job(
+    instances: Sequence[TaskInstance], rank: int, filmed: int, services: Services, trials: int = NOISY_TRIALS
+) -> dict[str, Any]:
+    """What the tool ``rollout`` is to do with one of some instances, of which the first ``filmed`` are recorded and
+    share ``trials`` evenly."""
+    instance = instances[rank]
+    job: dict[str, Any] = {"instance": instance.model_dump(mode="json")}
+    if rank < filmed:
+        job["recording"] = str((services.folder / _instance_file_name(instance, "npz")).resolve())
+        job["trials"] = len(range(rank, trials, filmed))
+    return job
+
+
+def _run_rollout_tool(jobs: Sequence[dict[str, Any]], services: Services) -> list[Any]:
+    """The outcome of each job: as many processes as the sandbox has workers share them."""
+    workers = services.config.workers
+
+    def solve(first: int) -> list[Any]:
+        job, *more = jobs[first::workers]
+        result = services.run_tool("rollout", **job, more=more, **services.library_root_fields)
+        return [result, *result.more]
+
+    starts = range(min(workers, len(jobs)))
+    outcomes: list[Any] = [None] * len(jobs)
+    with ThreadPoolExecutor(workers) as pool:
+        for first, solved in zip(starts, pool.map(solve, starts), strict=True):
+            outcomes[first::workers] = solved
+    return outcomes
 
 
 def _has_one_failed_noise_trial(outcomes: Sequence[Any], least: float) -> bool:

@@ -56,3 +56,24 @@ def test_an_instance_off_schema_is_a_value(context: ToolContext, instance: dict[
     result = tool.run(tool.Request(instance={**instance, "max_steps": -1}), context)
     assert result.rollout is None
     assert result.outcome == "error" and result.error
+
+
+def test_several_instances_are_solved_as_each_by_itself(
+    context: ToolContext, instance: dict[str, Any], tmp_path: Path
+) -> None:
+    tool = load_tool("rollout")
+    file, other = tmp_path / "motion.npz", {**instance, "seed": 7}
+    jobs = [{"instance": {**instance, "max_steps": -1}}, {"instance": other, "recording": str(file), "trials": 1}]
+    result = tool.run(tool.Request(instance=instance, more=jobs), context)
+    assert result.rollout == tool.run(tool.Request(instance=instance), context).rollout
+    assert [one.outcome for one in result.more] == ["error", "ok"]
+    alone = tool.run(tool.Request(**jobs[1]), context)
+    assert result.more[1].rollout == alone.rollout
+    assert file.is_file()
+
+
+def test_several_instances_that_take_too_long_are_each_told_so(context: ToolContext, instance: dict[str, Any]) -> None:
+    tool = load_tool("rollout")
+    small = ToolContext(context.sandbox, context.library, context.limits.model_copy(update={"wall_seconds": 0.001}))
+    result = tool.run(tool.Request(instance=instance, more=[{"instance": instance}]), small)
+    assert (result.outcome, [one.outcome for one in result.more]) == ("timeout", ["timeout"])
