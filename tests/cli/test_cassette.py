@@ -46,24 +46,24 @@ class Recorded(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory, small_scene: Path) -> Iterator[Recorded]:
-    """One for all tests."""
+def recorded(tmp_path_factory: pytest.TempPathFactory, known_scene: Path) -> Iterator[Recorded]:
+    """One for all tests, of a scene that is known: those that ship are of a photo."""
     pytest.importorskip("langchain_openai")
     folder = tmp_path_factory.mktemp("recorded")
     with serve_script() as server, pytest.MonkeyPatch.context() as patch:
         patch.setenv("OPENAI_API_KEY", KEY)
-        server.spoilt = {"describe": ["none of your business"], "tests": [BROKEN]}
+        server.spoilt = {"task": ["none of your business"], "tests": [BROKEN]}
         asking = ["--set", "models.default=openai:some/model", "--set", f"models.base_url={server.url}"]
-        options = ["run", str(small_scene), "--set", "policy=rules", *asking]
+        options = ["run", str(known_scene), "--set", "policy=rules", *asking]
         done = grs(*options, "--out", "first", "--record", "cassette.json", "--json", folder=folder)
         assert json.loads(done.stdout)["status"] == "accepted", done.stderr
         patch.delenv("OPENAI_API_KEY")
         yield Recorded(folder / "cassette.json", options, server)
 
 
-def test_a_recorded_run_repeats_without_network_and_keys(recorded: Recorded, small_scene: Path) -> None:
+def test_a_recorded_run_repeats_without_network_and_keys(recorded: Recorded, known_scene: Path) -> None:
     asked, folder = len(recorded.server.bodies), recorded.cassette.parent
-    done = grs("run", str(small_scene), "--cassette", "cassette.json", "--out", "again", "--json", folder=folder)
+    done = grs("run", str(known_scene), "--cassette", "cassette.json", "--out", "again", "--json", folder=folder)
     record = json.loads(done.stdout)
     assert record["status"] == "accepted" and record["reason"].endswith("; equal to the recording"), done.stderr
     assert (record["config"]["policy"], record["counts"]["test_fixes"]) == ("rules", 1)
@@ -83,7 +83,7 @@ def test_a_cassette_is_readable_and_holds_no_keys_and_paths(recorded: Recorded) 
 
 
 def test_a_prompt_that_was_not_recorded_ends_the_run_or_is_asked(
-    recorded: Recorded, small_scene: Path, tmp_path: Path
+    recorded: Recorded, known_scene: Path, tmp_path: Path
 ) -> None:
     shutil.copy(recorded.cassette, tmp_path)
     (tmp_path / "mine" / "prompts").mkdir(parents=True)
@@ -91,7 +91,7 @@ def test_a_prompt_that_was_not_recorded_ends_the_run_or_is_asked(
     shutil.copy(content.content_path("prompts", "tests"), prompt)
     prompt.write_text(prompt.read_text("utf-8").replace("## Rules\n", "## Rules\n\n- Be brief.\n"))
     mine = ["--content", str(prompt.parent.parent)]
-    done = grs(*mine, "run", str(small_scene), "--cassette", "cassette.json", "--out", "other", folder=tmp_path)
+    done = grs(*mine, "run", str(known_scene), "--cassette", "cassette.json", "--out", "other", folder=tmp_path)
     number = [item.role for item in read_cassette(str(recorded.cassette)).exchanges].index("tests") + 1
     assert done.returncode == 2
     assert f"role tests; the nearest, exchange {number}, differs in Rules; " in done.stderr
@@ -103,26 +103,26 @@ def test_a_prompt_that_was_not_recorded_ends_the_run_or_is_asked(
     assert recorded.server.roles[asked:] == ["tests"]
     before, after = (read_cassette(str(tmp_path / name)).exchanges for name in ("cassette.json", "second.json"))
     assert {item.digest for item in before} - {item.digest for item in after}
-    done = grs(*mine, "run", str(small_scene), "--cassette", "second.json", "--out", "third", "--json", folder=tmp_path)
+    done = grs(*mine, "run", str(known_scene), "--cassette", "second.json", "--out", "third", "--json", folder=tmp_path)
     assert json.loads(done.stdout)["reason"].endswith("; equal to the recording"), done.stdout
 
 
 def test_a_run_that_reaches_its_budget_is_rejected_with_what_it_has(
-    tmp_path: Path, small_scene: Path, scripted_server: Any
+    tmp_path: Path, known_scene: Path, scripted_server: Any
 ) -> None:
     pytest.importorskip("langchain_openai")
     scripted_server.spoilt = {"tests": [BROKEN]}
     asking = ["--set", "models.default=openai:any", "--set", f"models.base_url={scripted_server.url}"]
-    options = ["run", str(small_scene), *asking, "--set", "budget.cost=1.75", "--out", "run", "--json"]
+    options = ["run", str(known_scene), *asking, "--set", "budget.cost=1", "--out", "run", "--json"]
     done = grs(*options, folder=tmp_path)
     record = json.loads(done.stdout)
     spent = 0.25 * len(scripted_server.bodies)
     assert (done.returncode, record["status"]) == (1, "rejected"), done.stderr
-    assert record["reason"].startswith(f"budget: {spent:.2f} of 1.75 US dollars used") and spent == 1.75
+    assert record["reason"].startswith(f"budget: {spent:.2f} of 1.00 US dollars used") and spent == 1
     assert (tmp_path / "run" / "simulation.py").is_file()
     assert "nowhere" in (tmp_path / "run" / "test_simulation.py").read_text()
     assert grs(*options[:2], "--out", "run", "--resume", "--json", folder=tmp_path).returncode == 1
-    assert len(scripted_server.bodies) == 7
+    assert len(scripted_server.bodies) == 4
 
 
 @pytest.mark.parametrize(

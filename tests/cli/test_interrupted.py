@@ -158,12 +158,12 @@ def test_whenever_a_run_is_killed_it_ends_alike_and_repeats_no_reply(
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
-def test_a_signal_before_the_first_node_is_not_lost(tmp_path: Path, small_scene: Path, name: str) -> None:
+def test_a_signal_before_the_first_node_is_not_lost(tmp_path: Path, known_scene: Path, name: str) -> None:
     graphs = tmp_path / "content" / "graphs"
     graphs.mkdir(parents=True)
     (graphs / "lossy.py").write_text(LOSSY.replace("SIGNAL", name))
     out = tmp_path / "run"
-    order = ["--content", str(graphs.parent), "run", str(small_scene), "--out", str(out)]
+    order = ["--content", str(graphs.parent), "run", str(known_scene), "--out", str(out)]
     done = subprocess.run(
         command(*order, "--set", "graph=lossy"),
         capture_output=True,
@@ -172,7 +172,7 @@ def test_a_signal_before_the_first_node_is_not_lost(tmp_path: Path, small_scene:
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background jobs ignore it
     )
     assert done.returncode == 130, done.stderr
-    assert f"grs --content {graphs.parent} run {small_scene} --out {out} --resume" in done.stderr
+    assert f"grs --content {graphs.parent} run {known_scene} --out {out} --resume" in done.stderr
     assert json.loads((out / "run.json").read_text())["status"] == "interrupted"
     if name == "SIGTERM":
         again = grs(*order[:3], "--out", str(out), "--resume", "--json", folder=tmp_path)  # of the scene that it has

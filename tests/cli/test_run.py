@@ -49,6 +49,7 @@ def test_the_sample_scene_is_accepted(accepted: tuple[Path, dict[str, Any]]) -> 
 def test_everything_is_in_the_run_folder(accepted: tuple[Path, dict[str, Any]]) -> None:
     folder, _ = accepted
     assert [name for name in FILES if not (folder / name).is_file()] == []
+    assert len(json.loads((folder / "scene.json").read_text())["objects"]) >= 8
     assert len(list((folder / "instances").glob("*.json"))) == 3
     assert (folder / "history" / "simulation_001.py").is_file()
     assert (folder / "history" / "test_simulation_001.diff").is_file()
@@ -154,9 +155,9 @@ def _text(file: Path) -> str:
     return file.read_text(errors="replace") if file.is_file() else ""
 
 
-def test_another_provider_carries_a_whole_run(tmp_path: Path, sample_scene: Path, scripted_server: Any) -> None:
+def test_another_provider_carries_a_whole_run(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
     asked = [*settings(scripted_server), "--set", "tools.match=match_both"]
-    done = grs("run", str(sample_scene), "--out", "run", "--json", *asked, folder=tmp_path)
+    done = grs("run", str(small_scene), "--out", "run", "--json", *asked, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["counts"]["model_calls"] == len(scripted_server.roles)
     assert {"describe", "match", "task", "simulation", "tests"} <= set(scripted_server.roles)
@@ -172,11 +173,15 @@ def settings(server: Any) -> list[str]:
     return ["--set", "models.default=openai:any", "--set", f"models.base_url={server.url}"]
 
 
-def test_a_broken_program_is_routed_to_the_code_fixer(tmp_path: Path, known_scene: Path, scripted_server: Any) -> None:
+def test_an_unusable_reply_is_asked_for_again_and_a_broken_program_is_routed_to_the_code_fixer(
+    tmp_path: Path, known_scene: Path, scripted_server: Any
+) -> None:
+    scripted_server.spoilt["task"] = ["I had rather not.", '```json\n{"task-name": "t"}\n```']
     scripted_server.spoilt["simulation"] = ["```python\nimport numpy as np\n\nraise RuntimeError('no task')\n```"]
     done = grs("run", str(known_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
     record = json.loads(done.stdout)
     assert record["status"] == "accepted", record["reason"]
+    assert scripted_server.roles.count("task") == 3
     assert record["counts"]["code_fixes"] >= 1
     assert "raise RuntimeError" in (tmp_path / "run" / "history" / "simulation_002.diff").read_text()
     assert scripted_server.images["fix_code"] > 0
@@ -192,13 +197,6 @@ def test_broken_tests_are_routed_to_the_test_fixer(tmp_path: Path, known_scene: 
     assert record["status"] == "accepted", record["reason"]
     assert (record["counts"]["code_fixes"], record["counts"]["test_fixes"]) == (0, 1)
     assert scripted_server.images.get("fix_tests", 0) == 0
-
-
-def test_an_unusable_reply_is_asked_for_again(tmp_path: Path, known_scene: Path, scripted_server: Any) -> None:
-    scripted_server.spoilt["task"] = ["I had rather not.", '```json\n{"task-name": "t"}\n```']
-    done = grs("run", str(known_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
-    assert json.loads(done.stdout)["status"] == "accepted"
-    assert scripted_server.roles.count("task") == 3
 
 
 def test_a_model_that_never_answers_usably_is_an_outcome(

@@ -13,7 +13,7 @@ from grs_agents.config import Config
 from grs_agents.perception.proxies import primitive_proxy, write_proxy
 from grs_agents.runs import RunRecord
 from grs_agents.sim import find_task_class, instantiate
-from tests.cli.command import grs
+from tests.cli.command import Done, grs
 
 PROGRAM = '''
 import numpy as np
@@ -223,11 +223,20 @@ def test_a_policy_lies_in_the_current_folder(tmp_path: Path, program: Path, monk
     assert grs("check", str(program), *options, folder=tmp_path).returncode == 0
 
 
-def test_a_sample_scene_is_found_by_its_name(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def groceries(tmp_path_factory: pytest.TempPathFactory) -> tuple[Done, Path]:
+    """The sample scene, comprehended where a terminal has 80 columns."""
+    folder = tmp_path_factory.mktemp("groceries")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COLUMNS", "80")
+        return grs("scene", "groceries", "--out", "run", "--set", "tools.match=match_text", folder=folder), folder
+
+
+def test_a_sample_scene_is_found_by_its_name(tmp_path: Path, groceries: tuple[Done, Path]) -> None:
     assert "groceries" in json.loads(grs("list", "--json", folder=tmp_path).stdout)["scenes"]
-    done = grs("scene", "groceries", "--out", "run", "--set", "tools.match=match_text", "--json", folder=tmp_path)
+    done, folder = groceries
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["counts"]["candidates"] > 5
+    assert json.loads((folder / "run" / "run.json").read_text())["counts"]["candidates"] > 5
     (tmp_path / "groceries").mkdir()
     own = grs("scene", "groceries", folder=tmp_path)
     assert own.returncode == 2 and "groceries/rgb.png" in own.stderr
@@ -293,14 +302,13 @@ def test_doctor_finds_a_working_sandbox_and_tells_a_missing_key_from_a_missing_p
     assert all(one["remedy"] for one in found.values() if one["state"] in ("absent", "not installed", "no key"))
 
 
-@pytest.mark.parametrize(
-    "arguments", [("assets", "list"), ("scene", "groceries", "--set", "tools.match=match_text")], ids=lambda one: one[0]
-)
+@pytest.mark.parametrize("verb", ["assets", "scene"])
 def test_names_stay_whole_in_a_terminal_of_80_columns(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verb: str, groceries: tuple[Done, Path]
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    lines = grs(*arguments, folder=tmp_path).stdout.splitlines()
+    done = groceries[0] if verb == "scene" else grs("assets", "list", folder=tmp_path)
+    lines = done.stdout.splitlines()
     assert max(map(len, lines)) <= 80
     names = [word for line in lines for word in line.split() if "/" in word and "." in word]
     assert len(names) >= 8 and all(name.endswith(".urdf") for name in names if not name.startswith(("runs/", "(")))
@@ -317,18 +325,15 @@ def test_check_tells_tests_by_name_in_80_columns(
     assert name in done.stdout and "…" not in done.stdout
 
 
-def test_scene_comprehends_alone(tmp_path: Path, sample_scene: Path) -> None:
-    done = grs("scene", str(sample_scene), "--out", "run", "--json", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
-    objects = json.loads((tmp_path / "run" / "scene.json").read_text())["objects"]
-    assert len(objects) >= 8
-    assert not (tmp_path / "run" / "simulation.py").exists()
-
-
-def test_scene_ends_with_its_objects(tmp_path: Path, small_scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_scene_comprehends_alone_and_ends_with_its_objects(
+    tmp_path: Path, small_scene: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     done = grs("scene", str(small_scene), "--out", "run", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
     objects = json.loads((tmp_path / "run" / "scene.json").read_text())["objects"]
+    assert len(objects) == 3
+    assert not (tmp_path / "run" / "simulation.py").exists()
     assert all(one["name"] in done.stdout and one["asset"] in done.stdout for one in objects)
     assert "code_fixes" not in done.stdout
 

@@ -32,25 +32,23 @@ def test_routing_of_no_fault_is_an_error(tmp_path: Path) -> None:
         main(["--only", "no such fault", "--out", str(tmp_path)])
 
 
-def test_perception_of_labelled_scenes(small_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_perception_of_labelled_and_synthesised_scenes(
+    small_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     main = content.load_module("evals", "perception").main
-    arguments = ["--scenes", str(small_scene), "--out", str(tmp_path), "--json"]
+    made = ["--synthesised", "1", "--objects", "2", "--size", "320x240", "--seed", "2"]
+    arguments = ["--scenes", str(small_scene), *made, "--repeats", "1", "--out", str(tmp_path), "--json"]
     assert main(arguments) == 0
     figures = json.loads(capsys.readouterr().out)
-    assert figures["rows"][0]["scene"] == "small"
-    assert figures["rows"][0]["F1@.5"] == "1.000"
+    rows = {row["scene"]: row for row in figures["rows"]}
+    assert set(rows) == {"small", "synth_2000"}
+    assert rows["small"]["F1@.5"] == "1.000"
     names = "errors.png figures.json figures.md objects.csv result.json runs scenes scenes.csv scores.png sheet-01.png"
-    assert sorted(file.name for file in tmp_path.iterdir()) == names.split()
-    assert len((tmp_path / "objects.csv").read_text().splitlines()) == 4
+    assert sorted(file.name for file in tmp_path.iterdir()) == [*names.split(), "synthesised"]
+    assert len((tmp_path / "objects.csv").read_text().splitlines()) == 1 + 3 + 2
+    assert len(list((tmp_path / "synthesised").glob("*/*/truth.json"))) == 1
     assert main(arguments) == 0  # nothing is measured again: even the time it took is the same
     assert json.loads(capsys.readouterr().out) == figures
-
-
-def test_perception_of_a_synthesised_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["--synthesised", "1", "--objects", "2", "--size", "320x240", "--seed", "2"]
-    assert content.load_module("evals", "perception").main([*arguments, "--out", str(tmp_path)]) == 0
-    assert "synth_2000" in capsys.readouterr().out
-    assert len(list((tmp_path / "synthesised").glob("*/*/truth.json"))) == 1
 
 
 def test_a_sheet_shows_photo_and_twin_of_each_scene(tmp_path: Path, small_scene: Path) -> None:

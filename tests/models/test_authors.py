@@ -17,7 +17,7 @@ def assets_of(scene: Json) -> set[str]:
     return {str(thing["asset"]) for thing in scene["objects"]}
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(scene=scenes(), seed=st.integers(0, 1000))
 def test_any_scene_gives_a_task_a_program_and_tests_that_fit_each_other(scene: Json, seed: int) -> None:
     task = task_for(scene, seed)

@@ -41,7 +41,7 @@ def made() -> tuple[Json, Json, str]:
     return scene, task, simulation_for(task, scene)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(scene=scenes(), outcome=st.sampled_from(OUTCOMES), seed=st.integers(0, 50))
 def test_every_outcome_gives_another_program_that_compiles(scene: Json, outcome: str, seed: int) -> None:
     task = task_for(scene, seed)

@@ -19,18 +19,15 @@ def photographed(tmp_path: Path) -> Path:
     return room.write(frame, tmp_path / "room")
 
 
-def test_a_room_is_accepted_with_its_background(photographed: Path, tmp_path: Path) -> None:
-    done = grs("run", str(photographed), "--out", "run", *ON, folder=tmp_path)
+def test_a_scene_has_its_background_and_a_room_is_accepted_with_it(photographed: Path, tmp_path: Path) -> None:
+    done = grs("scene", str(photographed), "--out", "scene", *ON, folder=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert json.loads((tmp_path / "scene/scene.json").read_text())["background"] == BACKGROUND
+    assert (tmp_path / "scene/assets" / BACKGROUND).is_file()
+    assert len(json.loads((tmp_path / "scene/scene.json").read_text())["objects"]) == 2
+    done = grs("run", "scene", "--out", "run", *ON, folder=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert json.loads(done.stdout)["status"] == "accepted"
     instances = sorted((tmp_path / "run/instances").glob("*.json"))
     assert [json.loads(file.read_text())["background"] for file in instances] == [BACKGROUND] * 3
     assert BACKGROUND not in (tmp_path / "run/simulation.py").read_text()
-
-
-def test_a_scene_has_its_background_without_any_task(photographed: Path, tmp_path: Path) -> None:
-    done = grs("scene", str(photographed), "--out", "run", *ON, folder=tmp_path)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert json.loads((tmp_path / "run/scene.json").read_text())["background"] == BACKGROUND
-    assert (tmp_path / "run/assets" / BACKGROUND).is_file()
-    assert len(json.loads((tmp_path / "run/scene.json").read_text())["objects"]) == 2

@@ -58,33 +58,38 @@ def ask(work: Callable[[], Awaitable[None]]) -> None:
     asyncio.run(bounded())
 
 
-def test_a_photo_becomes_a_run_that_is_shown(small_scene: Path, tmp_path: Path) -> None:
-    async def work() -> None:
-        async with on_stdio(tmp_path) as client:
-            seen = (await client.call_tool("scene", {"photo": str(small_scene)})).structured_content
-            assert seen is not None and len({item["name"] for item in seen["objects"]}) == 3
-            shown = (await client.call_tool("show", {"folder": seen["folder"]})).structured_content
-            assert shown is not None and shown["run"]["status"] == "accepted"
-            number = next(step["number"] for step in shown["steps"] if step["node"] == "describe")
-            step = (await client.call_tool("show", {"folder": seen["folder"], "step": number})).structured_content
-            assert step is not None and step["sections"]
+def test_on_stdio_a_photo_becomes_a_run_and_an_instance_is_solved(small_scene: Path, task: Path) -> None:
+    """One server for both, since it takes seconds to start."""
 
-    ask(work)
-
-
-def test_an_instance_is_solved_drawn_and_its_program_checked_and_an_error_is_told(task: Path) -> None:
     async def work() -> None:
         async with on_stdio(task.parent) as client:
-            solved = (await client.call_tool("rollout", {"folder": str(task), "seed": 0})).structured_content
-            assert solved is not None and solved["rollout"]["episode"]["reward"] == pytest.approx(1.0)
-            drawn = await client.call_tool("render", {"folder": str(task), "seed": 0, "moment": "end"})
-            assert isinstance(drawn.content[0], ImageContent) and drawn.content[0].mime_type == "image/png"
-            checked = (await client.call_tool("check", {"simulation": PROGRAM})).structured_content
-            assert checked is not None and checked["audit"]["rewards"] == [1.0, 1.0, 1.0]
-            lacking = await client.call_tool("rollout", {"folder": str(task), "seed": 7})
-            assert lacking.is_error and "'7'" in text_of(lacking) and "0" in text_of(lacking)
+            await show_a_photo(client, small_scene)
+            await solve_an_instance(client, task)
 
     ask(work)
+
+
+async def show_a_photo(client: Client, photo: Path) -> None:
+    """A photo becomes a run that is shown."""
+    seen = (await client.call_tool("scene", {"photo": str(photo)})).structured_content
+    assert seen is not None and len({item["name"] for item in seen["objects"]}) == 3
+    shown = (await client.call_tool("show", {"folder": seen["folder"]})).structured_content
+    assert shown is not None and shown["run"]["status"] == "accepted"
+    number = next(step["number"] for step in shown["steps"] if step["node"] == "describe")
+    step = (await client.call_tool("show", {"folder": seen["folder"], "step": number})).structured_content
+    assert step is not None and step["sections"]
+
+
+async def solve_an_instance(client: Client, task: Path) -> None:
+    """An instance is solved, drawn and its program checked, and an error is told."""
+    solved = (await client.call_tool("rollout", {"folder": str(task), "seed": 0})).structured_content
+    assert solved is not None and solved["rollout"]["episode"]["reward"] == pytest.approx(1.0)
+    drawn = await client.call_tool("render", {"folder": str(task), "seed": 0, "moment": "end"})
+    assert isinstance(drawn.content[0], ImageContent) and drawn.content[0].mime_type == "image/png"
+    checked = (await client.call_tool("check", {"simulation": PROGRAM})).structured_content
+    assert checked is not None and checked["audit"]["rewards"] == [1.0, 1.0, 1.0]
+    lacking = await client.call_tool("rollout", {"folder": str(task), "seed": 7})
+    assert lacking.is_error and "'7'" in text_of(lacking) and "0" in text_of(lacking)
 
 
 def test_over_http_only_this_machine_is_served(tmp_path: Path) -> None:

@@ -173,13 +173,13 @@ class Script:
         reason = "The oracle used up max_steps=1 with 1 of 4 objects placed, so the program is at fault."
         self.node("route", 1, Decision(verdict="fix_code", explanation=reason, policy="llm"))
 
-    def after_fix(self) -> None:
-        """The fix, passing tests, audit and verdict."""
+    def after_fix(self, seconds: float = 4.0) -> None:
+        """The fix, passing tests, audit with rollouts of so many seconds, and verdict."""
         self.log.attempt = 1
         second = program(self.folder, 2, SECOND, author_role="fix_code", parent=f"{1:064d}", diff=DIFF)
         self.node("fix_code", 1, *self.call("fix_code", "## Test report"), second)
         self.node("run_tests", 2, TestsRun(report=report(True)))
-        rollouts = [write_rollout(self.folder, seed) for seed in range(2)]
+        rollouts = [write_rollout(self.folder, seed, seconds) for seed in range(2)]
         findings = (Finding(check="reward", passed=True, measured="1.00 on 2 of 2 seeds"), Note(text="all well"))
         self.node("audit", 1, *rollouts, *findings, seconds=2.0)
         self.log.append(RunEnded(status="accepted", reason="every check passed"))

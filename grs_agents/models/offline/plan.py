@@ -134,20 +134,20 @@ class Table:
 
     def reserve_free_place(self, width: float, depth: float) -> tuple[float, float] | None:
         """The free centre for a rectangle that is easiest to reach, then taken; None where there is none."""
-        best: tuple[float, tuple[float, float]] | None = None
-        for x in _iterate_grid_coordinates(X_RANGE[0] + width / 2, X_RANGE[1] - width / 2):
-            for y in _iterate_grid_coordinates(Y_RANGE[0] + depth / 2, Y_RANGE[1] - depth / 2):
-                rect = Rect(x, y, width, depth)
-                low, high = rect.distance_range_from_base()
-                if low < NEAR - 0.05 or high > FAR + 0.03 or any(rect.overlaps(other, GAP) for other in self.taken):
-                    continue
-                effort = abs(math.hypot(x, y) - 0.52)
-                if best is None or effort < best[0]:
-                    best = effort, (x, y)
-        if best is None:
-            return None
-        self.taken.append(Rect(*best[1], width, depth))
-        return best[1]
+        rows = list(_iterate_grid_coordinates(Y_RANGE[0] + depth / 2, Y_RANGE[1] - depth / 2))
+        columns = _iterate_grid_coordinates(X_RANGE[0] + width / 2, X_RANGE[1] - width / 2)
+        for x, y in sorted(((x, y) for x in columns for y in rows), key=_effort_to_reach):
+            rect = Rect(x, y, width, depth)
+            low, high = rect.distance_range_from_base()
+            if low < NEAR - 0.05 or high > FAR + 0.03 or any(rect.overlaps(other, GAP) for other in self.taken):
+                continue
+            self.taken.append(rect)
+            return x, y
+        return None
+
+
+def _effort_to_reach(place: tuple[float, float]) -> float:
+    return abs(math.hypot(*place) - 0.52)
 
 
 def _iterate_grid_coordinates(low: float, high: float) -> Iterable[float]:

@@ -132,7 +132,7 @@ TAGS = st.sampled_from(["box", "cylinder", "sphere", "mesh", "plane"])
 NAMES = st.sampled_from(["size", "radius", "length", "filename", "scale"])
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(TAGS, st.dictionaries(NAMES, st.lists(WORDS, max_size=4).map(" ".join)))
 def test_any_geometry_is_read_or_refused(
     tmp_path_factory: pytest.TempPathFactory, tag: str, given: dict[str, str]
@@ -145,7 +145,7 @@ def test_any_geometry_is_read_or_refused(
     assert all(0 < extent <= 200 for extent in model.size)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.one_of(st.text(), st.text().map(robot)))
 def test_any_text_is_read_or_refused(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
     with pytest.raises(InputError):

@@ -1,5 +1,6 @@
 """Importing whole sources through the door: what comes out, what is refused, and that it goes on."""
 
+import shutil
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from evals.synthesis import Recipe
 from grs_agents.library import Library
 from grs_agents.library.importing import (
     ImportOptions,
@@ -20,7 +22,9 @@ from grs_agents.library.importing import (
     run_drop_test,
     verify_asset,
 )
+from grs_agents.perception.matching import match_by_features
 from tests.library.importing import models
+from tests.perception.matching.photo import request_of
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +84,23 @@ def test_every_import_is_whole_and_rests_two_seconds_on_a_table(
         verdict = verify_asset(library, asset)
         assert verdict.ok and verdict.rests, verdict
         assert all(asset_view_path(imported[0], asset.name, number).is_file() for number in range(3))
+
+
+def test_imported_things_are_found_again_in_a_photo(
+    imported: tuple[Path, dict[str, tuple[ImportOutcome, bool]]], tmp_path: Path
+) -> None:
+    """A YCB-style folder, a URDF, an MJCF, a GLB, an OBJ, an STL and a PLY match themselves."""
+    root = Path(shutil.copytree(imported[0], tmp_path / "root"))
+    models.write_ycb(tmp_path / "ycb")
+    run(tmp_path / "ycb", root, "ycb")
+    library = Library(root)
+    assert len(library.everyday_assets()) == 7
+    recipe = Recipe(seed=1, objects=7, distractors=0, tilt=40, width=480, height=360)
+    request, names = request_of(recipe, library, ocr=False)
+    found = match_by_features(request, library, "match_features").matches
+    told = {name: found[number].asset for number, name in names.items()}
+    assert len(told) == 7
+    assert sum(name == asset for name, asset in told.items()) >= 6, told
 
 
 def test_units_up_axes_and_sizes_are_metric(imported: tuple[Path, dict[str, tuple[ImportOutcome, bool]]]) -> None:

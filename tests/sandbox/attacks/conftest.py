@@ -24,6 +24,8 @@ collect_ignore_glob = [] if sys.platform == "linux" else ["test_*.py"]
 """They speak to the kernel by numbers that are Linux's alone."""
 BOUNDS = Limits(wall_seconds=20, cpu_seconds=10, memory_mib=256, scratch_mib=64, output_mib=1, threads=16)
 KIT = "tests.sandbox.attacks.kit"
+EVERY = "every case"
+"""In place of a case: all, one after the other in one process."""
 PROLOGUE = f"""
 import sys, types
 for name in ("tests", "tests.sandbox", "tests.sandbox.attacks", {KIT!r}, "program"):
@@ -33,10 +35,11 @@ for name, source in (({KIT!r}, request["kit"]), ("program", request["program"]))
 kit, program = sys.modules[{KIT!r}], sys.modules["program"]
 kit.libc.prctl(15, request["world"]["token"].encode(), 0, 0, 0)
 attack = getattr(program, request["attack"])
-arguments = [request["world"]]
-if request["case"] is not None:
-    arguments.append(attack.cases[request["case"]])
-value = {{"got": kit.answer(attack.run, *arguments)}}
+cases = [request["case"]] if request["case"] != {EVERY!r} else list(attack.cases)
+arguments = [[] if case is None else [attack.cases[case]] for case in cases]
+loot = {{case: kit.answer(attack.run, request["world"], *more) for case, more in zip(cases, arguments)}}
+got = {{case: thing for case, thing in loot.items() if thing != "nothing"}} or "nothing"
+value = {{"got": got if len(cases) > 1 else loot[cases[0]]}}
 """
 
 
@@ -84,7 +87,11 @@ def canaries(tmp_path_factory: pytest.TempPathFactory, temporary_folder: Path, t
 @pytest.fixture(scope="package", params=BACKENDS)
 def door(request: pytest.FixtureRequest, canaries: Canaries, tool_folder: Path) -> Iterator[Door]:
     """A sandbox of each backend, started where the canaries are around."""
-    with Sandbox(preload=("grs_agents.sim",), backend=request.param, limits=BOUNDS) as sandbox:
+    with (
+        Sandbox(preload=("grs_agents.sim",), backend=request.param, limits=BOUNDS) as sandbox,
+        pytest.MonkeyPatch.context() as brief,
+    ):
+        brief.setattr("grs_agents.sandbox.host.streams.EXPLAIN_SECONDS", 0.2)  # nobody reads where a program was
         ready = Door(request.param, sandbox, [])
         with pytest.MonkeyPatch.context() as patch:  # started now, so that a test sees only what it opened itself
             patch.setattr(content, "_overlays", [tool_folder])
@@ -107,7 +114,7 @@ Make = Callable[[ModuleType, str, str | None], str]
 
 @pytest.fixture
 def make(door: Door, watched: Canaries) -> Make:
-    """Make an attack; what it got, in a word."""
+    """Make an attack; what it got, in a word, or of every case what was something."""
 
     def attack(program: ModuleType, name: str, case: str | None) -> str:
         facts: kit.Attack = getattr(program, name)

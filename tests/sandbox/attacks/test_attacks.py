@@ -7,7 +7,7 @@ from types import ModuleType
 
 import pytest
 
-from tests.sandbox.attacks.conftest import Door, Make
+from tests.sandbox.attacks.conftest import EVERY, Door, Make
 from tests.sandbox.attacks.kit import Attack
 
 FOLDER = Path(__file__).parent / "programs"
@@ -22,11 +22,18 @@ def attacks(program: ModuleType) -> dict[str, Attack]:
     return {name: thing for name, thing in vars(program).items() if isinstance(thing, Attack)}
 
 
+def cases(attack: Attack) -> list[str | None]:
+    """The cases of an attack, or all together where none may get anything: then none ends the process of the others."""
+    if not attack.cases:
+        return [None]
+    return [EVERY] if attack.answers == ("nothing",) and not attack.limits else list(attack.cases)
+
+
 ATTACKS = [
     pytest.param(program, name, case, id=f"{room}-{name}" + (f"-{case}" if case else ""))
     for room, program in PROGRAMS.items()
     for name, attack in attacks(program).items()
-    for case in (attack.cases or [None])
+    for case in cases(attack)
 ]
 
 

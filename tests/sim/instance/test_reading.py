@@ -98,7 +98,7 @@ def test_the_valid_one_is_read() -> None:
     assert parse_instance_json(text_of(VALID).encode()) == instance
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.data())
 def test_a_changed_value_is_refused_by_name_or_is_in_range(data: st.DataObject) -> None:
     tree = copy.deepcopy(VALID)
@@ -135,7 +135,7 @@ def check_ranges(instance: TaskInstance) -> None:
     assert TaskInstance.model_validate_json(instance.model_dump_json(), strict=True) == instance
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.data())
 def test_a_changed_text_is_refused_by_name_or_valid(data: st.DataObject) -> None:
     text = text_of(VALID)

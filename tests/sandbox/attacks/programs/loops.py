@@ -19,17 +19,17 @@ def spin() -> None:
         pass
 
 
-@gets("timeout", wall_seconds=0.5)
+@gets("timeout", wall_seconds=0.3)
 def infinite_loop(world: World) -> None:
     spin()
 
 
-@gets("timeout", wall_seconds=0.5)
+@gets("timeout", wall_seconds=0.3)
 def catastrophic_regex(world: World) -> None:
     re.match(r"(a+)+$", "a" * 40 + "b")
 
 
-@gets("timeout", wall_seconds=0.5)
+@gets("timeout", wall_seconds=0.3)
 def masked_and_ignored_signals(world: World) -> None:
     for number in range(1, 64):
         with contextlib.suppress(OSError, ValueError):
@@ -38,22 +38,22 @@ def masked_and_ignored_signals(world: World) -> None:
     spin()
 
 
-@gets("timeout", wall_seconds=0.5)
+@gets("timeout", wall_seconds=0.3)
 def stops_itself(world: World) -> None:
     os.kill(os.getpid(), signal.SIGSTOP)
 
 
-@gets("timeout", wall_seconds=0.5)
+@gets("timeout", wall_seconds=0.3)
 def stops_itself_by_thread(world: World) -> None:
     call("tgkill", os.getpid(), threading.get_native_id(), int(signal.SIGSTOP))
 
 
-@gets("timeout", wall_seconds=0.5)
+@gets("timeout", wall_seconds=0.3)
 def sleeps_in_the_kernel(world: World) -> None:
     os.read(os.pipe()[0], 1)
 
 
-@gets("timeout", wall_seconds=0.5)
+@gets("timeout", wall_seconds=0.3)
 def catches_everything(world: World) -> None:
     faulthandler.cancel_dump_traceback_later()
     faulthandler.disable()
@@ -62,7 +62,7 @@ def catches_everything(world: World) -> None:
             spin()
 
 
-@gets("timeout", wall_seconds=0.5)
+@gets("timeout", wall_seconds=0.3)
 def leads_a_session_of_its_own(world: World) -> None:
     with contextlib.suppress(OSError):
         os.setsid()
