@@ -59,11 +59,12 @@ ORDERS = split_into_word_set(
 _IDLE = split_into_word_set(
     "please robot arm carefully neatly gently up down so there now should must be "
     "is are ends end go goes belong belongs together away also onto that position and with but "
-    "place places just directly using suction cup gripper of straight alone back"
+    "place places just directly using suction cup gripper of straight alone"
 )
 AFTER, FIRST, LAST = {"then", "subsequently", "next", "afterwards"}, {"first", "firstly"}, {"finally", "lastly"}
 """Words that tell when something is done, against what else is asked for."""
 _JOINTS = {",", "and", "but"}
+_NEXT_PLACES = [[how] for how in sorted(PREPOSITIONS)]
 _SPANS = (
     ("left", "right", "leftright", "rightleft"),
     ("bottom", "top", "bottomup", "topdown"),
@@ -339,6 +340,9 @@ class _ClauseReader:
         request.orders |= {token} & ORDERS
         request.first |= token in FIRST
         self.when |= {token} & {*AFTER, *LAST}
+        # A second place for the same things: goals hold at the end alone.
+        if request.relations and token in {*AFTER, *LAST} and self.tokens[self.at : self.at + 1] in _NEXT_PLACES:
+            self.reading.unknown.append(f"{token} {self.tokens[self.at]}")
 
     def _skip_unused_word(self, token: str) -> None:
         self.at += 1
