@@ -39,6 +39,8 @@ TASKS: dict[str, list[Json]] = {
     ],
     "aside": [{"objects": [TUNA], "at": (0.38, -0.15)}],
     "askew": [{"objects": [TUNA], "at": (0.46, -0.24)}],
+    "amid": [{"objects": [TUNA], "at": (0.39, -0.19)}],
+    "amiss": [{"objects": [TUNA], "at": (0.45, -0.2)}],
     "in line": [{"objects": [TUNA], "at": (0.43, -0.02)}],
     "nudge": [{"objects": [MILK], "by": 0.03}, {"objects": [RAISINS], "by": 0.03}],
 }
@@ -94,6 +96,7 @@ HONEST = [
     ("beside", "Bring the can of tuna close to the milk carton."),
     ("aside", "Put the tuna left of the milk."),
     ("in line", "Put the tuna to the left of the corn."),
+    ("amid", "Put the tuna between the milk and the corn."),
     ("swap", "Let the red block and the blue block exchange their places."),
     ("swap", "Swap the red and the blue block."),
 ]
@@ -102,6 +105,7 @@ WRONG = [
     ("aside", "Put the tuna behind the milk."),
     ("askew", "Put the tuna left of the milk."),
     ("in line", "Put the tuna left of the milk."),
+    ("amiss", "Put the tuna between the milk and the corn."),
     ("pack", "Put the corn, the tuna and the milk into the open box."),
     ("pack", "Put the corn into the open box."),
     ("pack", "Put the corn and the tuna into the bowl."),

@@ -12,8 +12,6 @@ BESIDE = 0.12
 """Metres between two things that people call beside each other."""
 _ASIDE = 0.02
 """And how far one lies to a side of the other, at least."""
-_DETOUR = 1.2
-"""What is between two things makes the way from one to the other longer by this factor at most."""
 
 Places = tuple[Thing | None, ...]
 """What the phrases after a request's prepositions mean; None where they may mean any of several."""
@@ -129,10 +127,16 @@ def _is_relation_met(how: str, thing: Thing, options: Sequence[Sequence[Thing]],
 
 
 def _is_between(thing: Thing, one: Thing, other: Thing) -> bool:
+    """Whether the middle of a thing lies in the strip that leads from one to the other, as wide as they are."""
     if thing in (one, other) or one is other:
         return False
-    way = math.dist(thing.end[:2], one.end[:2]) + math.dist(thing.end[:2], other.end[:2])
-    return way < _DETOUR * math.dist(one.end[:2], other.end[:2])
+    (x, y), (x0, y0), (x1, y1) = thing.end[:2], one.end[:2], other.end[:2]
+    length = math.hypot(x1 - x0, y1 - y0)
+    if length == 0:
+        return False
+    gone = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / length**2
+    aside = abs((x - x0) * (y1 - y0) - (y - y0) * (x1 - x0)) / length
+    return 0 < gone < 1 and aside <= ((1 - gone) * one.measure(1) + gone * other.measure(1)) / 2
 
 
 def _is_to_the_side(how: str, thing: Thing, place: Thing, scene: Scene) -> bool:
