@@ -1,7 +1,8 @@
 """Run the trusted oracle on a task instance and score it; no generated code is involved."""
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -96,15 +97,16 @@ def _solve_in_one_process(jobs: Sequence[Job], library_roots: Sequence[str], con
 def inside(request: dict[str, Any]) -> dict[str, Any]:
     """The worker's part: an ``Outcome`` for each instance, and the .npz file as base64, since a worker reaches no file
     of the host."""
-    limits, library = Limits.model_validate(request["limits"]), open_library(request["library_roots"])
-    return {"outcomes": [_solve(Job.model_validate(job), library, limits) for job in request["jobs"]]}
+    limits, open_once = Limits.model_validate(request["limits"]), cache(lambda: open_library(request["library_roots"]))
+    return {"outcomes": [_solve(Job.model_validate(job), open_once, limits) for job in request["jobs"]]}
 
 
-def _solve(job: Job, library: Library, limits: Limits) -> dict[str, Any]:
+def _solve(job: Job, open_once: Callable[[], Library], limits: Limits) -> dict[str, Any]:
     from grs_agents import sim
 
     recording = Path("motion.npz")
     try:
+        library = open_once()
         instance = sim.TaskInstance.model_validate(job.instance)
         sim.set_environment_defaults(library, instance.seed, instance.robot, limits)
         done = sim.rollout(instance, library, recording if job.recording else None, job.trials)

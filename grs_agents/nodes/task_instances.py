@@ -24,10 +24,8 @@ from grs_agents.trace import Rollout as RolloutEvent
 NOISY_TRIALS = 4
 """Episodes with the least noise of the hand, shared out among different instances. Where one of them fails, one more
 decides whether four of five are solved."""
-
-
-_ODD = 2
-"""Instances of another kind, of unforeseen seeds, that are audited at most: random colours make many kinds."""
+_OTHER_KINDS = 2
+"""Instances of unforeseen seeds that are audited at most since they are of another kind: random colours make many."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +118,7 @@ def _find_instances_of_other_kinds(
     found: list[TaskInstance] = []
     for instance in instances:
         kind = describe(instance)
-        if kind not in kinds and len(found) < _ODD:
+        if kind not in kinds and len(found) < _OTHER_KINDS:
             kinds.add(kind)
             found.append(instance)
     return found

@@ -63,13 +63,13 @@ def test_on_stdio_a_photo_becomes_a_run_and_an_instance_is_solved(small_scene: P
 
     async def work() -> None:
         async with on_stdio(task.parent) as client:
-            await show_a_photo(client, small_scene)
-            await solve_an_instance(client, task)
+            await assert_a_photo_becomes_a_run(client, small_scene)
+            await assert_an_instance_is_solved(client, task)
 
     ask(work)
 
 
-async def show_a_photo(client: Client, photo: Path) -> None:
+async def assert_a_photo_becomes_a_run(client: Client, photo: Path) -> None:
     """A photo becomes a run that is shown."""
     seen = (await client.call_tool("scene", {"photo": str(photo)})).structured_content
     assert seen is not None and len({item["name"] for item in seen["objects"]}) == 3
@@ -80,7 +80,7 @@ async def show_a_photo(client: Client, photo: Path) -> None:
     assert step is not None and step["sections"]
 
 
-async def solve_an_instance(client: Client, task: Path) -> None:
+async def assert_an_instance_is_solved(client: Client, task: Path) -> None:
     """An instance is solved, drawn and its program checked, and an error is told."""
     solved = (await client.call_tool("rollout", {"folder": str(task), "seed": 0})).structured_content
     assert solved is not None and solved["rollout"]["episode"]["reward"] == pytest.approx(1.0)

@@ -47,17 +47,21 @@ def cup_sealed_fraction(physics: Physics, number: int) -> float:
     return sum(other == number and abs(far - depth) <= _GIVE for far, other in rays) / len(rays)
 
 
-def find_touched_object(physics: Physics) -> tuple[int, float] | None:
-    """Of the objects that the cup touches and could hold, the one on which most of its lip lies, and that share."""
-    touched = sorted(physics.objects_touching_cup() & physics.world.welds.keys())
-    shares = [cup_sealed_fraction(physics, number) for number in touched]
-    return max(zip(touched, shares, strict=True), key=lambda one: one[1]) if touched else None
+def find_touched_object(physics: Physics, aimed: int = -1) -> tuple[int, float] | None:
+    """Of the objects that the cup touches and could hold, the one on which most of its lip lies, and that share. A bead
+    seals however it lies; of a folded rope the cup takes the one that is ``aimed`` at."""
+    touched, beads = physics.objects_touching_cup() & physics.world.welds.keys(), physics.world.beads
+    if aimed in touched and aimed in beads:
+        return aimed, 1.0
+    shares = [(number, cup_sealed_fraction(physics, number)) for number in sorted(touched)]
+    best, share = max(shares, key=lambda one: one[1], default=(-1, 0.0))
+    return (best, 1.0 if best in beads else share) if touched else None
 
 
 def find_object_in_seal(physics: Physics) -> int | None:
     """Id of the object that the cup, where it is now, would hold if it sucked."""
     found = find_touched_object(physics)
-    return found[0] if found and (found[1] >= SEALED or found[0] in physics.world.beads) else None
+    return found[0] if found and found[1] >= SEALED else None
 
 
 @dataclass(frozen=True)

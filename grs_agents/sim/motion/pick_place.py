@@ -131,13 +131,11 @@ class PickPlace:
 
         if not self._descend_until(near, lowest, touches):
             return self._make_out_of_reach_result(lowest.point)
-        touched = grasp.find_touched_object(physics)
-        if aimed in physics.world.beads and aimed in physics.objects_touching_cup():
-            touched = (aimed, 1.0)  # of a rope that is folded the cup touches other beads too
+        touched = grasp.find_touched_object(physics, aimed)
         if touched is None:
             return self._explain_no_contact(point, aimed, met)
         best, share = touched
-        if share < grasp.SEALED and best not in physics.world.beads:
+        if share < grasp.SEALED:
             self._retreat_upwards()
             if aimed not in (best, -1):
                 way = f"{self.names[best]} is in the cup's way, to {self.names[aimed]} at {format_point(point)}"

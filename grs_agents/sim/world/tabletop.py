@@ -21,7 +21,7 @@ from grs_agents.sim.world.physics import Physics
 
 
 @dataclass(frozen=True)
-class _RestState:
+class _SettledScene:
     """A scene before it settled, all that decides how it does; its state afterwards, and the steps that this took."""
 
     before: object
@@ -33,9 +33,9 @@ class _RestState:
 _REMEMBERED = 8
 """Compiled worlds of a library that are kept: a program's tests and an audit's episodes have one or two."""
 _compiled: WeakKeyDictionary[Library, dict[object, compilation.World]] = WeakKeyDictionary()
-_RESTED = 4
+_SETTLED = 4
 """Settled scenes of a library that are kept, those used last: a suite of tests, run on mutants too, returns to few."""
-_rested: WeakKeyDictionary[Library, list[_RestState]] = WeakKeyDictionary()
+_settled: WeakKeyDictionary[Library, list[_SettledScene]] = WeakKeyDictionary()
 CATEGORIES = ("fixed", "rigid", "deformable")
 
 
@@ -317,24 +317,24 @@ class Tabletop:
     def settle_scene(self) -> None:
         """Let everything settle; a scene that was settled before is taken up as it came to rest then."""
         before = (self.timestep, self.objects, self.object_ties, self.tool, self.background, self.arm)
-        states = _rested.setdefault(self.library, [])
-        known = next((state for state in states if state.before == before), None)
+        scenes = _settled.setdefault(self.library, [])
+        known = next((scene for scene in scenes if scene.before == before), None)
         if known is not None:
-            states.remove(known)
+            scenes.remove(known)
             self.budget.spend_steps(known.steps)
             self.physics.restore_state(known.state)
         else:
-            known = self._settle_and_remember(before, states.pop(0) if len(states) >= _RESTED else None)
-        states.append(known)
+            known = self._settle_and_remember(before, scenes.pop(0) if len(scenes) >= _SETTLED else None)
+        scenes.append(known)
 
-    def _settle_and_remember(self, before: object, forgotten: _RestState | None) -> _RestState:
+    def _settle_and_remember(self, before: object, forgotten: _SettledScene | None) -> _SettledScene:
         start = self.budget.left
         self.raise_sunken_objects()
         self.physics.separate_overlapping_bodies()
         self.physics.simulate_until_at_rest()
         reused = forgotten.state if forgotten is not None and forgotten.world is self.physics.world else None
         state = self.physics.save_state(reused)
-        return _RestState(before, self.physics.world, state, start - self.budget.left)
+        return _SettledScene(before, self.physics.world, state, start - self.budget.left)
 
     def step_simulation(self, steps: int = 1) -> None:
         """Simulate a number of time steps; errors as ``Physics.check``."""

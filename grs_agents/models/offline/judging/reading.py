@@ -64,7 +64,6 @@ _IDLE = split_into_word_set(
 AFTER, FIRST, LAST = {"then", "subsequently", "next", "afterwards"}, {"first", "firstly"}, {"finally", "lastly"}
 """Words that tell when something is done, against what else is asked for."""
 _JOINTS = {",", "and", "but"}
-_NEXT_PLACES = [[how] for how in sorted(PREPOSITIONS)]
 _SPANS = (
     ("left", "right", "leftright", "rightleft"),
     ("bottom", "top", "bottomup", "topdown"),
@@ -340,9 +339,9 @@ class _ClauseReader:
         request.orders |= {token} & ORDERS
         request.first |= token in FIRST
         self.when |= {token} & {*AFTER, *LAST}
-        # A second place for the same things: goals hold at the end alone.
-        if request.relations and token in {*AFTER, *LAST} and self.tokens[self.at : self.at + 1] in _NEXT_PLACES:
-            self.reading.unknown.append(f"{token} {self.tokens[self.at]}")
+        following = " ".join(self.tokens[self.at : self.at + 1])
+        if request.relations and token in {*AFTER, *LAST} and following in PREPOSITIONS:
+            self.reading.unknown.append(f"{token} {following}")  # a second place, and goals hold at the end alone
 
     def _skip_unused_word(self, token: str) -> None:
         self.at += 1
