@@ -17,6 +17,8 @@ SHIFT: Final = 0.05
 _MOVED, _TURNED = 0.02, math.radians(15)
 """What has changed by more was moved, metres and radians."""
 _STAND_INS: Final = ("block/red_block.urdf", "block/blue_block.urdf")
+_PLACES: Final = ("inside", "on", "in_zone")
+"""Relations to something that beside it do not hold."""
 _WHOLE_ONLY: Final = ("stacked", "aligned")
 """Relations of several objects to one another: without one of them such a goal is another."""
 
@@ -83,24 +85,29 @@ def _remove_object_from_goal(goal: Goal, number: int) -> Iterator[Goal]:
 
 
 def _make_moved_target_mutant(instance: TaskInstance, item: InstanceObject) -> Mutant | None:
-    """The targets and zones of the object's goals moved along y, towards the middle of the table; None without any."""
-    mine = [goal for goal in instance.goals if item.id in goal.objects and (goal.targets or goal.zones)]
-    if not mine:
+    """The targets and zones of the object's goals moved along y, towards the middle of the table, and what a typed goal
+    wants in or on something wanted beside that; None where its goals have no such place."""
+    goals = tuple(_move_target_of_goal(goal) if item.id in goal.objects else goal for goal in instance.goals)
+    if goals == instance.goals:
         return None
-    places = [*mine[0].targets, *(zone.pose for zone in mine[0].zones)]
+    what = f"the target of {_asset_with_id(item)} is {SHIFT * 100:.0f} cm away from where it was, or beside it"
+    return Mutant("target_moved", what, instance.model_copy(update={"goals": goals}))
+
+
+def _move_target_of_goal(goal: Goal) -> Goal:
+    """The goal with another place; the same where it has none."""
+    if goal.relation is not None:
+        beside = goal.relation.model_copy(update={"kind": "near", "distance": SHIFT})
+        return goal.model_copy(update={"relation": beside}) if goal.relation_kind in _PLACES else goal
+    places = [*goal.targets, *(zone.pose for zone in goal.zones)]
     step = -math.copysign(SHIFT, places[0][0][1])
 
     def shift_pose_along_y(pose: Pose) -> Pose:
         (x, y, z), turn = pose
         return (x, y + step, z), turn
 
-    def moved(goal: Goal) -> Goal:
-        zones = tuple(zone.model_copy(update={"pose": shift_pose_along_y(zone.pose)}) for zone in goal.zones)
-        return goal.model_copy(update={"targets": tuple(map(shift_pose_along_y, goal.targets)), "zones": zones})
-
-    goals = tuple(moved(goal) if goal in mine else goal for goal in instance.goals)
-    what = f"the target of {_asset_with_id(item)} is {SHIFT * 100:.0f} cm away from where it was"
-    return Mutant("target_moved", what, instance.model_copy(update={"goals": goals}))
+    zones = tuple(zone.model_copy(update={"pose": shift_pose_along_y(zone.pose)}) for zone in goal.zones)
+    return goal.model_copy(update={"targets": tuple(map(shift_pose_along_y, goal.targets)), "zones": zones})
 
 
 def _make_frozen_object_mutant(instance: TaskInstance, item: InstanceObject) -> Mutant:

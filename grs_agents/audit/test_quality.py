@@ -4,7 +4,7 @@ import ast
 from collections.abc import Iterator, Sequence
 from typing import Final, Protocol
 
-from grs_agents.audit.mutants import Mutant
+from grs_agents.audit.mutants import Mutant, MutantKind
 from grs_agents.audit.reach_checks import find_runtime_accesses
 from grs_agents.audit.source_checks import ProgramSource, read_source
 from grs_agents.audit.types import Finding
@@ -99,7 +99,8 @@ def check_tests_pass_repeatedly(runs: Sequence[SuiteRun]) -> Finding:
 
 
 def check_tests_fail_on_mutants(mutants: Sequence[Mutant], runs: Sequence[SuiteRun]) -> Finding:
-    """They fail for most mutants, and where all is undone before they can look.
+    """They fail for most mutants, for one of those that want things elsewhere, and where all is undone before they can
+    look.
 
     One whose target was moved and that still ends as it should is none.
 
@@ -108,10 +109,11 @@ def check_tests_fail_on_mutants(mutants: Sequence[Mutant], runs: Sequence[SuiteR
         runs: of the suite, one for each.
     """
     whole = list(zip(mutants, runs, strict=True))
-    blind = _list_surviving_mutants([pair for pair in whole if pair[0].kind == "undone"])
+    blind = _notices_none_of_kind(whole, "undone")
     pairs = [pair for pair in whole if pair[0].kind != "undone"]
     counted = [(one, run) for one, run in pairs if not (one.kind == "target_moved" and run.held)]
     alive = _list_surviving_mutants(counted)
+    placeless = _notices_none_of_kind(counted, "target_moved")
     score = _mean_killed_share_by_kind(counted)
     measured = (
         f"{len(counted) - len(alive)} of {len(counted)} mutants of the task make the tests fail, score {score:.2f}"
@@ -119,10 +121,19 @@ def check_tests_fail_on_mutants(mutants: Sequence[Mutant], runs: Sequence[SuiteR
     if alive:
         measured += f"; they pass although {'; although '.join(alive)}"
     if blind:
-        measured += f"; and they pass although {blind[0]}: they never look where things end"
-    bound = f"at least {SCORE} must, the one that undoes all among them; assert of every object of the task that it is "
-    bound += "there, moved, and ends in its place"
-    return Finding(check="tests_have_teeth", passed=score >= SCORE and not blind, measured=measured, bound=bound)
+        measured += "; and they pass although all is put back once the goals are met: they never look where things end"
+    if placeless:
+        measured += "; wherever the targets are: they never say by themselves where things are to end"
+    bound = f"at least {SCORE} must, one with a moved target and the one that undoes all among them; assert of every "
+    bound += "object of the task that it is there, moved, and ends in its place"
+    passed = score >= SCORE and not blind and not placeless
+    return Finding(check="tests_have_teeth", passed=passed, measured=measured, bound=bound)
+
+
+def _notices_none_of_kind(pairs: Sequence[tuple[Mutant, SuiteRun]], kind: MutantKind) -> bool:
+    """Whether the suite passes for all mutants of a kind of which there are some."""
+    passed = [run.ended in _ALIVE for one, run in pairs if one.kind == kind]
+    return bool(passed) and all(passed)
 
 
 def _list_surviving_mutants(pairs: Sequence[tuple[Mutant, SuiteRun]]) -> list[str]:

@@ -27,6 +27,7 @@ from grs_agents.sim import (
     Task,
     TaskInstance,
     in_zone,
+    inside,
     instantiate,
     near,
     rollout,
@@ -62,6 +63,12 @@ class Trial(Task):
 def fair(task: Trial, env: Environment) -> None:
     task.want(env.add_object(RED, A), 0.5, -0.1, 0.5)
     task.want(env.add_object(BLUE, B), 0.6, 0.0, 0.5)
+
+
+def boxed(task: Trial, env: Environment) -> None:
+    """A block into a box that stands on the other side."""
+    box = env.add_object("container/open_box.urdf", ((0.55, 0.2, 0.045), FLAT), "fixed")
+    task.add_goal(inside(env.add_object(RED, A), box), step_max_reward=1.0)
 
 
 def unmet_goal_of_little_weight(task: Trial, env: Environment) -> None:
@@ -416,6 +423,18 @@ def test_tests_that_never_look_where_things_end_have_no_teeth() -> None:
     finding = check_tests_fail_on_mutants(mutants, runs)
     assert not finding.passed and "never look" in finding.measured
     assert check_tests_fail_on_mutants(mutants, [SuiteOutcome("failed") for _ in mutants]).passed
+
+
+def test_tests_that_ask_the_task_alone_where_things_end_have_no_teeth() -> None:
+    """The goal wants things beside the box, and the tests ask whether the goals are met."""
+    library = Library()
+    instance = instantiate(Trial(boxed), 0, library)
+    mutants = make_instance_mutants(instance, rollout(instance, library), library)
+    moved = [one for one in mutants if one.kind == "target_moved"]
+    assert moved and all(goal.relation_kind == "near" for goal in moved[0].instance.goals)
+    runs = [SuiteOutcome("passed" if one in moved else "failed") for one in mutants]
+    finding = check_tests_fail_on_mutants(mutants, runs)
+    assert not finding.passed and "never say by themselves" in finding.measured
 
 
 @dataclass
