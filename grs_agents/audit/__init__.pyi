@@ -9,6 +9,7 @@ from .mutants import make_instance_mutants as make_instance_mutants
 from .pose_changes import find_pose_changes as find_pose_changes
 from .seed_and_override_checks import check_program as check_program
 from .seed_and_override_checks import find_expectations_taken_from_program as find_expectations_taken_from_program
+from .side_words import explain_ambiguous_sides as explain_ambiguous_sides
 from .static_checks import check_programs as check_programs
 from .test_quality import RUNS as RUNS
 from .test_quality import check_tests_exercise_program as check_tests_exercise_program

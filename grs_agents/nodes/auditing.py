@@ -11,6 +11,7 @@ from grs_agents.audit import (
     check_program,
     check_report_of_unforeseen_seeds,
     describe_task_in_words,
+    explain_ambiguous_sides,
     pair_instances_with_rollouts,
 )
 from grs_agents.config import AuditConfig, Config
@@ -25,6 +26,7 @@ _WORDS_BOUND = "the judge must agree"
 _WORDS_REMEDY = (
     f"{_WORDS_BOUND}; where it does not understand the words, name a model that does with audit.judge = MODEL"
 )
+_SIDES_BOUND = "sides are the robot's, and words must say so where a photo shows others: 'left, as the robot sees it'"
 _UNFORESEEN = 8
 """Seeds beside those of the configuration that are drawn: what a twelfth of the seeds shows is found every second time,
 what a third shows 24 times of 25, for 3 ms each or more."""
@@ -118,6 +120,9 @@ def _judge_words_against_goals(
     """
     if audited.task is None:
         return ()
+    frame = audited.scene.frame if audited.scene is not None else None
+    if ambiguous := explain_ambiguous_sides(audited.task.description, frame):
+        return (Finding(check="words", passed=False, measured=f"unclear: {ambiguous}", bound=_SIDES_BOUND),)
     judge = services.config.model_for_role("judge").model
     kinds: set[tuple[object, ...]] = set()
     judgement: WordsJudgement | NoReply | None = None

@@ -6,6 +6,8 @@ from grs_agents.agents import TaskDefinition
 from grs_agents.audit import Finding
 from grs_agents.config import AuditConfig, Config, ModelConfig
 from grs_agents.nodes import AuditedPrograms, Services, audit_programs
+from grs_agents.perception import SceneDescription
+from grs_agents.state import RunState
 from tests.nodes.conftest import SIMULATION, TASK, Make, kinds
 
 WORDS = str(TASK["task-description"])
@@ -38,6 +40,15 @@ def test_rules_judge_where_the_model_is_offline(make_services: Make, words: str,
     assert (found.passed, found.measured.split(",")[0]) == (verdict == "agrees", verdict)
     assert "(offline)" in found.measured
     assert ("audit.judge = MODEL" in found.bound) == (verdict == "unclear")
+
+
+def test_sides_that_the_photo_shows_otherwise_are_unclear(state: RunState, make_services: Make) -> None:
+    """The camera looks straight down, its right is away from the robot."""
+    task = TaskDefinition.model_validate({**TASK, "task-description": "move the red block left of the blue block"})
+    scene = SceneDescription.model_validate(state["scene"])
+    report = audit_programs(AuditedPrograms(simulation=SIMULATION, task=task, scene=scene), make_services())
+    found = next(finding for finding in report.findings if finding.check == "words")
+    assert not found.passed and "'left' is another side" in found.measured and "as the robot sees it" in found.bound
 
 
 def test_nobody_is_asked_of_what_fails_anyway(make_services: Make) -> None:

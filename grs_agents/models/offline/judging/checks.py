@@ -1,10 +1,10 @@
 """What each kind of request asks of the scene: things are put, stacked, sorted, lined up, cleared, exchanged, left."""
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
+from grs_agents.models.offline.judging.arrangements import MEASURES, is_ordered_by_size, require_arrangement
 from grs_agents.models.offline.judging.ordering import require_order_in_time
 from grs_agents.models.offline.judging.places import (
     Differs,
@@ -18,7 +18,7 @@ from grs_agents.models.offline.judging.reading import (
     LEAVING,
     LINING,
     OTHERS,
-    PICKING,
+    PUSHING,
     SORTING,
     STACKING,
     SWAPPING,
@@ -29,12 +29,12 @@ from grs_agents.models.offline.judging.scene import Scene, Thing
 
 _FAR_ENOUGH = 0.05
 """Metres: less is a nudge."""
-_IN_LINE = 0.02
-"""Metres beside the line of things in a row."""
-_ALIKE = 0.003
-"""Metres by which things of one size may differ."""
-_ALIKE_VOLUME = 0.05
-"""And the share of the largest volume."""
+_TALL, _LAIN = 1.2, 60
+"""Height against width of what stands or lies, and degrees from which on it lies."""
+_WHERE = {"sidebyside", "inrow", "together"}
+"""Places of things among one another."""
+_ANYWHERE = {"move", "shift", "relocate", "transfer", *PUSHING}
+"""What is done to things whose new place is left open."""
 
 
 @dataclass(frozen=True)
@@ -61,12 +61,7 @@ class _RequestChecker:
         """Mentions of all that a request moves; gives their numbers."""
         added: list[int] = []
         for phrase in request.movers:
-            found = self.scene.find(phrase, movable=True)
-            if not found:
-                fixed = self.scene.find(phrase)
-                raise Differs(f"{phrase.text} cannot move" if fixed else f"there is no such thing as {phrase.text}")
-            if not self._was_introduced(phrase):
-                found = narrow_to_things_meant(phrase, found)
+            found = self._find_things_to_move(phrase)
             faults = {thing.id: self._explain_unmet_request(thing, request, places, least) for thing in found}
             for numbers in _split_mention(phrase, list(faults), request):
                 added.append(len(self.mentions))
@@ -74,6 +69,16 @@ class _RequestChecker:
                 fault = faults[numbers[0]] or f"{phrase.text} is spoken of more often than there are such things"
                 self.mentions.append(_Mention(phrase, request, good, fault))
         return added
+
+    def _find_things_to_move(self, phrase: Phrase) -> list[Thing]:
+        found = self.scene.find(phrase, movable=True)
+        several = phrase.plural or phrase.article in ("all", "each")
+        if several and not phrase.has_no_specific_noun and not self.scene.is_called(phrase):
+            raise Unclear(f"which things on the table are {phrase.text} is not told by what they are called")
+        if not found:
+            fixed = self.scene.find(phrase)
+            raise Differs(f"{phrase.text} cannot move" if fixed else f"there is no such thing as {phrase.text}")
+        return found if self._was_introduced(phrase) else narrow_to_things_meant(phrase, found)
 
     def _was_introduced(self, phrase: Phrase) -> bool:
         """Whether the words spoke of such a thing before, as any one: a can, then the can."""
@@ -133,7 +138,9 @@ def require_requests_are_met(requests: Sequence[Request], places: Sequence[Place
     """Raises ``Differs`` unless all that is asked for happens, and nothing else moves."""
     check = _RequestChecker(scene)
     for request, chosen in zip(requests, places, strict=True):
-        _CHECKS[_classify_request(request)](request, chosen, check)
+        kind = _classify_request(request)
+        _require_orders_are_checked(request, kind)
+        _CHECKS[kind](request, chosen, check)
     taken = check.assign_things_to_mentions()
     _require_no_unnamed_moves(scene.moved - set(taken.values()), check)
     things = {index: scene.things[number] for index, number in taken.items()}
@@ -145,6 +152,11 @@ def require_requests_are_met(requests: Sequence[Request], places: Sequence[Place
     for mentions, follow in check.later:
         numbers = taken.values() if mentions is None else [taken[index] for index in mentions if index in taken]
         follow([scene.things[number] for number in numbers])
+
+
+def _require_orders_are_checked(request: Request, kind: str) -> None:
+    if unchecked := request.orders - _ORDERS[kind]:
+        raise Unclear(f"what {' and '.join(sorted(unchecked))} asks of what is to {request.verb} is not understood")
 
 
 def _require_no_unnamed_moves(unnamed: set[int], check: _RequestChecker) -> None:
@@ -169,13 +181,24 @@ def _classify_request(request: Request) -> str:
 
 def _check_move_request(request: Request, places: Places, check: _RequestChecker) -> None:
     """Things are put somewhere."""
-    if not request.movers or (request.verb in PICKING and not request.relations):
+    where = request.relations or request.orders & _WHERE or request.verb in _ANYWHERE
+    if not request.movers or not where:
         raise Unclear(f"what to {request.verb}, and whereto, is not said")
     added = check.add_mentions_of_moved_things(request, places)
     if _asks_for_separate_places(request):
         check.later.append((added, _require_separate_places))
-    if "sizedfirst" not in request.orders or "sidebyside" in request.orders:
-        check.later.append((added, lambda things: _require_order_in_row(request, things)))
+    if request.verb in ("lay", "stand"):
+        check.later.append((added, lambda things: _require_lain_or_upright(request.verb, things)))
+    check.later.append((added, lambda things: require_arrangement(request, places, things, check.scene)))
+
+
+def _require_lain_or_upright(verb: str, things: Sequence[Thing]) -> None:
+    for thing in things:
+        tall = thing.measure(2) > _TALL * thing.measure(0)
+        if tall and (verb == "lay") != (thing.tipped > _LAIN):
+            raise Unclear(
+                f"{thing.label} leans by {thing.tipped:.0f} degrees, whether that is to {verb} it is not told"
+            )
 
 
 def _asks_for_separate_places(request: Request) -> bool:
@@ -293,65 +316,38 @@ def _find_stack_base(request: Request, scene: Scene) -> Phrase | None:
 
 def _require_things_are_stacked(request: Request, things: Sequence[Thing], scene: Scene) -> None:
     stack = sorted(things, key=lambda thing: thing.end[2])
+    if not request.relations:
+        _require_stack_stands_alone(stack, scene)
+    _require_each_asked_to_lie_on_next(stack, scene)
+    names = f"from the bottom up there are {', '.join(thing.label for thing in stack)}"
+    seen = stack[::-1] if "topdown" in request.orders else stack
+    measures = request.orders & MEASURES.keys()
+    listed = not measures and not request.orders.isdisjoint({"bottomup", "topdown", "inorder"})
+    if listed and [thing.called for thing in things] != [thing.called for thing in seen]:
+        raise Differs(names)
+    if not all(is_ordered_by_size(seen, order) for order in measures):
+        raise Differs(f"{names}, another order than by size")
+
+
+def _require_each_asked_to_lie_on_next(stack: Sequence[Thing], scene: Scene) -> None:
     for below, above in pairwise(stack):
         if not scene.lies(above, "on", [below]):
             raise Differs(f"{above.label} is not asked to end on {below.label}")
-    names = f"from the bottom up there are {', '.join(thing.label for thing in stack)}"
-    seen = stack[::-1] if "topdown" in request.orders else stack
-    measures = request.orders & _MEASURES.keys()
-    listed = not measures and bool(request.orders & {"bottomup", "topdown", "inorder"})
-    if listed and [thing.called for thing in things] != [thing.called for thing in seen]:
-        raise Differs(names)
-    if not all(_is_ordered_by_size(seen, order) for order in measures):
-        raise Differs(f"{names}, another order than by size")
+
+
+def _require_stack_stands_alone(stack: Sequence[Thing], scene: Scene) -> None:
+    """It has two things at least, and is no part of another one."""
+    if len(stack) < 2:
+        raise Unclear("what is stacked on what is not understood")
+    under = [scene.things[number] for _, number in stack[0].ends]
+    if loose := [thing for thing in under if not thing.fixed and not thing.hollow]:
+        raise Differs(f"{stack[0].label} lies on {loose[0].label}, the words stack nothing on that")
 
 
 def _check_line_request(request: Request, places: Places, check: _RequestChecker) -> None:
     """Things end in one line."""
     added = check.add_mentions_of_moved_things(request, places)
-    check.later.append((added, _require_things_in_line))
-    check.later.append((added, lambda things: _require_order_in_row(request, things)))
-
-
-def _require_things_in_line(things: Sequence[Thing]) -> None:
-    points = [thing.end[:2] for thing in things]
-    (ax, ay), (bx, by) = max(((a, b) for a in points for b in points), key=lambda pair: math.dist(*pair))
-    length = math.dist((ax, ay), (bx, by))
-    if any(abs((bx - ax) * (y - ay) - (by - ay) * (x - ax)) > _IN_LINE * length for x, y in points):
-        raise Differs("the things do not end in a line")
-
-
-_MEASURES = {"shortfirst": (2, 1), "tallfirst": (2, -1), "smallfirst": (3, 1), "largefirst": (3, -1)}
-"""Orders by size: which measure, and whether it grows or shrinks."""
-
-
-def _require_order_in_row(request: Request, things: Sequence[Thing]) -> None:
-    """By size along a row, from either side unless the words say from which; or as the words list them."""
-    sided, measures = request.orders & {"leftright", "rightleft"}, request.orders & _MEASURES.keys()
-    listed = {"inorder"} & request.orders if request.verb in LINING else set[str]()
-    if not things or not (sided | measures | listed):
-        return
-    axis = 1 if sided else _find_axis_of_row(things)
-    row = sorted(things, key=lambda thing: thing.end[axis], reverse="leftright" in request.orders)
-    ways = [row] if sided else [row, row[::-1]]
-    names = ", ".join(thing.label for thing in row)
-    if not all(_is_ordered_by_size(row, order) or _is_ordered_by_size(ways[-1], order) for order in measures):
-        raise Differs(f"the row is {names}, another order than by size")
-    if not measures and list(things) not in ways:
-        raise Differs(f"the row is {names}, in another order than the words")
-
-
-def _find_axis_of_row(things: Sequence[Thing]) -> int:
-    spans = [max(ends) - min(ends) for ends in zip(*(thing.end[:2] for thing in things), strict=True)]
-    return spans.index(max(spans))
-
-
-def _is_ordered_by_size(row: Sequence[Thing], order: str) -> bool:
-    """Whether a row keeps to an order by size."""
-    measure, sign = _MEASURES[order]
-    sizes = [sign * thing.measure(measure) for thing in row]
-    slack = _ALIKE if measure < 3 else _ALIKE_VOLUME * max(map(abs, sizes), default=0.0)
-    return all(a <= b + slack for a, b in pairwise(sizes))
+    check.later.append((added, lambda things: require_arrangement(request, places, things, check.scene)))
 
 
 def _check_swap_request(request: Request, places: Places, check: _RequestChecker) -> None:
@@ -370,13 +366,25 @@ def _require_things_swap_places(things: Sequence[Thing]) -> None:
 
 
 def _check_leave_request(request: Request, places: Places, check: _RequestChecker) -> None:
-    """What is left alone does not move."""
+    """What is left alone does not move, and is where the words say."""
     for phrase in request.movers:
         found = check.scene.find(phrase)
         if not found and not phrase.pronoun:
             raise Differs(f"there is no such thing as {phrase.text}")
         if phrase.pronoun not in OTHERS:
             _require_things_stay(phrase, [thing for thing in found if not thing.fixed])
+        for how, named in request.relations:
+            if not all(one.is_bare_table for one in named):
+                _require_things_are_at(how, [place for one in named for place in check.scene.find(one)], found, check)
+
+
+def _require_things_are_at(how: str, places: Sequence[Thing], things: Sequence[Thing], check: _RequestChecker) -> None:
+    if how not in ("in", "on", "at"):
+        raise Unclear(f"whether something is {how} something that stays is not understood")
+    carriers = {place.id for place in places}
+    for thing in things:
+        if not carriers & {number for _, number in check.scene.trace_supports(thing.ends)}:
+            raise Differs(f"{thing.label} is not {how} what the words leave it {how}")
 
 
 def _require_things_stay(phrase: Phrase, loose: Sequence[Thing]) -> None:
@@ -387,6 +395,19 @@ def _require_things_stay(phrase: Phrase, loose: Sequence[Thing]) -> None:
         raise Unclear(f"which of {len(loose)} is {phrase.text} that stays is not understood")
 
 
+_BY_PLACE = {"own", "owncolor", "freeplace"}
+_IN_ROW = {"sidebyside", "inrow", "together", "leftright", "rightleft", "sizedfirst", "inorder", *MEASURES}
+_ORDERS: dict[str, set[str]] = {
+    "heading": {"bycolor", "bykind", *_BY_PLACE},
+    "move": {*_IN_ROW, *_BY_PLACE},
+    "stack": {"bottomup", "topdown", "inorder", "sizedfirst", "together", "freeplace", *MEASURES},
+    "sort": {"bycolor", "bykind", *_BY_PLACE},
+    "line": {*_IN_ROW, "freeplace"},
+    "clear": {"freeplace"},
+    "swap": set(),
+    "leave": set(),
+}
+"""The orders that each kind of request is checked for."""
 _CHECKS: dict[str, Callable[[Request, Places, _RequestChecker], None]] = {
     "heading": _check_heading_request,
     "move": _check_move_request,

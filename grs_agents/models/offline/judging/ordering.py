@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
+from grs_agents.models.offline.judging.arrangements import MEASURES
 from grs_agents.models.offline.judging.places import Differs
 from grs_agents.models.offline.judging.reading import LINING, STACKING, Request
 from grs_agents.models.offline.judging.scene import Thing
 
-_BY_SIZE = {"shortfirst": (2, 1), "tallfirst": (2, -1), "smallfirst": (3, 1), "largefirst": (3, -1)}
-_SPATIAL = {"leftright", "rightleft", "bottomup", "topdown", "sidebyside"}
+_SPATIAL = {"leftright", "rightleft", "bottomup", "topdown", "sidebyside", "inrow"}
 
 
 def require_order_in_time(requests: Sequence[Request], movers: Sequence[Sequence[Thing]]) -> None:
@@ -42,9 +42,9 @@ def _list_things_in_move_order(request: Request, things: Sequence[Thing]) -> Seq
     """The things of one request as they are to be moved; none where the words leave it open, or speak of places."""
     if request.verb in LINING or request.orders & _SPATIAL:
         return ()
-    measures = request.orders & _BY_SIZE.keys()
+    measures = request.orders & MEASURES.keys()
     if "sizedfirst" in request.orders and measures and request.verb not in STACKING:
-        measure, sign = _BY_SIZE[min(measures)]
+        measure, sign = MEASURES[min(measures)]
         return sorted(things, key=lambda thing: sign * thing.measure(measure))
     return things if "inorder" in request.orders else ()
 

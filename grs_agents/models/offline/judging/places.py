@@ -8,8 +8,8 @@ from grs_agents.models.offline.judging.reading import Phrase, Request, make_sing
 from grs_agents.models.offline.judging.scene import Scene, Thing, distance_between
 from grs_agents.models.offline.prompt_text import split_words
 
-BESIDE = 0.12
-"""Metres between two things that people call beside each other."""
+_BESIDE, _BESIDE_SMALL = 0.12, 0.05
+"""Metres between two things that people call beside each other, at most, and where one of them is small."""
 _ASIDE = 0.02
 """And how far one lies to a side of the other, at least."""
 
@@ -49,10 +49,11 @@ def _list_places_for_phrase(how: str, phrase: Phrase, for_each: bool, scene: Sce
     one = phrase.article == "the" and not phrase.plural and not for_each
     if not (found and one):
         return [None]
-    return narrow_to_things_meant(phrase, _prefer_hollow_things(found) if how in ("in", "outof") else found)
+    return narrow_to_things_meant(phrase, prefer_hollow_things(found) if how in ("in", "outof") else found)
 
 
-def _prefer_hollow_things(found: list[Thing]) -> list[Thing]:
+def prefer_hollow_things(found: list[Thing]) -> list[Thing]:
+    """Of what a phrase fits those that things can be put in or on, where there are some."""
     return [thing for thing in found if thing.hollow] or found
 
 
@@ -84,14 +85,27 @@ def explain_misplacement(thing: Thing, request: Request, places: Places, scene: 
     for how, phrases in request.relations:
         options = [_list_reference_things(phrase, next(chosen), scene) for phrase in phrases]
         if any(phrase.is_bare_table for phrase in phrases):
-            if len(request.relations) == 1 and (fault := _explain_not_on_table(thing, request, scene)):
-                return fault
-            continue
-        if "owncolor" in request.orders:
-            options = [[place for place in row if place.color == thing.color] for row in options]
-        if not _is_relation_met(how, thing, options, scene):
-            return f"{thing.label} is not asked to end {_format_relation_as_words(how, phrases)}"
+            fault = _explain_not_on_table(thing, request, scene) if _ends_on_bare_table(how, request) else ""
+        else:
+            fault = _explain_unmet_relation(thing, how, options, request, scene)
+            fault = fault and f"{fault} {_format_relation_as_words(how, phrases)}"
+        if fault:
+            return fault
     return ""
+
+
+def _explain_unmet_relation(
+    thing: Thing, how: str, options: Sequence[Sequence[Thing]], request: Request, scene: Scene
+) -> str:
+    if "owncolor" in request.orders:
+        options = [[place for place in row if place.color == thing.color] for row in options]
+    return "" if _is_relation_met(how, thing, options, scene) else f"{thing.label} is not asked to end"
+
+
+def _ends_on_bare_table(how: str, request: Request) -> bool:
+    """Whether the table is the place, and not where the place stands: in the box on the table."""
+    carriers = {other for other, phrases in request.relations if not any(phrase.is_bare_table for phrase in phrases)}
+    return how in ("on", "at") and carriers.isdisjoint(("in", "on", "at"))
 
 
 def _explain_not_on_table(thing: Thing, request: Request, scene: Scene) -> str:
@@ -117,18 +131,24 @@ def _format_relation_as_words(how: str, phrases: Sequence[Phrase]) -> str:
 
 
 def _is_relation_met(how: str, thing: Thing, options: Sequence[Sequence[Thing]], scene: Scene) -> bool:
-    if how == "between":
-        options = [*options, *options] if len(options) == 1 else options
-        return len(options) == 2 and any(_is_between(thing, *pair) for pair in product(*options))
     places = [place for row in options for place in row if place is not thing]
     if how in ("in", "on", "at"):
         return scene.lies(thing, how, places)
+    if how == "between":
+        options = [*options, *options] if len(options) == 1 else options
+        pairs = list(product(*options)) if len(options) == 2 else []
+        return _holds_wherever_asked(thing, lambda moved: any(_is_between(moved, *pair) for pair in pairs))
     return any(_HOLDS.get(how, _is_to_the_side)(how, thing, place, scene) for place in places)
+
+
+def _holds_wherever_asked(thing: Thing, holds: Callable[[Thing], bool]) -> bool:
+    """Whether something holds at each spot that the goal of a thing allows; never where it leaves the spot open."""
+    return thing.is_pinned and all(holds(moved) for moved in (thing, *thing.list_asked_ends()))
 
 
 def _is_between(thing: Thing, one: Thing, other: Thing) -> bool:
     """Whether the middle of a thing lies in the strip that leads from one to the other, as wide as they are."""
-    if thing in (one, other) or one is other:
+    if thing.id in (one.id, other.id) or one is other:
         return False
     (x, y), (x0, y0), (x1, y1) = thing.end[:2], one.end[:2], other.end[:2]
     length = math.hypot(x1 - x0, y1 - y0)
@@ -140,15 +160,21 @@ def _is_between(thing: Thing, one: Thing, other: Thing) -> bool:
 
 
 def _is_to_the_side(how: str, thing: Thing, place: Thing, scene: Scene) -> bool:
+    if not _is_outside_of_place(thing, place, scene):
+        return False
+    return _holds_wherever_asked(thing, lambda moved: _is_seen_to_the_side(how, moved, place, scene))
+
+
+def _is_seen_to_the_side(how: str, thing: Thing, place: Thing, scene: Scene) -> bool:
     """Whether a thing ends rather to that side of another one than to the next side, and in line with no nearer one."""
     along, across = _offset_to_side(how, thing, place)
     in_line = across <= place.measure(1) / 2
-    if along <= _ASIDE or not (in_line or across <= along) or not _is_outside_of_place(thing, place, scene):
+    if along <= _ASIDE or not (in_line or across <= along):
         return False
     return in_line or not any(
         _ASIDE < nearer < along and off <= other.measure(1) / 2
         for other in scene.things.values()
-        if other not in (thing, place)
+        if other.id not in (thing.id, place.id)
         for nearer, off in [_offset_to_side(how, thing, other)]
     )
 
@@ -160,9 +186,18 @@ def _offset_to_side(how: str, thing: Thing, place: Thing) -> tuple[float, float]
 
 
 def _is_next_to_place(how: str, thing: Thing, place: Thing, scene: Scene) -> bool:
-    asked = any(("beside", place.id) in references for goal in thing.goals for references in goal)
-    bound = 2 * BESIDE if how == "around" else BESIDE
-    return asked or (_is_outside_of_place(thing, place, scene) and scene.gap(thing, place) <= bound)
+    bound = reach_beside(thing, place) * (2 if how == "around" else 1)
+    if any(("beside", place.id) in references for goal in thing.goals for references in goal):
+        return distance_between(thing, thing.end, place, place.end) <= bound and thing.reach <= _BESIDE
+    outside = _is_outside_of_place(thing, place, scene)
+    return outside and _holds_wherever_asked(
+        thing, lambda moved: distance_between(moved, moved.end, place, place.end) <= bound
+    )
+
+
+def reach_beside(one: Thing, other: Thing) -> float:
+    """Metres that two things beside each other may be apart: the width of the smaller one."""
+    return min(_BESIDE, max(_BESIDE_SMALL, min(one.measure(1), other.measure(1))))
 
 
 def _is_outside_of_place(thing: Thing, place: Thing, scene: Scene) -> bool:

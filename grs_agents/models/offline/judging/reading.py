@@ -17,12 +17,12 @@ def split_into_word_set(text: str) -> frozenset[str]:
 
 MOVING = split_into_word_set(
     "put place move set lay stand bring carry take transfer drop position park pack stow load store insert deposit "
-    "distribute gather collect arrange organize relocate shift return deliver align serve tidy let remove"
+    "distribute gather collect arrange organize relocate shift return deliver serve tidy let remove"
 )
 PUSHING = {"push", "sweep", "slide", "shove", "brush"}
 STACKING = {"stack", "pile", "build", "make", "form"}
 SORTING = {"sort", "group", "separate", "categorize", "match", "divide"}
-LINING = {"lineup", "line"}
+LINING = {"lineup", "line", "align"}
 CLEARING = {"clear", "empty", "unpack", "free"}
 SWAPPING = {"swap", "exchange", "switch", "trade"}
 LEAVING = {"leave", "keep"}
@@ -54,12 +54,12 @@ _PLAIN = {"open", "empty", "free", "loose", "cardboard", "plastic", "wooden", "s
 """Adjectives that tell nothing apart."""
 ORDERS = split_into_word_set(
     "bottomup topdown shortfirst tallfirst smallfirst largefirst leftright rightleft bycolor bykind own owncolor "
-    "inorder sizedfirst sidebyside freeplace"
+    "inorder sizedfirst sidebyside inrow together freeplace"
 )
 _IDLE = split_into_word_set(
     "please robot arm carefully neatly gently up down so there now should must be "
-    "is are ends end go goes belong belongs together away also onto that position and with but "
-    "place places just directly using suction cup gripper of straight alone"
+    "is are ends end go goes belong belongs also onto that position and with "
+    "place places just directly using suction cup gripper of"
 )
 AFTER, FIRST, LAST = {"then", "subsequently", "next", "afterwards"}, {"first", "firstly"}, {"finally", "lastly"}
 """Words that tell when something is done, against what else is asked for."""
@@ -74,7 +74,10 @@ _SPANS = (
 _SINGLE = (
     (r"\bon top of\b|\bonto\b|\bon to\b|\bupon\b|\batop\b|\bover\b", " on "),
     (r"\bin between\b", " between "),
-    (r"\b(?:to|on|at) the (?:\w+ )?(left|right)(?: hand)?(?: side)? of\b|\b(left|right) of\b", r" \1\2of "),
+    (
+        r"\b(?:to|on|at) the (?:robot |immediate )?(left|right)(?: hand)?(?: side)? of\b|\b(left|right) of\b",
+        r" \1\2of ",
+    ),
     (r"\bin front of\b", " infront "),
     (r"\bout of\b|\boff\b|\baway from\b|\bfrom inside\b", " outof "),
     *(
@@ -85,7 +88,10 @@ _SINGLE = (
     (r"\bfrom (?:the )?bottom up\b|\bbottom up\b", " bottomup "),
     (r"\bfrom (?:the )?top down\b|\btop down\b", " topdown "),
     (r"\bin (?:this|that|the given) order\b", " inorder "),
-    (r"\bside by side\b|\bnext to (?:each other|one another)\b|\bin a row\b", " sidebyside "),
+    (r"\bside by side\b|\bnext to (?:each other|one another)\b", " sidebyside "),
+    (r"\b(?:in|into|to) (?:a|one) (?:row|line)\b", " inrow "),
+    (r",? \b(?:as )?(?:seen )?(?:by|from) the robot(?: (?:point of )?view| perspective| side)?\b", " "),
+    (r",? \bas the robot sees (?:it|them|this)\b", " "),
     (r"\bnext to\b|\bclose to\b|\bnear(?: to)?\b|\balongside\b|\badjacent to\b|\bby the side of\b", " beside "),
     (r"\bby (?:their |its |the )?colou?rs?\b", " bycolor "),
     (r"\b(?:by|in order of) (?:their |its |the )?heights?\b", " shortfirst "),
@@ -102,8 +108,9 @@ _SINGLE = (
         " swap ",
     ),
     (r"\b(?:exchange|swap|switch|trade) the places? of\b", " swap "),
-    (r"\bline up\b|\bput in(?:to)? (?:a |one )?line\b", " lineup "),
-    (r"\b(?:do not|don t|never|without) (?:moving|move|touching|touch)\b", " , leave "),
+    (r"\bline up\b", " lineup "),
+    (r"\bleave ([^.;:!?]*) alone\b", r"leave \1"),
+    (r"\b(?:do not|don t|never|without) (?:moving|move|touching|touch)\b(?! each| one)", " , leave "),
     (r"\b(each|all|both|every|any|one) of (?=the\b)", r"\1 "),
     (r"\b(?:build|make|form) (?:a|one) (?:stack|tower|pile) (?:of|from|with)\b", " stack "),
     (r"\band (?:then )?(?:a|one|another)(?: stack| tower| pile)? of\b", " and stack "),
@@ -199,8 +206,8 @@ def read_request_words(words: str, nouns: set[str]) -> Reading:
     for pattern, word in _SINGLE:
         text = re.sub(pattern, word, text)
     reading = Reading()
-    if re.search(r"[^\x00-\x7f]", text):
-        reading.unknown.append("letters that are not English")
+    if odd := re.findall(r"[^\sa-z0-9.,;:!?&'\"]", text):
+        reading.unknown.append(" ".join(dict.fromkeys(odd)))
     for sentence, mark in re.findall(r"([^.;:!?]+)([.;:!?]|$)", text):
         tokens = re.findall(r"[a-z]+|\d+|,", sentence)
         for clause in _split_clauses(tokens):
@@ -443,7 +450,7 @@ class _ClauseReader:
         return None
 
 
-_ARTICLES = {"the", "a", "an", "its", "their", "every", "each", "all", "both", "any", "no", "another"}
+_ARTICLES = {"the", "a", "an", "its", "their", "every", "each", "all", "both", "any", "another"}
 
 
 def _parse_size_word(token: str) -> tuple[int, int, bool] | None:

@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 from grs_agents.models.offline.judging.reading import GENERIC, KNOWN, OTHERS, PREPOSITIONS, Phrase, make_singular
@@ -36,6 +36,11 @@ _FLAT = {"zone", "plate", "pallet", "tray", "kit", "stand", "mark", "square", "l
 """What people put things on or in alike."""
 _GOAL = re.compile(r"\d+\. (?P<who>.*?#\d+) ends? (?P<places>.*)")
 _HOW = re.compile(r"\b(in|on|beside|where) the\b")
+_REACH = re.compile(r"\bat most (\d+) cm from it")
+_SPOT = re.compile(r"\bat \((-?\d+), (-?\d+)\)")
+
+Spots = tuple[tuple[float, float] | None, ...]
+"""x and y (m) of each place that will do; None where any spot there will."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,10 @@ class Thing:
     actions: tuple[int, ...]  # which of the robot's actions moved it
     goals: tuple[tuple[tuple[Reference, ...], ...], ...]  # for each of its goals the places that will do
     asked_by: tuple[int, ...]  # the numbers of these goals
+    spots: Spots  # of the last of them, which counts
+    lined: bool  # one of them asks for a line with others, and for the distance in it
+    reach: float  # metres from what it is to end beside, as far as a goal allows
+    tipped: float  # degrees by which it leans at the end against how it stood
 
     @property
     def has_moved(self) -> bool:
@@ -72,6 +81,17 @@ class Thing:
     def label(self) -> str:
         """What it is called, with its number."""
         return f"the {self.called} #{self.id}"
+
+    @property
+    def is_pinned(self) -> bool:
+        """Whether its goal asks for exact spots only."""
+        return bool(self.spots) and None not in self.spots
+
+    def list_asked_ends(self) -> Iterator["Thing"]:
+        """The thing at each exact spot that its goal allows."""
+        for spot in self.spots:
+            if spot is not None:
+                yield replace(self, end=(*spot, self.end[2]))
 
     def is_initially_in_any(self, areas: Set[int]) -> bool:
         """Whether it stands at the start in or on one of some things."""
@@ -99,6 +119,10 @@ class Scene:
     def moved(self) -> set[int]:
         """What moves."""
         return {thing.id for thing in self.things.values() if thing.has_moved and not thing.fixed}
+
+    def is_called(self, phrase: Phrase) -> bool:
+        """Whether some thing is called so, not only described with these words."""
+        return any(_matches_phrase(thing, phrase, True) for thing in self.things.values())
 
     def find(self, phrase: Phrase, movable: bool = False) -> list[Thing]:
         """What a phrase may mean; only what is loose if ``movable``."""
@@ -132,13 +156,9 @@ class Scene:
             bool(goal) and all(wanted & self.trace_supports(references) for references in goal) for goal in thing.goals
         )
 
-    def gap(self, one: Thing, other: Thing) -> float:
-        """Metres between the boxes around two things, seen from above; turns are not known, so at least."""
-        return distance_between(one, one.end, other, other.end)
-
 
 def distance_between(one: Thing, at: Sequence[float], other: Thing, there: Sequence[float]) -> float:
-    """The same for two things at two places."""
+    """Metres between the boxes around two things at two places, seen from above; turns are not known, so at least."""
     sides = [abs(at[axis] - there[axis]) - (one.measure(0) + other.measure(0)) / 2 for axis in (0, 1)]
     return math.hypot(*(max(0.0, side) for side in sides))
 
@@ -166,29 +186,49 @@ def _select_by_size(things: list[Thing], measure: int, sign: int, greatest: bool
     return [thing for thing, size in zip(things, sizes, strict=True) if sign * (size - bound) >= -slack]
 
 
+@dataclass(frozen=True)
+class _AskedPlace:
+    """What one goal asks of one thing."""
+
+    goal: int  # its number
+    places: tuple[tuple[Reference, ...], ...] = ((),)  # that will do; an empty one where none is told
+    spots: Spots = (None,)  # of each of them
+    lined: bool = False
+    reach: float = 0.0  # metres from what it is to end beside
+
+
 def parse_scene(rows: Sequence[Json], goals: str) -> Scene:
     """The things of the prompt's rows, with what its sentences ask of them."""
-    wanted: dict[int, list[tuple[int, tuple[tuple[Reference, ...], ...]]]] = {}
+    wanted: dict[int, list[_AskedPlace]] = {}
     for line in goals.splitlines():
-        for number, places in _parse_goal_sentence(line):
-            wanted.setdefault(number, []).append((int(line.partition(".")[0]), places))
+        for number, asked in _parse_goal_sentence(line):
+            wanted.setdefault(number, []).append(asked)
     things = [_parse_table_thing(row, wanted.get(int(row["id"]), [])) for row in rows]
     return Scene({thing.id: thing for thing in things}, "pushes things" in goals)
 
 
-def _parse_goal_sentence(line: str) -> Iterator[tuple[int, tuple[tuple[Reference, ...], ...]]]:
-    """Each object of a sentence with the places that will do; what no place is told of has an empty one."""
+def _parse_goal_sentence(line: str) -> Iterator[tuple[int, _AskedPlace]]:
+    """Each object of a sentence with what it asks of it."""
     form = _GOAL.match(line)
     if form is None:
         return
+    goal = int(line.partition(".")[0])
     numbers = [int(number) for number in re.findall(r"#(\d+)", form["who"])]
     if form["places"].startswith("stacked"):
         for index, number in enumerate(numbers):
-            yield number, ((("on", numbers[index - 1]),) if index else (),)
+            yield number, _AskedPlace(goal, ((("on", numbers[index - 1]),) if index else (),))
         return
-    places = tuple(tuple(_parse_place_references(text)) for text in form["places"].split("; or "))
+    texts = form["places"].split("; or ")
+    places = tuple(tuple(_parse_place_references(text)) for text in texts)
+    spots = tuple(_parse_spot(text) for text in texts)
+    reach = max((int(found) / 100 for found in _REACH.findall(form["places"])), default=0.0)
     for number in numbers:
-        yield number, places
+        yield number, _AskedPlace(goal, places, spots, "on one line, " in form["places"], reach)
+
+
+def _parse_spot(text: str) -> tuple[float, float] | None:
+    found = _SPOT.search(text)
+    return None if found is None else (int(found[1]) / 100, int(found[2]) / 100)
 
 
 def _parse_place_references(text: str) -> Iterator[Reference]:
@@ -198,14 +238,10 @@ def _parse_place_references(text: str) -> Iterator[Reference]:
             yield words[-1], int(number)
 
 
-def _parse_table_thing(row: Json, asked: Sequence[tuple[int, tuple[tuple[Reference, ...], ...]]]) -> Thing:
-    told = " ".join(str(row.get(key, "")) for key in ("called", "category"))
-    described = str(row.get("description", ""))
-    names = {make_singular(word) for word in split_words(told)}
-    names |= {other for word in split_words(told) for other in _ALSO_CALLED.get(word, ())}
-    if max(row["size"]) < 1.1 * min(row["size"]) and "box" in names:
-        names.add("cube")
-    words = names | {make_singular(word) for word in split_words(described)} - _FILLING
+def _parse_table_thing(row: Json, asked: Sequence[_AskedPlace]) -> Thing:
+    described = split_words(str(row.get("description", "")))
+    names = _list_names(row)
+    words = names | {make_singular(word) for word in described} - _FILLING
     color = str(row.get("color", ""))
     start = row.get("start", (0, 0, 0))
     return Thing(
@@ -215,7 +251,7 @@ def _parse_table_thing(row: Json, asked: Sequence[tuple[int, tuple[tuple[Referen
         color=color,
         names=frozenset(names),
         words=frozenset(words),
-        colors=frozenset({color, *(word for word in split_words(described) if word in COLORS)}),
+        colors=frozenset({color, *(word for word in described if word in COLORS)}),
         size=cast(Any, tuple(row["size"])),
         start=cast(Any, tuple(start)),
         end=cast(Any, tuple(row.get("end", start))),
@@ -227,9 +263,23 @@ def _parse_table_thing(row: Json, asked: Sequence[tuple[int, tuple[tuple[Referen
         bystander=bool(row.get("bystander")),
         hollow=bool(row.get("hollow")),
         actions=tuple(row.get("actions", ())),
-        goals=tuple(places for _, places in asked),
-        asked_by=tuple(number for number, _ in asked),
+        goals=tuple(one.places for one in asked),
+        asked_by=tuple(one.goal for one in asked),
+        spots=asked[-1].spots if asked else (),
+        lined=any(one.lined for one in asked),
+        reach=max((one.reach for one in asked), default=0.0),
+        tipped=float(row.get("tipped", 0)),
     )
+
+
+def _list_names(row: Json) -> set[str]:
+    """What people call a thing."""
+    told = split_words(f"{row.get('called', '')} {row.get('category', '')}")
+    names = {make_singular(word) for word in told}
+    names |= {other for word in told for other in _ALSO_CALLED.get(word, ())}
+    if max(row["size"]) < 1.1 * min(row["size"]) and "box" in names:
+        names.add("cube")
+    return names
 
 
 def _parse_plain_references(texts: Sequence[str]) -> Iterator[Reference]:

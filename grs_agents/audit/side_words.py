@@ -1,0 +1,34 @@
+"""Left, right, behind and in front are as the robot sees them; where the photo shows them otherwise, words say so."""
+
+import math
+import re
+from typing import Final
+
+import numpy as np
+
+from grs_agents.perception import TableFrame
+
+_ASIDE: Final = re.compile(r"\b(left|leftmost|right|rightmost)\b(?! (?:next|beside|on|in|into|where)\b)", re.IGNORECASE)
+_AHEAD: Final = re.compile(r"\b(behind|in front|front|back)\b", re.IGNORECASE)
+_OWNED: Final = re.compile(r"\b(?:as|by|from) the robot\b|\brobot's\b", re.IGNORECASE)
+_ALIKE: Final = math.cos(math.radians(45))
+"""Two directions nearer to each other than to the next side are one side."""
+
+
+def explain_ambiguous_sides(words: str, frame: TableFrame | None) -> str:
+    """Why words of sides mean one thing to the robot and another one to who looks at the photo, empty where they don't.
+
+    Args:
+        words: the task's.
+        frame: of the photo, whose camera draws the films too; None where there is no photo.
+    """
+    if frame is None or _OWNED.search(words):
+        return ""
+    pose = np.array(frame.T_robot_cam)
+    right, down, forward = pose[:2, 0], pose[:2, 1], pose[:2, 2]
+    away = forward if np.linalg.norm(forward) > np.linalg.norm(down) else -down
+    for form, seen, own in ((_ASIDE, -right, (0.0, 1.0)), (_AHEAD, away, (1.0, 0.0))):
+        said = form.search(words)
+        if said is not None and np.dot(seen, own) < _ALIKE * np.linalg.norm(seen):
+            return f"{said[0]!r} is another side for the robot than in the photo"
+    return ""

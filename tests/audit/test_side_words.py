@@ -1,0 +1,49 @@
+"""Words of sides mean the same to the robot and to who looks at the photo, or say whose they are."""
+
+import numpy as np
+import pytest
+
+from grs_agents.audit import explain_ambiguous_sides
+from grs_agents.perception import TableFrame
+
+
+def frame_seen_from(azimuth: float) -> TableFrame:
+    """The frame of a photo taken from ``azimuth`` degrees about the table, 40 degrees down; 180 is the robot's side."""
+    turn, down = np.radians(azimuth), np.radians(40)
+    forward = np.array([-np.cos(turn) * np.cos(down), -np.sin(turn) * np.cos(down), -np.sin(down)])
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    pose[:3, 3] = np.array([0.5, 0.0, 0.0]) - forward
+    return TableFrame.model_validate(
+        {"T_robot_cam": pose.tolist(), "origin": "calibrated", "residual": 0.0, "inliers": 1.0}
+    )
+
+
+SIDES = ["Put the can left of the bowl.", "Take the right can into the box.", "Put the can behind the bowl."]
+
+
+@pytest.mark.parametrize("words", SIDES)
+def test_a_camera_on_the_robots_side_sees_the_robots_sides(words: str) -> None:
+    for azimuth in (150, 180, 210):
+        assert not explain_ambiguous_sides(words, frame_seen_from(azimuth))
+
+
+@pytest.mark.parametrize("words", SIDES)
+def test_a_camera_that_faces_the_robot_or_stands_aside_sees_others(words: str) -> None:
+    for azimuth in (0, 90, 270, 330):
+        assert "in the photo" in explain_ambiguous_sides(words, frame_seen_from(azimuth))
+
+
+def test_words_may_say_whose_sides_they_mean() -> None:
+    for words in (
+        "Put the can left of the bowl, as the robot sees it.",
+        "Put the can to the robot's left of the bowl.",
+    ):
+        assert not explain_ambiguous_sides(words, frame_seen_from(0))
+
+
+def test_other_words_and_a_task_without_a_photo_have_no_sides() -> None:
+    assert not explain_ambiguous_sides("Put the can right next to the bowl.", frame_seen_from(0))
+    assert not explain_ambiguous_sides("Put the can left of the bowl.", None)
