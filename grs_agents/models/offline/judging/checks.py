@@ -218,6 +218,8 @@ def _check_heading_request(request: Request, places: Places, check: _RequestChec
         return
     if not all(phrase.has_no_specific_noun for phrase in request.movers):
         raise Unclear("the part before the colon names things of its own")
+    if request.verb in STACKING | SWAPPING:
+        raise Unclear(f"what it is to {request.verb} things as said after the colon is not understood")
 
     def follow(things: list[Thing]) -> None:
         for fault in (explain_misplacement(thing, request, places, check.scene) for thing in things):
@@ -225,6 +227,7 @@ def _check_heading_request(request: Request, places: Places, check: _RequestChec
                 raise Differs(fault)
         if _asks_for_separate_places(request):
             _require_separate_places(things)
+        require_arrangement(request, places, things, check.scene)
         _require_sorted_into_groups(request, things)
         if "bycolor" in request.orders:
             _require_places_match_colors(things, check)
@@ -398,7 +401,7 @@ def _require_things_stay(phrase: Phrase, loose: Sequence[Thing]) -> None:
 _BY_PLACE = {"own", "owncolor", "freeplace"}
 _IN_ROW = {"sidebyside", "inrow", "together", "leftright", "rightleft", "sizedfirst", "inorder", *MEASURES}
 _ORDERS: dict[str, set[str]] = {
-    "heading": {"bycolor", "bykind", *_BY_PLACE},
+    "heading": {"bycolor", "bykind", *_IN_ROW, *_BY_PLACE},
     "move": {*_IN_ROW, *_BY_PLACE},
     "stack": {"bottomup", "topdown", "inorder", "sizedfirst", "together", "freeplace", *MEASURES},
     "sort": {"bycolor", "bykind", *_BY_PLACE},

@@ -81,25 +81,28 @@ def _require_place_is_free(phrase: Phrase, found: Sequence[Thing], scene: Scene)
 
 def explain_misplacement(thing: Thing, request: Request, places: Places, scene: Scene) -> str:
     """What is wrong with where a thing ends, empty where nothing is."""
-    chosen = iter(places)
+    chosen, own_color = iter(places), "owncolor" in request.orders
     for how, phrases in request.relations:
-        options = [_list_reference_things(phrase, next(chosen), scene) for phrase in phrases]
+        named = [_list_reference_things(phrase, next(chosen), scene) for phrase in phrases]
+        options = [[one for one in row if one.color == thing.color] for row in named] if own_color else named
         if any(phrase.is_bare_table for phrase in phrases):
             fault = _explain_not_on_table(thing, request, scene) if _ends_on_bare_table(how, request) else ""
         else:
-            fault = _explain_unmet_relation(thing, how, options, request, scene)
-            fault = fault and f"{fault} {_format_relation_as_words(how, phrases)}"
+            fault = _explain_unmet_relation(thing, how, phrases, options, scene)
         if fault:
             return fault
     return ""
 
 
 def _explain_unmet_relation(
-    thing: Thing, how: str, options: Sequence[Sequence[Thing]], request: Request, scene: Scene
+    thing: Thing, how: str, phrases: Sequence[Phrase], options: Sequence[Sequence[Thing]], scene: Scene
 ) -> str:
-    if "owncolor" in request.orders:
-        options = [[place for place in row if place.color == thing.color] for row in options]
-    return "" if _is_relation_met(how, thing, options, scene) else f"{thing.label} is not asked to end"
+    """What is wrong with one relation of a request; ``options`` are the things that each of its phrases may mean."""
+    ways = [options]
+    if how in _SIDES and any(phrase.means_all for phrase in phrases):
+        ways = [[[place]] for row in options for place in row if place is not thing]
+    met = all(_is_relation_met(how, thing, way, scene) for way in ways)
+    return "" if met else f"{thing.label} is not asked to end {_format_relation_as_words(how, phrases)}"
 
 
 def _ends_on_bare_table(how: str, request: Request) -> bool:

@@ -163,6 +163,11 @@ class Phrase:
         return {*self.nouns} <= GENERIC
 
     @property
+    def means_all(self) -> bool:
+        """Whether it means all things that it fits."""
+        return self.plural or self.article in ("all", "each") or self.pronoun in OTHERS | {"everything", "all", "each"}
+
+    @property
     def has_referent(self) -> bool:
         """Whether it says what kind of thing it is."""
         return bool(self.nouns or self.pronoun or self.unknown)
@@ -370,6 +375,8 @@ class _ClauseReader:
             self.at += 1
         if not places:
             self.reading.unknown.append(how)
+        if how not in ("on", "at", "outof") and any(place.is_bare_table for place in places):
+            self.reading.unknown.append(f"{how} the table")
         request.relations.append((how, places))
         return request
 
