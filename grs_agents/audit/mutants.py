@@ -11,7 +11,9 @@ from grs_agents.library import Library
 from grs_agents.sim import Goal, InstanceObject, Rollout, TaskInstance
 from grs_agents.sim.world import load_object_model
 
-MutantKind = Literal["goal_dropped", "target_moved", "object_frozen", "wrong_asset", "goal_already_met", "undone"]
+MutantKind = Literal[
+    "goal_dropped", "target_moved", "put_beside", "object_frozen", "wrong_asset", "goal_already_met", "undone"
+]
 SHIFT: Final = 0.05
 """Metres that a target is moved: five times the tolerance of a pose, and the least that a move is to be."""
 _MOVED, _TURNED = 0.02, math.radians(15)
@@ -90,15 +92,22 @@ def _make_moved_target_mutant(instance: TaskInstance, item: InstanceObject) -> M
     goals = tuple(_move_target_of_goal(goal) if item.id in goal.objects else goal for goal in instance.goals)
     if goals == instance.goals:
         return None
-    what = f"the target of {_asset_with_id(item)} is {SHIFT * 100:.0f} cm away from where it was, or beside it"
-    return Mutant("target_moved", what, instance.model_copy(update={"goals": goals}))
+    mutated = instance.model_copy(update={"goals": goals})
+    if any(_is_place(goal) and item.id in goal.objects for goal in instance.goals):
+        return Mutant("put_beside", f"{_asset_with_id(item)} is to end beside its place", mutated)
+    what = f"the target of {_asset_with_id(item)} is {SHIFT * 100:.0f} cm away from where it was"
+    return Mutant("target_moved", what, mutated)
+
+
+def _is_place(goal: Goal) -> bool:
+    return goal.relation is not None and goal.relation_kind in _PLACES
 
 
 def _move_target_of_goal(goal: Goal) -> Goal:
     """The goal with another place; the same where it has none."""
     if goal.relation is not None:
         beside = goal.relation.model_copy(update={"kind": "near", "distance": SHIFT})
-        return goal.model_copy(update={"relation": beside}) if goal.relation_kind in _PLACES else goal
+        return goal.model_copy(update={"relation": beside}) if _is_place(goal) else goal
     places = [*goal.targets, *(zone.pose for zone in goal.zones)]
     step = -math.copysign(SHIFT, places[0][0][1])
 

@@ -14,6 +14,7 @@ RUNS: Final = 5
 SCORE: Final = 0.8
 """Share of the mutants of a kind that make the suite fail, mean over the kinds: of five, a suite may be blind to one,
 e.g. where the words leave open to within 5 cm where a thing goes."""
+_MOVED: Final[tuple[MutantKind, ...]] = ("target_moved", "put_beside")
 _ALIVE: Final = ("passed", "not_run")
 _MOCKING: Final = frozenset(
     {"mock", "pytest_mock", "MagicMock", "Mock", "AsyncMock", "patch", "monkeypatch", "setattr"}
@@ -99,8 +100,8 @@ def check_tests_pass_repeatedly(runs: Sequence[SuiteRun]) -> Finding:
 
 
 def check_tests_fail_on_mutants(mutants: Sequence[Mutant], runs: Sequence[SuiteRun]) -> Finding:
-    """They fail for most mutants, for one of those that want things elsewhere, and where all is undone before they can
-    look.
+    """They fail for most mutants, for one of those that want things beside their place, and where all is undone before
+    they can look.
 
     One whose target was moved and that still ends as it should is none.
 
@@ -111,9 +112,9 @@ def check_tests_fail_on_mutants(mutants: Sequence[Mutant], runs: Sequence[SuiteR
     whole = list(zip(mutants, runs, strict=True))
     blind = _notices_none_of_kind(whole, "undone")
     pairs = [pair for pair in whole if pair[0].kind != "undone"]
-    counted = [(one, run) for one, run in pairs if not (one.kind == "target_moved" and run.held)]
+    counted = [(one, run) for one, run in pairs if not (one.kind in _MOVED and run.held)]
     alive = _list_surviving_mutants(counted)
-    placeless = _notices_none_of_kind(counted, "target_moved")
+    placeless = _notices_none_of_kind(counted, "put_beside")
     score = _mean_killed_share_by_kind(counted)
     measured = (
         f"{len(counted) - len(alive)} of {len(counted)} mutants of the task make the tests fail, score {score:.2f}"
@@ -123,8 +124,8 @@ def check_tests_fail_on_mutants(mutants: Sequence[Mutant], runs: Sequence[SuiteR
     if blind:
         measured += "; and they pass although all is put back once the goals are met: they never look where things end"
     if placeless:
-        measured += "; wherever the targets are: they never say by themselves where things are to end"
-    bound = f"at least {SCORE} must, one with a moved target and the one that undoes all among them; assert of every "
+        measured += "; they never say by themselves what things are to end in or on"
+    bound = f"at least {SCORE} must, one beside its place and the one that undoes all among them; assert of every "
     bound += "object of the task that it is there, moved, and ends in its place"
     passed = score >= SCORE and not blind and not placeless
     return Finding(check="tests_have_teeth", passed=passed, measured=measured, bound=bound)

@@ -430,7 +430,7 @@ def test_tests_that_ask_the_task_alone_where_things_end_have_no_teeth() -> None:
     library = Library()
     instance = instantiate(Trial(boxed), 0, library)
     mutants = make_instance_mutants(instance, rollout(instance, library), library)
-    moved = [one for one in mutants if one.kind == "target_moved"]
+    moved = [one for one in mutants if one.kind == "put_beside"]
     assert moved and all(goal.relation_kind == "near" for goal in moved[0].instance.goals)
     runs = [SuiteOutcome("passed" if one in moved else "failed") for one in mutants]
     finding = check_tests_fail_on_mutants(mutants, runs)
