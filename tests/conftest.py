@@ -2,6 +2,7 @@
 
 import json
 import os
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -87,6 +88,14 @@ def scene_folder(tmp_path: Path) -> Callable[..., Path]:
         return tmp_path
 
     return write
+
+
+@pytest.fixture(autouse=True)
+def _no_open_recording() -> Iterator[None]:
+    """Each test closes its recordings: rerun may block those that come after it."""
+    yield
+    if (module := sys.modules.get("grs_agents.views.rerun.recording")) is not None:
+        assert not module._OPEN
 
 
 @pytest.fixture(autouse=True)

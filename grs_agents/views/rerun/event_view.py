@@ -88,6 +88,7 @@ class EventView:
                 recording = self._to
             else:
                 recording = Recording(self._to, self._run_id, build_run_blueprint(self._machine.nodes), self._live)
+            self._recording = recording  # before anything is shown, so that it is closed whatever comes
             for outcome, color in (("passed", (46, 204, 113)), ("failed", (231, 76, 60))):
                 lines = rr.SeriesLines(names=outcome, colors=[color], interpolation_mode=_STEPS)
                 recording.log(f"{Paths.METRICS}/tests/{outcome}", lines, static=True)
@@ -104,7 +105,6 @@ class EventView:
                 for name in ("tests/passed", "tests/failed", "tokens"):
                     recording.log_row(f"{Paths.METRICS}/{name}", rr.Scalars, scalars=[0])
                 self._machine.log_current_state(recording)
-            self._recording = recording
         return self._recording
 
     def _remember_event_context(self, event: trace.Event) -> None:

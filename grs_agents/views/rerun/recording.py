@@ -121,6 +121,9 @@ LIVE_WAIT, FILE_WAIT = 0.5, 2.0
 for a chunk of one row as of many."""
 BETWEEN_CHECKS = 0.2
 """Seconds in which the disk is not looked at again."""
+_OPEN: set[rr.RecordingStream] = set()
+"""Streams that are not closed. Were one deleted, rerun (0.41) would flush it with a lock held for which the making of
+another waits without letting go of Python's, which the flush needs in turn: both wait for ever. So none is deleted."""
 
 
 class Recording:
@@ -136,6 +139,7 @@ class Recording:
         wait = LIVE_WAIT if live else FILE_WAIT
         together = rr.ChunkBatcherConfig(flush_tick=wait)
         self._stream = rr.RecordingStream(APPLICATION, recording_id=run_id, batcher_config=together)
+        _OPEN.add(self._stream)
         if live is None:
             self._stream.save(path, default_blueprint=blueprint)
         else:
@@ -202,6 +206,7 @@ class Recording:
             self._rows.send_pending_rows()
         finally:
             self._stream.disconnect()
+            _OPEN.discard(self._stream)
 
 
 class Paths:

@@ -84,7 +84,6 @@ def _number_duplicate_names(names: list[str]) -> list[str]:
 def record_run(run_folder: Path, library: Library, path: Path) -> bool:
     """Write the recording of a run, as far as it has come, into the file ``path``; False if it has no event yet."""
     events = read_events(run_folder / "events.jsonl")
-    # A stream that is left open blocks the making of the next one in this process for ever (rerun 0.41).
     with closing(EventView(run_folder, library, path)) as view:
         for event in events:
             view.write_event(event)

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -98,16 +99,18 @@ def verify(path: Path) -> None:
 
 
 @pytest.fixture
-def watched(script: Callable[[], Any], library: Library) -> Callable[[], tuple[Any, RerunView]]:
-    """Opens the log of the run with a view subscribed."""
+def watched(script: Callable[[], Any], library: Library) -> Iterator[Callable[[], tuple[Any, RerunView]]]:
+    """Opens the log of the run with a view subscribed; what stands for a crash is closed at the end."""
+    with ExitStack() as opened:
 
-    def start() -> tuple[Any, RerunView]:
-        run = script()
-        view = RerunView(run.folder, library)
-        run.log.subscribe(view)
-        return run, view
+        def start() -> tuple[Any, RerunView]:
+            run = script()
+            view = RerunView(run.folder, library)
+            opened.callback(view._view.close)
+            run.log.subscribe(view)
+            return run, view
 
-    return start
+        yield start
 
 
 def test_a_recording_holds_every_event(watched: Callable[[], tuple[Any, RerunView]]) -> None:

@@ -11,7 +11,7 @@ from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.sim.instance import InstanceObject, TaskInstance
 from grs_agents.trace import Rollout
-from grs_agents.views.rerun import Paths, Recording, RolloutView, build_run_blueprint, rollout_duration
+from grs_agents.views.rerun import Paths, Recording, RolloutView, rollout_duration
 
 
 def rollout(
@@ -25,8 +25,8 @@ def rollout(
     return Rollout(seed=0, reward=0.0, outcome="nothing_to_do", instance="instance.json")
 
 
-def test_shapes_are_logged_again_only_where_they_differ(tmp_path: Path, library: Library) -> None:
-    view, recording = RolloutView(tmp_path, library), Recording(tmp_path / "a.rrd", "a", build_run_blueprint(("a",)))
+def test_shapes_are_logged_again_only_where_they_differ(recording: Recording, tmp_path: Path, library: Library) -> None:
+    view = RolloutView(tmp_path, library)
     for color in (None, None, (0.0, 1.0, 0.0, 1.0)):
         assert view.show_rollout(recording, rollout(tmp_path, color)) == 0.0
     recording.close()
@@ -39,17 +39,17 @@ def test_shapes_are_logged_again_only_where_they_differ(tmp_path: Path, library:
     assert cleared == [shapes[0].removesuffix("/0")] or cleared == [shapes[1].removesuffix("/0")]
 
 
-def test_a_bystander_is_called_one(tmp_path: Path, library: Library) -> None:
-    recording = Recording(tmp_path / "a.rrd", "a", build_run_blueprint(("a",)))
+def test_a_bystander_is_called_one(recording: Recording, tmp_path: Path, library: Library) -> None:
     RolloutView(tmp_path, library).show_rollout(recording, rollout(tmp_path, None, "bystander"))
     recording.close()
     chunks = [chunk.to_record_batch() for chunk in RrdReader(tmp_path / "a.rrd").stream().to_chunks()]
     assert "red block (bystander)" in str([batch.to_pydict() for batch in chunks])
 
 
-def test_a_broken_recording_is_an_input_error_and_a_missing_one_lasts_no_time(tmp_path: Path, library: Library) -> None:
+def test_a_broken_recording_is_an_input_error_and_a_missing_one_lasts_no_time(
+    recording: Recording, tmp_path: Path, library: Library
+) -> None:
     event = Rollout(seed=0, reward=0.0, outcome="error", recording="r.npz")
-    recording = Recording(tmp_path / "a.rrd", "a", build_run_blueprint(("a",)))
     assert rollout_duration(tmp_path, event) == 0.0
     with pytest.raises(InputError, match=r"cannot read .*r\.npz"):
         RolloutView(tmp_path, library).show_rollout(recording, event)

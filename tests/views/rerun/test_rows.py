@@ -40,4 +40,5 @@ def test_a_row_is_sent_though_nothing_follows(tmp_path: Path) -> None:
     while not found:
         with suppress(RuntimeError):  # a message is being written
             found = len(RrdReader(tmp_path / "a.rrd").stream().filter(content="/seconds").to_chunks())
+    stream.disconnect()
     assert found == 1

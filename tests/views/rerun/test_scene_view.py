@@ -10,18 +10,17 @@ from rerun.chunk import RrdReader
 from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.trace import SceneStage
-from grs_agents.views.rerun import Paths, Recording, SceneView, build_run_blueprint
+from grs_agents.views.rerun import Paths, Recording, SceneView
 
 CAMERA = {"fx": 50.0, "fy": 50.0, "cx": 16.0, "cy": 12.0, "width": 32, "height": 24, "depth_scale": 0.001}
 
 
-def test_the_cloud_lies_where_the_camera_says(tmp_path: Path) -> None:
+def test_the_cloud_lies_where_the_camera_says(recording: Recording, tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "rgb.png"), np.full((24, 32, 3), 200, np.uint8))
     depth = np.zeros((24, 32), np.uint16)
     depth[12, 16] = 800
     cv2.imwrite(str(tmp_path / "depth.png"), depth)
     pose = [[0, -1, 0, 0.5], [-1, 0, 0, 0.1], [0, 0, -1, 0.8], [0, 0, 0, 1]]
-    recording = Recording(tmp_path / "a.rrd", "a", build_run_blueprint(("a",)))
     view = SceneView(tmp_path, Library())
     files = {"rgb": "rgb.png", "depth": "depth.png"}
     view.show_scene_stage(recording, SceneStage(stage="frame", summary={"camera": CAMERA}, files=files))
@@ -32,14 +31,12 @@ def test_the_cloud_lies_where_the_camera_says(tmp_path: Path) -> None:
     assert np.allclose(points, [[[0.5, 0.1, 0.0]]], atol=1e-6)
 
 
-def test_a_missing_picture_is_an_input_error(tmp_path: Path) -> None:
-    recording = Recording(tmp_path / "a.rrd", "a", build_run_blueprint(("a",)))
+def test_a_missing_picture_is_an_input_error(recording: Recording, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"cannot read .*lost\.png"):
         SceneView(tmp_path, Library()).show_scene_stage(recording, SceneStage(stage="frame", files={"rgb": "lost.png"}))
 
 
-def test_objects_without_boxes_or_masks_are_still_listed(tmp_path: Path) -> None:
-    recording = Recording(tmp_path / "a.rrd", "a", build_run_blueprint(("a",)))
+def test_objects_without_boxes_or_masks_are_still_listed(recording: Recording, tmp_path: Path) -> None:
     objects = [{"name": "milk_1", "asset": "HOPE/Milk.urdf"}, {"id": 7, "description": "a box"}]
     SceneView(tmp_path, Library()).show_scene_stage(
         recording, SceneStage(stage="described", summary={"objects": objects})

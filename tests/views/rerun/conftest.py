@@ -1,0 +1,16 @@
+"""A recording that is closed whatever comes."""
+
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from grs_agents.views.rerun import Recording, build_run_blueprint
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Iterator[Recording]:
+    """Writes ``a.rrd``; a test that reads it closes it before."""
+    with closing(Recording(tmp_path / "a.rrd", "a", build_run_blueprint(("a",)))) as made:
+        yield made
