@@ -95,7 +95,7 @@ def _no_open_recording() -> Iterator[None]:
     """Each test closes its recordings: rerun may block those that come after it."""
     yield
     if (module := sys.modules.get("grs_agents.views.rerun.recording")) is not None:
-        assert not module._OPEN
+        assert not module.Recording._open
 
 
 @pytest.fixture(autouse=True)

@@ -10,7 +10,7 @@ from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -121,13 +121,14 @@ LIVE_WAIT, FILE_WAIT = 0.5, 2.0
 for a chunk of one row as of many."""
 BETWEEN_CHECKS = 0.2
 """Seconds in which the disk is not looked at again."""
-_OPEN: set[rr.RecordingStream] = set()
-"""Streams that are not closed. Were one deleted, rerun (0.41) would flush it with a lock held for which the making of
-another waits without letting go of Python's, which the flush needs in turn: both wait for ever. So none is deleted."""
 
 
 class Recording:
     """Writes archetypes to ``path`` (and to the viewer at the address ``live``) at the moment last set."""
+
+    _open: ClassVar[set[rr.RecordingStream]] = set()
+    """Streams that are not closed. Were one deleted, rerun (0.41) would flush it with a lock held for which the making
+    of another waits without letting go of Python's, which the flush needs in turn: both wait for ever. So none is."""
 
     def __init__(self, path: Path, run_id: str, blueprint: rrb.Blueprint, live: str | None = None) -> None:
         self.moment = Moment()
@@ -139,7 +140,7 @@ class Recording:
         wait = LIVE_WAIT if live else FILE_WAIT
         together = rr.ChunkBatcherConfig(flush_tick=wait)
         self._stream = rr.RecordingStream(APPLICATION, recording_id=run_id, batcher_config=together)
-        _OPEN.add(self._stream)
+        self._open.add(self._stream)
         if live is None:
             self._stream.save(path, default_blueprint=blueprint)
         else:
@@ -206,7 +207,7 @@ class Recording:
             self._rows.send_pending_rows()
         finally:
             self._stream.disconnect()
-            _OPEN.discard(self._stream)
+            self._open.discard(self._stream)
 
 
 class Paths:

@@ -5,7 +5,6 @@ import weakref
 from pathlib import Path
 
 from grs_agents.views.rerun import Recording, build_run_blueprint
-from grs_agents.views.rerun.recording import _OPEN
 
 
 def test_a_stream_that_nobody_closed_is_not_deleted(tmp_path: Path) -> None:
@@ -17,6 +16,6 @@ def test_a_stream_that_nobody_closed_is_not_deleted(tmp_path: Path) -> None:
     del left, closed
     gc.collect()
     still, gone = (stream() for stream in streams)
-    assert still in _OPEN and gone is None
+    assert still in Recording._open and gone is None
     still.disconnect()
-    _OPEN.remove(still)
+    Recording._open.remove(still)
