@@ -1,20 +1,30 @@
-"""Build the wheel and the sdist, install each into an empty venv and run the main job from an empty folder.
+"""Build the sdist, from it the wheel, install that into an empty venv and run the main job from an empty folder.
 
-Usage: ``python scripts/smoke.py``. Dependencies are installed from the index at the versions of requirements.lock;
-nothing of the source tree or of the calling venv is visible to the installed package.
+Usage: ``python scripts/smoke.py``. Beside the wheel the venv holds what the wheel requires and what that requires in
+turn, linked from the calling venv, which has it from the index at the versions of requirements.lock. Nothing else of
+the source tree or of the calling venv is visible to the installed package.
 """
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import venv
+import zipfile
+from collections.abc import Iterable
+from importlib.metadata import Distribution, PathDistribution, distribution
+from importlib.util import cache_from_source
 from pathlib import Path
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parent.parent
 FORBIDDEN = ("graphs", "tools", "prompts", "assets", "evals", "tests")
 PROBE = 'from grs_agents import content; print(content.content_path("assets", "scenes") / "groceries")'
+PACKAGES = "import sysconfig; print(sysconfig.get_path('purelib'))"
 
 
 def call(*command: str | Path, folder: Path) -> str:
@@ -31,10 +41,57 @@ def call(*command: str | Path, folder: Path) -> str:
     return done.stdout
 
 
-def build(out: Path) -> tuple[Path, Path]:
-    """The wheel and the sdist; the wheel is built from the unpacked sdist, so both hold what is needed."""
+def build(out: Path) -> Path:
+    """The wheel; it is built from the unpacked sdist, so both hold what is needed."""
     call(sys.executable, "-m", "build", "--no-isolation", "--outdir", out, ROOT, folder=ROOT)
-    return next(out.glob("*.whl")), next(out.glob("*.tar.gz"))
+    assert next(out.glob("*.tar.gz"))
+    return next(out.glob("*.whl"))
+
+
+def find_dependencies(wheel: Path) -> list[Distribution]:
+    """What the wheel requires and what that requires in turn, as the calling venv has it.
+
+    Raises:
+        PackageNotFoundError: the calling venv lacks one.
+    """
+    (info,) = (part for part in zipfile.Path(wheel).iterdir() if part.name.endswith(".dist-info"))
+    waiting: list[tuple[Distribution, tuple[str, ...]]] = [(PathDistribution(info), ())]
+    seen: set[tuple[str, tuple[str, ...]]] = set()
+    found: dict[str, Distribution] = {}
+    while waiting:
+        owner, extras = waiting.pop()
+        for need in map(Requirement, owner.requires or ()):
+            if need.marker and not any(need.marker.evaluate({"extra": extra}) for extra in ("", *extras)):
+                continue
+            key = (canonicalize_name(need.name), tuple(sorted(need.extras)))
+            if key not in seen:
+                seen.add(key)
+                found[key[0]] = distribution(need.name)
+                waiting.append((found[key[0]], key[1]))
+    return list(found.values())
+
+
+def link(dependencies: Iterable[Distribution], packages: Path) -> None:
+    """Put the files of installed distributions into the site-packages of another venv, their byte code too."""
+    for dependency in dependencies:
+        for file in dependency.files or ():
+            if ".." in file.parts:  # a command
+                continue
+            source = Path(str(file.locate()))
+            cached = Path(cache_from_source(str(source))) if file.suffix == ".py" else source
+            for made in {source, cached}:
+                target = packages / file.parent / made.relative_to(source.parent)
+                if made.exists() and not target.exists():
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    link_or_copy(made, target)
+
+
+def link_or_copy(source: Path, target: Path) -> None:
+    """Another name for a file, or, on another disk, a copy."""
+    try:
+        target.hardlink_to(source)
+    except OSError:
+        shutil.copy2(source, target)
 
 
 def try_out(python: Path, folder: Path) -> None:
@@ -54,22 +111,19 @@ def try_out(python: Path, folder: Path) -> None:
 
 
 def main() -> None:
-    """Build, then try both distributions one after the other in one fresh venv."""
+    """Build, then try the wheel in a fresh venv."""
     with tempfile.TemporaryDirectory(prefix="grs-smoke-") as name:
         folder = Path(name)
-        wheel, sdist = build(folder / "dist")
+        wheel = build(folder / "dist")
         venv.create(folder / "venv")
         python = folder / "venv" / "bin" / "python"
         pip = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check", "--python", python)
-        # Uncompiled: of ten thousand modules the runs import a few, and compile those themselves.
-        install = (*pip, "install", "--no-compile")
-        call(*install, "--constraint", ROOT / "requirements.lock", wheel, folder=folder)
+        packages = Path(call(python, "-I", "-c", PACKAGES, folder=folder).strip())
+        link(find_dependencies(wheel), packages)
+        call(*pip, "install", "--no-compile", "--no-deps", "--no-index", wheel, folder=folder)
+        call(*pip, "check", folder=folder)  # that the versions fit
         try_out(python, folder / "wheel")
-        print(f"smoke: {wheel.name} ({wheel.stat().st_size / 1e6:.1f} MB) runs")
-        call(*pip, "uninstall", "--yes", "grs-agents", folder=folder)
-        call(*install, "--no-deps", sdist, folder=folder)
-        try_out(python, folder / "sdist")
-        print(f"smoke: {sdist.name} ({sdist.stat().st_size / 1e6:.1f} MB) runs")
+        print(f"smoke: {wheel.name} ({wheel.stat().st_size / 1e6:.1f} MB), built from the sdist, runs")
 
 
 if __name__ == "__main__":
