@@ -43,12 +43,12 @@ def test_the_moves_of_hanoi_bring_each_disk_on_a_larger_one_to_the_last_rod(disk
 def test_a_cut_box_is_boxes_apart_that_none_can_be_halved(size, smallest: float, margin: float) -> None:
     boxes: list[np.ndarray] = []
     utils.KDTree(utils.TreeNode(None, [], np.array((0.0, 0.0, 0.0, *size))), smallest, margin, boxes)
-    for number, box in enumerate(boxes):
-        assert (box[:3] >= 0).all()
-        assert (box[3:] <= np.asarray(size)).all()
-        assert (box[3:] - box[:3] <= 2 * smallest).all()
-        for other in boxes[:number]:
-            assert (np.maximum(box[:3], other[:3]) - np.minimum(box[3:], other[3:])).max() >= margin - 1e-9
+    low, high = np.split(np.array(boxes).reshape(-1, 6), 2, axis=1)
+    assert (low >= 0).all()
+    assert (high <= np.asarray(size)).all()
+    assert (high - low <= 2 * smallest).all()
+    gaps = (np.maximum(low[:, None], low) - np.minimum(high[:, None], high)).max(axis=2)
+    assert (gaps[~np.eye(len(gaps), dtype=bool)] >= margin - 1e-9).all()
 
 
 def test_colours_need_no_mode_and_the_scanned_objects_have_names() -> None:
