@@ -1,18 +1,26 @@
 """Mutants: task instances with one fault each, which tests with teeth tell from the instance that was audited."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from grs_agents.audit.goal_sentences import describe_task_in_words
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
 from grs_agents.library import Library
 from grs_agents.sim import Goal, InstanceObject, Rollout, TaskInstance
-from grs_agents.sim.world import load_object_model
+from grs_agents.sim.world import load_object_model, object_prism_at_pose
 
 MutantKind = Literal[
-    "goal_dropped", "target_moved", "put_beside", "object_frozen", "wrong_asset", "goal_already_met", "undone"
+    "goal_dropped",
+    "target_moved",
+    "put_beside",
+    "exchanged",
+    "object_frozen",
+    "wrong_asset",
+    "goal_already_met",
+    "undone",
 ]
 SHIFT: Final = 0.05
 """Metres that a target is moved: five times the tolerance of a pose, and the least that a move is to be."""
@@ -44,6 +52,7 @@ def make_instance_mutants(instance: TaskInstance, solved: Rollout, library: Libr
     chosen = movers[-2:]
     made = [_make_goal_dropped_mutant(instance, item) for item in chosen]
     made += [mutant for item in chosen if (mutant := _make_moved_target_mutant(instance, item)) is not None]
+    made += _make_exchanged_places_mutant(instance, solved, chosen, library)
     made += [_make_frozen_object_mutant(instance, item) for item in chosen[:1]]
     made += [
         _make_wrong_asset_mutant(instance, item, library) for item in chosen[-1:]
@@ -97,6 +106,37 @@ def _make_moved_target_mutant(instance: TaskInstance, item: InstanceObject) -> M
         return Mutant("put_beside", f"{_asset_with_id(item)} is to end beside its place", mutated)
     what = f"the target of {_asset_with_id(item)} is {SHIFT * 100:.0f} cm away from where it was"
     return Mutant("target_moved", what, mutated)
+
+
+def _make_exchanged_places_mutant(
+    instance: TaskInstance, solved: Rollout, chosen: Sequence[InstanceObject], library: Library
+) -> Iterator[Mutant]:
+    """Each of two objects is to end where the other one is: none where they are alike, or end in or on the same."""
+    if len(chosen) < 2 or (chosen[0].asset, chosen[0].fill) == (chosen[1].asset, chosen[1].fill):
+        return
+    one, other = chosen
+    rows = {row["id"]: row.get("ends", ()) for row in describe_task_in_words(instance, solved, library).objects}
+    if set(rows[one.id]) == set(rows[other.id]):
+        return
+    names, heights = {one.id: other.id, other.id: one.id}, _rest_heights(chosen, library)
+    goals = tuple(_exchange_objects_of_goal(goal, names, heights) for goal in instance.goals)
+    what = f"{_asset_with_id(one)} and {_asset_with_id(other)} are each to end where the other one is"
+    yield Mutant("exchanged", what, instance.model_copy(update={"goals": goals}))
+
+
+def _rest_heights(items: Sequence[InstanceObject], library: Library) -> dict[int, float]:
+    """How far the origin of each object is above what it stands on, metres."""
+    flat: Pose = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    return {item.id: -object_prism_at_pose(load_object_model(item, library), flat, item.id).low for item in items}
+
+
+def _exchange_objects_of_goal(goal: Goal, names: Mapping[int, int], heights: Mapping[int, float]) -> Goal:
+    """The goal with other objects; a target for one alone is raised or lowered to where the other one rests."""
+    mine = [number for number in goal.objects if number in names]
+    rise = heights[names[mine[0]]] - heights[mine[0]] if len(goal.objects) == len(mine) == 1 else 0.0
+    targets = tuple(((x, y, z + rise), turn) for (x, y, z), turn in goal.targets)
+    objects = tuple(names.get(number, number) for number in goal.objects)
+    return goal.model_copy(update={"objects": objects, "targets": targets})
 
 
 def _is_place(goal: Goal) -> bool:

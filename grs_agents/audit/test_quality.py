@@ -14,7 +14,13 @@ RUNS: Final = 5
 SCORE: Final = 0.8
 """Share of the mutants of a kind that make the suite fail, mean over the kinds: of five, a suite may be blind to one,
 e.g. where the words leave open to within 5 cm where a thing goes."""
-_MOVED: Final[tuple[MutantKind, ...]] = ("target_moved", "put_beside")
+_MOVED: Final[tuple[MutantKind, ...]] = ("target_moved", "put_beside", "exchanged")
+_BLIND: Final[dict[MutantKind, str]] = {
+    "undone": "they pass although all is put back once the goals are met: they never look where things end",
+    "put_beside": "they never say by themselves what things are to end in or on",
+    "exchanged": "they never say which of the things is to end where",
+}
+"""What tests are blind to that pass for every mutant of a kind."""
 _ALIVE: Final = ("passed", "not_run")
 _MOCKING: Final = frozenset(
     {"mock", "pytest_mock", "MagicMock", "Mock", "AsyncMock", "patch", "monkeypatch", "setattr"}
@@ -100,8 +106,7 @@ def check_tests_pass_repeatedly(runs: Sequence[SuiteRun]) -> Finding:
 
 
 def check_tests_fail_on_mutants(mutants: Sequence[Mutant], runs: Sequence[SuiteRun]) -> Finding:
-    """They fail for most mutants, for one of those that want things beside their place, and where all is undone before
-    they can look.
+    """They fail for most mutants, and for one at least of each kind that no honest tests are blind to.
 
     One whose target was moved and that still ends as it should is none.
 
@@ -109,31 +114,25 @@ def check_tests_fail_on_mutants(mutants: Sequence[Mutant], runs: Sequence[SuiteR
         mutants: the faults.
         runs: of the suite, one for each.
     """
-    whole = list(zip(mutants, runs, strict=True))
-    blind = _notices_none_of_kind(whole, "undone")
-    pairs = [pair for pair in whole if pair[0].kind != "undone"]
-    counted = [(one, run) for one, run in pairs if not (one.kind in _MOVED and run.held)]
+    pairs = list(zip(mutants, runs, strict=True))
+    counted = [(one, run) for one, run in pairs if one.kind != "undone" and not (one.kind in _MOVED and run.held)]
     alive = _list_surviving_mutants(counted)
-    placeless = _notices_none_of_kind(counted, "put_beside")
+    blind = [words for kind, words in _BLIND.items() if _notices_none_of_kind(pairs, kind)]
     score = _mean_killed_share_by_kind(counted)
     measured = (
         f"{len(counted) - len(alive)} of {len(counted)} mutants of the task make the tests fail, score {score:.2f}"
     )
     if alive:
         measured += f"; they pass although {'; although '.join(alive)}"
-    if blind:
-        measured += "; and they pass although all is put back once the goals are met: they never look where things end"
-    if placeless:
-        measured += "; they never say by themselves what things are to end in or on"
-    bound = f"at least {SCORE} must, one beside its place and the one that undoes all among them; assert of every "
-    bound += "object of the task that it is there, moved, and ends in its place"
-    passed = score >= SCORE and not blind and not placeless
-    return Finding(check="tests_have_teeth", passed=passed, measured=measured, bound=bound)
+    measured += "".join(f"; {words}" for words in blind)
+    bound = f"at least {SCORE} must, and of some kinds one in any case; assert of every object of the task that it is "
+    bound += "there, moved, and ends in its place"
+    return Finding(check="tests_have_teeth", passed=score >= SCORE and not blind, measured=measured, bound=bound)
 
 
 def _notices_none_of_kind(pairs: Sequence[tuple[Mutant, SuiteRun]], kind: MutantKind) -> bool:
     """Whether the suite passes for all mutants of a kind of which there are some."""
-    passed = [run.ended in _ALIVE for one, run in pairs if one.kind == kind]
+    passed = [run.ended in _ALIVE for one, run in pairs if one.kind == kind and not (kind in _MOVED and run.held)]
     return bool(passed) and all(passed)
 
 

@@ -437,6 +437,35 @@ def test_tests_that_ask_the_task_alone_where_things_end_have_no_teeth() -> None:
     assert not finding.passed and "never say by themselves" in finding.measured
 
 
+def parted(task: Trial, env: Environment) -> None:
+    """A block into a box, and another one beside it."""
+    box = env.add_object("container/open_box.urdf", ((0.55, 0.2, 0.045), FLAT), "fixed")
+    task.want(env.add_object(RED, A), 0.55, 0.2, 0.5)
+    task.want(env.add_object(BLUE, B), 0.4, -0.3, 0.5)
+    assert box
+
+
+def test_tests_that_do_not_say_which_thing_is_to_end_where_have_no_teeth() -> None:
+    library = Library()
+    instance = instantiate(Trial(parted), 0, library)
+    mutants = make_instance_mutants(instance, rollout(instance, library), library)
+    [exchanged] = [one for one in mutants if one.kind == "exchanged"]
+    (red, blue), (was_red, was_blue) = exchanged.instance.goals, instance.goals
+    assert (red.objects, blue.objects) == (was_blue.objects, was_red.objects)
+    assert rollout(exchanged.instance, library).episode.outcome == "success"
+    finding = check_tests_fail_on_mutants(
+        mutants, [SuiteOutcome("passed" if one is exchanged else "failed") for one in mutants]
+    )
+    assert not finding.passed and "which of the things" in finding.measured
+
+
+def test_things_that_end_in_the_same_place_may_be_exchanged() -> None:
+    library = Library()
+    instance = instantiate(Trial(fair), 0, library)
+    kinds = {one.kind for one in make_instance_mutants(instance, rollout(instance, library), library)}
+    assert "target_moved" in kinds and "exchanged" not in kinds
+
+
 @dataclass
 class SuiteOutcome:
     """What came of one run of a suite."""

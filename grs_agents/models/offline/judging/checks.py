@@ -12,6 +12,7 @@ from grs_agents.models.offline.judging.places import (
     Unclear,
     explain_misplacement,
     narrow_to_things_meant,
+    require_several,
 )
 from grs_agents.models.offline.judging.reading import (
     CLEARING,
@@ -78,6 +79,7 @@ class _RequestChecker:
         if not found:
             fixed = self.scene.find(phrase)
             raise Differs(f"{phrase.text} cannot move" if fixed else f"there is no such thing as {phrase.text}")
+        require_several(phrase, found)
         return found if self._was_introduced(phrase) else narrow_to_things_meant(phrase, found)
 
     def _was_introduced(self, phrase: Phrase) -> bool:

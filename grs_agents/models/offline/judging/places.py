@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from itertools import product
 
-from grs_agents.models.offline.judging.reading import Phrase, Request, make_singular
+from grs_agents.models.offline.judging.reading import OTHERS, Phrase, Request, make_singular
 from grs_agents.models.offline.judging.scene import Scene, Thing, distance_between
 from grs_agents.models.offline.prompt_text import split_words
 
@@ -41,15 +41,29 @@ def _list_places_for_phrase(how: str, phrase: Phrase, for_each: bool, scene: Sce
     """What one phrase may be."""
     if phrase.is_bare_table:
         return [None]
-    found = scene.find(phrase)
-    if not found and not phrase.pronoun:
-        raise Differs(f"there is no such thing as {phrase.text}")
+    found = _find_places(phrase, scene)
     if phrase.vacant:
         _require_place_is_free(phrase, found, scene)
     one = phrase.article == "the" and not phrase.plural and not for_each
     if not (found and one):
         return [None]
     return narrow_to_things_meant(phrase, prefer_hollow_things(found) if how in ("in", "outof") else found)
+
+
+def _find_places(phrase: Phrase, scene: Scene) -> list[Thing]:
+    found = scene.find(phrase)
+    if not found and not phrase.pronoun:
+        raise Differs(f"there is no such thing as {phrase.text}")
+    require_several(phrase, found)
+    if phrase.pronoun in OTHERS and phrase.nouns and not phrase.plural and phrase.article != "all":
+        raise Unclear(f"which is the other {phrase.nouns[-1]} is not understood")
+    return found
+
+
+def require_several(phrase: Phrase, found: Sequence[Thing]) -> None:
+    """Raises ``Differs`` where words in the plural fit one thing alone that nobody calls so."""
+    if len(found) == 1 and not found[0].plural_names.issuperset(phrase.plurals):
+        raise Differs(f"there is but one of {phrase.text}, the words say several")
 
 
 def prefer_hollow_things(found: list[Thing]) -> list[Thing]:

@@ -142,7 +142,7 @@ class Phrase:
     sizes: tuple[tuple[int, int, bool], ...] = ()  # measure, great or little, whether it is the greatest or least
     number: int | None = None
     article: str = ""  # the, a, each, all
-    plural: bool = False
+    plurals: tuple[str, ...] = ()  # the nouns among them that stand in the plural
     pronoun: str = ""
     unknown: tuple[str, ...] = ()
     vacant: bool = False  # nothing is in or on it
@@ -161,6 +161,11 @@ class Phrase:
     def has_no_specific_noun(self) -> bool:
         """Whether it names no kind of thing: the objects."""
         return {*self.nouns} <= GENERIC
+
+    @property
+    def plural(self) -> bool:
+        """Whether a noun stands in the plural."""
+        return bool(self.plurals)
 
     @property
     def means_all(self) -> bool:
@@ -453,11 +458,12 @@ class _ClauseReader:
             return replace(phrase, pronoun=token)
         named = word in self.nouns and (word not in COLORS or self._is_named_by_color(word))
         if named or word in GENERIC or token == "table":
-            return replace(phrase, nouns=(*phrase.nouns, word), plural=phrase.plural or word != token)
+            plurals = (*phrase.plurals, word) if word != token else phrase.plurals
+            return replace(phrase, nouns=(*phrase.nouns, word), plurals=plurals)
         return None
 
 
-_ARTICLES = {"the", "a", "an", "its", "their", "every", "each", "all", "both", "any", "another"}
+_ARTICLES = {"the", "a", "an", "its", "their", "every", "each", "all", "both", "any"}
 
 
 def _parse_size_word(token: str) -> tuple[int, int, bool] | None:

@@ -53,6 +53,9 @@ class Thing:
     color: str
     names: frozenset[str]  # by which people call it, in the singular
     words: frozenset[str]  # and those of its description
+    plural_names: frozenset[
+        str
+    ]  # words, in the singular, that call it in the plural alone, as raisins do a box of them
     colors: frozenset[str]  # that people may see in it
     size: tuple[float, float, float]
     start: tuple[float, float, float]
@@ -168,6 +171,8 @@ def _list_equivalent_relations(how: str, place: Thing) -> tuple[str, ...]:
 
 
 def _matches_phrase(thing: Thing, phrase: Phrase, closely: bool) -> bool:
+    if phrase.nouns and phrase.nouns[-1] in thing.plural_names.difference(phrase.plurals):
+        return False  # one raisin is no box of them
     words, seen = (thing.names, {thing.color}) if closely else (thing.words, thing.colors)
     nouns = {noun for noun in phrase.nouns if noun not in GENERIC}
     colors = {*phrase.colors, *(noun for noun in nouns if noun in COLORS and noun not in words)}
@@ -251,6 +256,7 @@ def _parse_table_thing(row: Json, asked: Sequence[_AskedPlace]) -> Thing:
         color=color,
         names=frozenset(names),
         words=frozenset(words),
+        plural_names=frozenset(_list_plural_names(row)),
         colors=frozenset({color, *(word for word in described if word in COLORS)}),
         size=cast(Any, tuple(row["size"])),
         start=cast(Any, tuple(start)),
@@ -280,6 +286,11 @@ def _list_names(row: Json) -> set[str]:
     if max(row["size"]) < 1.1 * min(row["size"]) and "box" in names:
         names.add("cube")
     return names
+
+
+def _list_plural_names(row: Json) -> set[str]:
+    told = [word for key in ("called", "category", "description") for word in split_words(str(row.get(key, "")))]
+    return {make_singular(word) for word in told if make_singular(word) != word} - {*told}
 
 
 def _parse_plain_references(texts: Sequence[str]) -> Iterator[Reference]:
