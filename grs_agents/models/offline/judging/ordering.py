@@ -33,9 +33,9 @@ def _list_ordered_request_pairs(requests: Sequence[Request]) -> Iterator[tuple[i
         if request.after:
             yield from ((before, number) for before in range(number))
         if request.first:
-            yield from ((number, other) for other in range(number + 1, len(requests)))
+            yield from ((number, other) for other in range(len(requests)) if other != number)
         if request.last:
-            yield from ((other, number) for other in range(number))
+            yield from ((other, number) for other in range(len(requests)) if other != number)
 
 
 def _list_things_in_move_order(request: Request, things: Sequence[Thing]) -> Sequence[Thing]:

@@ -479,11 +479,13 @@ def _parse_size_word(token: str) -> tuple[int, int, bool] | None:
 
 
 def _share_noun_among_colors(requests: Sequence[Request]) -> None:
-    """``the red and the blue block``: the noun of the last one is that of all."""
+    """``the red and the blue block``: the noun of the last one is that of all; ``red and blue blocks``: of each one."""
     for request in requests:
         for phrases in (request.movers, *(places for _, places in request.relations)):
-            nouns: tuple[str, ...] = ()
+            donor = None
             for index in range(len(phrases) - 1, -1, -1):
-                if not phrases[index].has_referent:
-                    phrases[index] = replace(phrases[index], nouns=nouns)
-                nouns = phrases[index].nouns or nouns
+                if phrases[index].has_referent:
+                    donor = index
+                elif donor is not None:
+                    phrases[index] = replace(phrases[index], nouns=phrases[donor].nouns)
+                    phrases[donor] = replace(phrases[donor], plurals=())
