@@ -86,8 +86,8 @@ def _measure_candidate(
     count, cloud = len(cloud), cloud[:: len(cloud) // (2 * CONFIG.samples) + 1]
     low, high = compute_percentiles(cloud, (1, 99))
     inner = cloud.compress(points_in_box_mask(cloud, low, high), axis=0)
-    bottom = _find_bottom_height(inner[::5], others)
-    top = max(float(high[2]), bottom + THINNEST)
+    top = max(float(high[2]), THINNEST)
+    bottom = max(min(_find_bottom_height(inner[::5], others), top - THINNEST), 0.0)  # the top is measured
     hollow = is_open_at_top(inner[:: len(inner) // CONFIG.samples + 1], np.zeros((0, 3)))
     shape, (x, y), (length, width), yaw, rounded = _fit_footprint(frame, table, mask, cloud, hollow)
     cosine, sine = abs(math.cos(yaw)), abs(math.sin(yaw))

@@ -53,6 +53,15 @@ def test_pixels_at_which_the_sensor_saw_past_a_thing_do_not_lengthen_it() -> Non
     assert found.points < len(own)
 
 
+def test_a_sheet_on_another_thing_ends_at_the_top_that_was_measured() -> None:
+    scene = render(
+        [Thing("box", (0.5, 0.0), (0.2, 0.2, 0.05)), Thing("box", (0.5, 0.0), (0.12, 0.14, 0.004), bottom=0.05)]
+    )
+    sheet = _candidates(scene)[1][1].upright
+    assert sheet.center[2] + sheet.size[2] / 2 == pytest.approx(0.054, abs=0.002)
+    assert sheet.size[2] == pytest.approx(0.012, abs=0.001)
+
+
 def test_the_yaw_is_measured(rendered: Rendered) -> None:
     box = _candidates(rendered)[1][0].upright
     assert math.remainder(box.yaw - 0.4, math.pi / 2) == pytest.approx(0, abs=0.05)
