@@ -25,12 +25,14 @@ def reconstruct_shape(view: ObjectView) -> ObjectShape | None:
     ``None`` where a box of the measured size is as good, or too little depth was measured to tell of a shape.
     """
     seen = observe_object(view)
-    if seen is None or seen.measured_share < CONFIG.measured:
+    if seen is None or seen.measured_share < CONFIG.measured_round:
         return None
     turned = _reconstruct_turned_solid(seen)
     if turned is not None and turned.hollow:  # a mug's outline may be near to a box, but one can put things into it
         return turned
-    return None if _is_measured_box_seen(seen, view.size) else turned or _reconstruct_by_carving(seen)
+    if _is_measured_box_seen(seen, view.size):
+        return None
+    return turned or (None if seen.measured_share < CONFIG.measured else _reconstruct_by_carving(seen))
 
 
 def _is_measured_box_seen(seen: Observation, size: tuple[float, float, float]) -> bool:

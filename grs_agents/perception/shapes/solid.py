@@ -30,7 +30,6 @@ def carve_solid(seen: Observation, mirrors: list[Mirror], most_faces: int) -> tu
     open_ = np.flatnonzero(~(values >= FAR))  # the rest is free whatever is mirrored
     values[open_] = _signed_distance_to_solid(seen, mirrors, body, grid[open_], step)
     values = np.clip(np.maximum(values, -grid[:, 2]), -FAR, FAR).reshape(tuple(counts))
-    values = surface_nets.smooth_grid(values)
     if values.min() >= 0:
         return None
     vertices, faces = surface_nets.mesh_zero_level(values, low, step)

@@ -26,6 +26,19 @@ def test_no_shape_where_most_depth_is_missing():
     assert reconstruct_shape(view) is None
 
 
+def test_a_cup_of_which_little_was_measured_is_still_round():
+    view = photograph(cup(), noise=0.001, rng=np.random.default_rng(0))
+    rows, columns = np.nonzero(view.mask)
+    left = columns < np.percentile(columns, 35)
+    view.depth[rows[left], columns[left]] = 0
+
+    shape = reconstruct_shape(view)
+
+    assert shape is not None
+    assert shape.method == "lathe"
+    assert shape.hollow
+
+
 @settings(max_examples=4, deadline=None)
 @given(radius=st.floats(0.03, 0.05), height=st.floats(0.07, 0.12), seed=st.integers(0, 99))
 def test_one_can_put_something_into_a_cup(radius, height, seed):
@@ -60,6 +73,20 @@ def test_mirror_image_closes_the_back_of_a_lying_cylinder():
     assert solid.volume == pytest.approx(lying.volume, rel=0.2)
     assert shape.silhouette_iou > 0.9
     assert shape.depth_error < 0.005
+
+
+def test_thin_walls_of_an_open_box_stay():
+    boards = [((0.2, 0.15, 0.004), (0, 0, 0.002))]
+    boards += [((0.004, 0.15, 0.06), (x, 0, 0.03)) for x in (-0.098, 0.098)]
+    boards += [((0.2, 0.004, 0.06), (0, y, 0.03)) for y in (-0.073, 0.073)]
+    solids = [trimesh.creation.box(size).apply_translation(place) for size, place in boards]
+    tray = trimesh.util.concatenate(solids)
+
+    shape = reconstruct_shape(photograph(tray, tilt=0.9, distance=0.8))
+
+    assert shape is not None
+    assert shape.silhouette_iou > 0.9
+    assert solid_of(shape).volume < 0.6 * 0.2 * 0.15 * 0.06
 
 
 def test_texture_shows_no_table():
