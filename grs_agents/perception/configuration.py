@@ -146,13 +146,16 @@ class PartMerging:
 
 @dataclass(frozen=True)
 class OccludedPieces:
-    """When two pieces are one flat object that another one in front of it separates."""
+    """When two pieces are one flat object that others in front of it separate."""
 
     level: float = 0.01  # tops of two pieces are within this height of each other
     flat: float = 0.45  # at least this share of a piece lies within `level` of its top
     hue: float = 0.05  # distance of the shares of red, green and blue: colours of one object are this near
     brightness: float = 1.6  # the brighter piece is at most this many times as bright
-    between: float = 0.6  # at least this share of the shortest way between them lies on one object that hides them
+    same_level: float = 0.005  # where tops are this near, as no sensor's noise moves them by more,
+    rectangle: float = 0.9  # and the footprint of both fills so much of its rectangle,
+    printed: tuple[float, float] = (0.15, 2.5)  # colours may differ by this hue and brightness: by print or light
+    between: float = 0.6  # at least this share of the shortest way between them lies on objects that hide them
     longest: float = 0.4  # a joined object is at most this long
 
 

@@ -53,17 +53,25 @@ def _measure_piece(mask: Mask, frame: RGBDFrame, points: Array, config: Occluded
 
 
 def _are_similar_pieces(one: Piece, other: Piece, config: OccludedPieces) -> bool:
-    if abs(one.top - other.top) > config.level or min(one.flat, other.flat) < config.flat:
+    both = convex_footprint_hull(np.concatenate([one.footprint, other.footprint])).astype(np.float32)
+    _, sides, _ = cv2.minAreaRect(both)
+    apart = abs(one.top - other.top)
+    if apart > config.level or max(sides) >= config.longest:
         return False
-    bright, dark = max(one.color.sum(), other.color.sum()), min(one.color.sum(), other.color.sum())
-    hue = np.linalg.norm(one.color / one.color.sum() - other.color / other.color.sum()) if dark else np.inf
-    both = np.concatenate([one.footprint, other.footprint])
-    _, sides, _ = cv2.minAreaRect(both.astype(np.float32))
-    return bool(hue < config.hue and bright < config.brightness * dark and max(sides) < config.longest)
+    if apart < config.same_level and cv2.contourArea(both) > config.rectangle * sides[0] * sides[1]:
+        return _are_alike_in_color(one.color, other.color, *config.printed)
+    flat = min(one.flat, other.flat) >= config.flat
+    return flat and _are_alike_in_color(one.color, other.color, config.hue, config.brightness)
+
+
+def _are_alike_in_color(one: Array, other: Array, hue: float, brightness: float) -> bool:
+    bright, dark = max(one.sum(), other.sum()), min(one.sum(), other.sum())
+    off = np.linalg.norm(one / one.sum() - other / other.sum()) if dark else np.inf
+    return bool(off < hue and bright < brightness * dark)
 
 
 def _are_separated_by_occluder(one: Piece, other: Piece, labels: Labels, depth: Depth, share: float) -> bool:
-    """Whether the shortest way between two pieces leads over an object that is nearer than they are."""
+    """Whether the shortest way between two pieces leads over other objects that are nearer than they are."""
     squares = ((one.outline[:, None] - other.outline[None]) ** 2).sum(axis=2)
     start, end = np.unravel_index(int(squares.argmin()), squares.shape)
     count = int(np.sqrt(squares.min()))
@@ -71,10 +79,9 @@ def _are_separated_by_occluder(one: Piece, other: Piece, labels: Labels, depth: 
         return False
     steps = np.linspace(0, 1, count)
     way = np.rint(one.outline[start] + steps[:, None] * (other.outline[end] - one.outline[start])).astype(int)
-    rows, columns = way[1:-1, 1], way[1:-1, 0]
-    between = np.bincount(labels[rows, columns])
-    between[0] = 0
+    passed = labels[way[:, 1], way[:, 0]]
+    others = ~np.isin(passed[1:-1], (0, passed[0], passed[-1]))
     along = depth[way[:, 1], way[:, 0]].astype(np.float64)
     first, last = along[[0, -1]]
     nearer = along[1:-1] < first + steps[1:-1] * (last - first)
-    return bool(between.max() >= share * len(rows) and nearer.mean() >= share)
+    return bool(others.mean() >= share and nearer.mean() >= share)

@@ -10,7 +10,7 @@ RULES: Final = {
     "tab": "what is thin and small and sticks out of something higher is its tab",
     "unsupported": "a narrow part in the air that nothing carries belongs to what it touches",
     "solid": "what is highest in its middle is an object of its own, neither a wall nor an inside",
-    "occluded": "flat pieces of one colour and height with something nearer between them are one object",
+    "occluded": "pieces of one height and colour, flat or of one rectangle, that something nearer parts are one object",
     "sensor_noise": "what is as flat as the sensor's noise is no object",
     "flying_pixels": "what is small and much deeper than it looks large is mixed of two surfaces, and no object",
     "entering": "what comes in from above, or from beyond the picture high over the table, is an arm, and no object",

@@ -36,6 +36,26 @@ def test_the_sides_of_a_barred_box_are_one(barred: tuple[RGBDFrame, np.ndarray])
     assert (joined == 0)[labels == 0].all()
 
 
+@pytest.mark.parametrize(("shade", "whole"), [(0.55, True), (0.3, False)])
+def test_sides_of_one_rectangle_may_lie_in_different_light(
+    barred: tuple[RGBDFrame, np.ndarray], shade: float, whole: bool
+) -> None:
+    frame, labels = barred
+    rgb = frame.rgb.copy()
+    rgb[labels == 1], rgb[labels == 3] = (200, 160, 120), (shade * np.array((200, 160, 120))).astype(np.uint8)
+    assert int(_joined(replace(frame, rgb=rgb), labels).max()) == (2 if whole else 3)
+
+
+def test_sides_behind_two_things_are_one(barred: tuple[RGBDFrame, np.ndarray]) -> None:
+    frame, labels = barred
+    columns = np.indices(labels.shape)[1]
+    middle = int(np.median(columns[labels == 2]))
+    halves = np.where((labels == 2) & (columns > middle), 4, labels).astype(np.int32)
+    joined = _joined(frame, halves)
+    assert joined.max() == 3
+    assert len(np.unique(joined[(labels == 1) | (labels == 3)])) == 1
+
+
 def test_sides_of_different_colour_stay_two(barred: tuple[RGBDFrame, np.ndarray]) -> None:
     frame, labels = barred
     rgb = frame.rgb.copy()
