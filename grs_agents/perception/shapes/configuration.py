@@ -144,8 +144,9 @@ class ShapeTexture:
 class ShapeChoice:
     """Which kind of shape stands for an object."""
 
-    measured: float = 0.7  # of the mask has depth, else nothing is carved,
-    measured_round: float = 0.5  # or turned: a profile is known from part of its sides. Else a primitive stays
+    least_measured: float = 0.5  # of the mask has depth, else a primitive stays
+    measured: float = 0.7  # of the mask: of less the box stays, if it is no better,
+    likely_box: float = 0.8  # where its silhouette agrees so well with the mask: part of a surface carves no corners
     box_overlap: float = 0.85  # silhouette of the measured box with the mask: it is a box
     box_depth: float = 0.01  # and off in depth by less, 90th percentile, or by this many deviations of the noise
     deviations: float = 3.0

@@ -25,19 +25,21 @@ def reconstruct_shape(view: ObjectView) -> ObjectShape | None:
     ``None`` where a box of the measured size is as good, or too little depth was measured to tell of a shape.
     """
     seen = observe_object(view)
-    if seen is None or seen.measured_share < CONFIG.measured_round:
+    if seen is None or seen.measured_share < CONFIG.least_measured:
         return None
     turned = _reconstruct_turned_solid(seen)
     if turned is not None and turned.hollow:  # a mug's outline may be near to a box, but one can put things into it
         return turned
-    if _is_measured_box_seen(seen, view.size):
+    box = compare_mesh_with_photo(seen, *box_mesh(view.size, (0.0, 0.0, view.size[2] / 2)))
+    if _is_measured_box_confirmed(box, seen):
         return None
-    return turned or (None if seen.measured_share < CONFIG.measured else _reconstruct_by_carving(seen))
+    if turned is None and seen.measured_share < CONFIG.measured and box.overlap >= CONFIG.likely_box:
+        return None
+    return turned or _reconstruct_by_carving(seen)
 
 
-def _is_measured_box_seen(seen: Observation, size: tuple[float, float, float]) -> bool:
+def _is_measured_box_confirmed(found: Agreement, seen: Observation) -> bool:
     """Whether the measured box looks like the object from the camera."""
-    found = compare_mesh_with_photo(seen, *box_mesh(size, (0.0, 0.0, size[2] / 2)))
     return found.overlap >= CONFIG.box_overlap and found.error < max(CONFIG.box_depth, CONFIG.deviations * seen.noise)
 
 

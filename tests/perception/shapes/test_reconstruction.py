@@ -39,6 +39,21 @@ def test_a_cup_of_which_little_was_measured_is_still_round():
     assert shape.hollow
 
 
+def test_no_box_stands_for_what_is_no_box_where_little_was_measured():
+    low, high = trimesh.creation.box((0.05, 0.16, 0.03)), trimesh.creation.box((0.05, 0.04, 0.14))
+    low.apply_translation((0, 0, 0.015))
+    high.apply_translation((0, 0.06, 0.07))
+    view = photograph(trimesh.util.concatenate([low, high]))
+    rows, columns = np.nonzero(view.mask)
+    left = columns < np.percentile(columns, 35)
+    view.depth[rows[left], columns[left]] = 0
+
+    shape = reconstruct_shape(view)
+
+    assert shape is not None
+    assert shape.silhouette_iou > 0.75
+
+
 @settings(max_examples=4, deadline=None)
 @given(radius=st.floats(0.03, 0.05), height=st.floats(0.07, 0.12), seed=st.integers(0, 99))
 def test_one_can_put_something_into_a_cup(radius, height, seed):
