@@ -103,6 +103,12 @@ def _describe_assumptions(goal: Goal, matches: Any, zones: Sequence[Any], symmet
         yield "a zone size with negative lengths was taken without their sign"
 
 
+def states_no_object(fields: Any) -> bool:
+    """Whether a tuple that a program put in ``task.goals`` is of no object, as where none has the wanted colour."""
+    listed = cast(Sequence[Any], fields) if isinstance(fields, tuple | list) else ()
+    return len(listed) == 8 and isinstance(listed[0], list) and not listed[0]
+
+
 def convert_to_goal(fields: Any) -> Goal:
     """A goal, or CLIPort's tuple of eight that a program put in ``task.goals``; others are a ``SimulationError``."""
     if isinstance(fields, Goal):

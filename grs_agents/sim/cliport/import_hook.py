@@ -4,14 +4,15 @@ Switched on by the sandbox worker alone, with ``install()``. The real packages a
 """
 
 import os
+import random
 import sys
 from collections.abc import Callable, Sequence
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import Any, Final
+from typing import Any, Final, cast
 
-from grs_agents.sim.cliport import end_effectors, pybullet, utils
+from grs_agents.sim.cliport import end_effectors, lohoravens, pybullet, utils
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.task import PublishedTask
 from grs_agents.sim.instance import UnsupportedError
@@ -41,6 +42,7 @@ def install() -> None:
             setattr(modules[parent], child, module)
     sys.meta_path.insert(0, _UnknownModuleRefuser(tuple(sorted(modules))))
     os.remove = _wrap_remove_to_skip_templates(os.remove)
+    random.sample = _wrap_sample_to_take_sets(random.sample)
 
 
 def _build_replacement_modules() -> dict[str, ModuleType]:
@@ -53,6 +55,9 @@ def _build_replacement_modules() -> dict[str, ModuleType]:
         "cliport.tasks.task": _make_module("cliport.tasks.task", Task=PublishedTask),
         "cliport.tasks.primitives": _make_module("cliport.tasks.primitives", **primitives),
         "cliport.tasks.grippers": _make_module("cliport.tasks.grippers", **grippers),
+        "cliport.tasks.color_reasoning": _make_module(
+            "cliport.tasks.color_reasoning", COLOR_CATEGORY_NAMES=lohoravens.COLOR_CATEGORY_NAMES
+        ),
         "cliport.utils": _make_module("cliport.utils"),
         "cliport.utils.utils": utils,
         "cliport.environments": _make_module("cliport.environments"),
@@ -75,6 +80,16 @@ def _wrap_remove_to_skip_templates(remove: Callable[..., None]) -> Callable[...,
             remove(path, *more, **options)
 
     return remove_unless_template
+
+
+def _wrap_sample_to_take_sets(sample: Callable[..., list[Any]]) -> Callable[..., list[Any]]:
+    """``random.sample``, which took sets until Python 3.10; published programs draw colours from them."""
+
+    def sample_in_order(population: Any, *more: Any, **options: Any) -> list[Any]:
+        members: Any = cast(set[Any], population) if isinstance(population, set | frozenset) else None
+        return sample(population if members is None else sorted(members, key=repr), *more, **options)
+
+    return sample_in_order
 
 
 def _make_published_task_module(module: str) -> ModuleType:

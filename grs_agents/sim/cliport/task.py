@@ -9,9 +9,9 @@ import numpy as np
 
 from grs_agents.base import Pose, Quat
 from grs_agents.geometry import FloatArray, transforms
-from grs_agents.sim.cliport import end_effectors
+from grs_agents.sim.cliport import end_effectors, lohoravens
 from grs_agents.sim.cliport.environment import Environment
-from grs_agents.sim.cliport.goal_arguments import UNSTATED, GoalArguments, convert_to_goal
+from grs_agents.sim.cliport.goal_arguments import UNSTATED, GoalArguments, convert_to_goal, states_no_object
 from grs_agents.sim.cliport.task_helpers import TaskKit, add_kitting_objects
 from grs_agents.sim.expert import Oracle, PushOracle
 from grs_agents.sim.goals import StrictScorer, TaskAccounting, task_accounting
@@ -160,6 +160,9 @@ class Task(TaskKit):
         """Read the goals as they are stated when ``reset`` ends."""
         goals: list[Goal] = []
         for stated in self.goals:
+            if states_no_object(stated):
+                env.record_warning("a goal of task.goals names no object, and was left out")
+                continue
             arguments = next((given for goal, given in self._arguments if goal is stated), None)
             goal, notes = (convert_to_goal(stated), []) if arguments is None else arguments.make_goal()
             for number in goal.mentioned_object_ids:
@@ -311,6 +314,10 @@ class PublishedTask(Task):
     """What programs get that import ``Task`` from ``cliport``: words of ``lang_template`` choose, as published."""
 
     _may_cover_marks = True
+
+    def __init__(self) -> None:
+        super().__init__()
+        vars(self).update(lohoravens.make_task_attributes(self.bounds))
 
     def additional_reset(self) -> None:
         """Act on ``lang_template``: "bowl" widens ``pos_eps`` to 5 cm, "rope" to 2 cm, "piles" means pushing."""

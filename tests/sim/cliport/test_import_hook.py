@@ -89,3 +89,52 @@ except FileNotFoundError:
     )
     assert done.stdout.strip() == "refused", done.stderr
     assert not (tmp_path / "mine.txt").exists()
+
+
+def test_what_programs_of_lohoravens_take_for_granted_is_there() -> None:
+    done = ask(
+        INSTALL
+        + """
+import random
+import numpy as np
+import pybullet as p
+from cliport.environments.environment import Environment
+from cliport.tasks.color_reasoning import COLOR_CATEGORY_NAMES
+from cliport.tasks.task import Task
+from cliport.utils import utils
+
+class WarmBlocksToTheLeft(Task):
+    def __init__(self):
+        super().__init__()
+        self.lang_template = "Move the warm blocks to the {}."
+
+    def reset(self, env):
+        super().reset(env)
+        self.consider_z_in_match = False
+        colors = random.sample(set(utils.TRAIN_COLORS + utils.EVAL_COLORS), 4)
+        warm = [color for color in colors if color in COLOR_CATEGORY_NAMES["WARM"]]
+        area, blocks = self.area_boundary["top left area"], []
+        zone = ((area["x_start"] + self.x_length / 4, area["y_start"] + self.y_length / 4, 0), (0, 0, 0, 1))
+        for color in colors:
+            pose = self.get_random_pose(env, (0.04, 0.04, 0.04))
+            block = env.add_object("stacking/block.urdf", pose)
+            p.changeVisualShape(block, -1, rgbaColor=utils.COLORS[color] + [1])
+            blocks.append((block, (np.pi / 2, None)))
+        moved = [block for block, color in zip(blocks, colors) if color in warm]
+        points = {block: self.get_box_object_points(block) for block, _ in moved}
+        size = (self.x_length / 2, self.y_length / 2, 0)
+        params = (points, [(zone, size)])
+        self.goals.append((moved, np.ones((len(moved), 1)), [zone], True, False, "zone_with_z_match", params, 1))
+        self.goals.append(([], np.ones((0, 0)), [], False, True, "pose", None, 1))
+        self.lang_goals += [self.lang_template.format("left")] * 2
+
+random.seed(0)
+task = WarmBlocksToTheLeft()
+env = Environment(task=task, seed=0)
+env.reset()
+assert len(task.goals) == 1 and task.goals[0].objects, task.goals
+print(env.current_episode.warnings)
+"""
+    )
+    assert done.returncode == 0, done.stderr
+    assert "a goal of task.goals names no object" in done.stdout
