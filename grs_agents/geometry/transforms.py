@@ -61,7 +61,8 @@ def quatXYZW_to_eulerXYZ(quaternion_xyzw: Sequence[float]) -> Vec3:
 
 def yaw_of_quaternion(quaternion: Sequence[float]) -> float:
     """The rotation about the vertical, radians in (-pi, pi]."""
-    return quatXYZW_to_eulerXYZ(quaternion)[2]
+    x, y, z, w = to_unit_quaternion(quaternion)
+    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
 def quaternion_to_matrix(quaternion: Sequence[float]) -> FloatArray:

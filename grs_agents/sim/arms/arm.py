@@ -145,8 +145,8 @@ class Arm:
 
     def is_path_within_limits(self, path: FloatArray) -> bool:
         """Whether joint positions (N, dof) are all finite and within the limits."""
-        within = (path >= self.lower_joint_limits - 1e-6) & (path <= self.upper_joint_limits + 1e-6)
-        return bool(np.isfinite(path).all() and within.all())
+        low, high = path.min(axis=0), path.max(axis=0)  # NaN where any is, which no comparison holds for
+        return bool(((low >= self.lower_joint_limits - 1e-6) & (high <= self.upper_joint_limits + 1e-6)).all())
 
     def find_collision_at_joints(self, joints: FloatArray) -> Collision | None:
         """What of the arm meets the table or itself at joint positions (dof,)."""
@@ -154,6 +154,7 @@ class Arm:
 
     def first_collision_along(self, path: FloatArray) -> Collision | None:
         """Where the arm first meets the table or itself along joint positions (N, dof), seen every ``_NEAR`` rad."""
-        travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path, axis=0)).max(axis=1))])
+        travel = np.zeros(len(path))
+        np.abs(path[1:] - path[:-1]).max(axis=1).cumsum(out=travel[1:])
         count = max(2, int(np.ceil(travel[-1] / _NEAR)) + 1)
         return self._arm_model.first_collision_along(path[evenly_spaced_indices(travel, count)])

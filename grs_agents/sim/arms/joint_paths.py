@@ -7,6 +7,8 @@ import numpy.typing as npt
 
 from grs_agents.geometry import FloatArray
 
+WAYPOINT_STEPS: Final = 4
+"""Time steps between two way points of a planned path: 16 ms. What lies between is interpolated, smoothly."""
 _SPACING: Final = 0.04
 """Between two poses that are solved, metres; a radian of turning counts as 0.25 m."""
 
@@ -23,10 +25,9 @@ def choose_waypoint_indices(tips: FloatArray, rotations: FloatArray) -> npt.NDAr
 
 def evenly_spaced_indices(travel: FloatArray, count: int) -> npt.NDArray[np.intp]:
     """At most ``count`` rows, evenly spread over the distance travelled (N,) until each; first and last among them."""
-    wanted: FloatArray = np.linspace(0.0, float(travel[-1]), count)
-    rows: npt.NDArray[np.intp] = np.searchsorted(travel, wanted)
+    rows: npt.NDArray[np.intp] = travel.searchsorted(np.arange(count) * (float(travel[-1]) / max(count - 1, 1)))
     rows[-1] = len(travel) - 1
-    return rows[np.flatnonzero(np.diff(rows, prepend=-1))]
+    return rows[np.concatenate([[True], rows[1:] != rows[:-1]])]
 
 
 def hermite_spline_points(values: FloatArray, rows: npt.NDArray[np.intp], count: int) -> FloatArray:
@@ -51,30 +52,42 @@ def hermite_spline_points(values: FloatArray, rows: npt.NDArray[np.intp], count:
 
 def trapezoidal_profile(samples: int, ramp: float) -> FloatArray:
     """Shares (samples,) of a way, 0..1, at an even speed but for a share ``ramp`` of the time at either end."""
-    time = np.linspace(0.0, 1.0, samples)
-    gone = np.minimum(time, ramp) ** 2 / (2 * ramp) + np.clip(time - ramp, 0.0, 1 - 2 * ramp)
-    gone += ramp / 2 - np.minimum(1 - time, ramp) ** 2 / (2 * ramp)
+    time = np.arange(samples) * (1.0 / max(samples - 1, 1))
+    start, end = np.minimum(time, ramp), np.minimum(1 - time, ramp)
+    gone: FloatArray = (start * start - end * end) / (2 * ramp) + (ramp / 2)
+    gone += np.minimum(np.maximum(time - ramp, 0.0), 1 - 2 * ramp)
     return gone / gone[-1]
 
 
 def joint_speeds(path: FloatArray, timestep: float) -> FloatArray:
-    """How fast each joint moves (N, D) along positions (N, D), one row a time step (s)."""
-    speeds = np.zeros_like(path)
+    """How fast each joint moves (N, D) along positions (N, D), one row each ``timestep`` (s)."""
+    speeds = np.zeros(path.shape)
     if len(path) > 1:
-        speeds[1:-1] = (path[2:] - path[:-2]) / (2 * timestep)
-        speeds[0], speeds[-1] = (path[1] - path[0]) / timestep, (path[-1] - path[-2]) / timestep
+        steps = (path[1:] - path[:-1]) / timestep
+        speeds[1:-1] = (steps[1:] + steps[:-1]) / 2
+        speeds[0], speeds[-1] = steps[0], steps[-1]
     return speeds
 
 
 def slow_to_speed_limits(path: FloatArray, timestep: float, limits: FloatArray) -> FloatArray:
-    """The path (N, D), one row a time step (s), spread over as many steps as no joint then exceeds its limit (D,)."""
+    """The path (N, D), one row each ``timestep`` (s), spread over so many that no joint exceeds its limit (D,)."""
     if len(path) < 2:
         return path
-    excess = float((np.abs(np.diff(path, axis=0)).max(axis=0) / (limits * timestep)).max())
+    excess = float((np.abs(path[1:] - path[:-1]).max(axis=0) / (limits * timestep)).max())
     if excess <= 1:
         return path
     at = np.linspace(0.0, len(path) - 1.0, int(np.ceil((len(path) - 1) * excess)) + 1)
-    return np.column_stack([np.interp(at, np.arange(len(path)), path[:, joint]) for joint in range(path.shape[1])])
+    before = np.minimum(at.astype(np.intp), len(path) - 2)
+    share, rates = (at - before)[:, None], joint_speeds(path, 1.0)
+    return between_waypoints(path[before], path[before + 1], rates[before], rates[before + 1], share)
+
+
+def between_waypoints(
+    start: FloatArray, end: FloatArray, leaving: FloatArray, arriving: FloatArray, share: FloatArray | float
+) -> FloatArray:
+    """Joint positions at a ``share`` (0..1) of the time between two that are passed at so much a way point."""
+    way, rest = end - start, 1 - share
+    return start + share * way + share * rest * (rest * (leaving - way) - share * (arriving - way))
 
 
 def rotations_about_z(angles: FloatArray) -> FloatArray:

@@ -6,6 +6,7 @@ vertical plane that lies ``D4`` beside the base's axis: a planar problem with on
 the tool has up to eight answers: shoulder left or right, wrist up or down, elbow up or down.
 """
 
+import math
 from itertools import product
 from typing import Any, Final
 
@@ -16,6 +17,7 @@ from grs_agents.geometry import FloatArray
 from grs_agents.sim.arms.arm import HOME, Arm
 from grs_agents.sim.arms.arm_looks import housing, ring, tube
 from grs_agents.sim.arms.arm_parts import DOWN, TOOL_LENGTH, Capsule, Link, add_link_chain
+from grs_agents.sim.arms.joint_paths import rotations_about_z
 
 D1: Final = 0.1625
 A2: Final = -0.425
@@ -24,6 +26,8 @@ D4: Final = 0.1333
 D5: Final = 0.0997
 D6: Final = 0.0996
 TURN: Final = 2 * np.pi
+_DOWN: Final = 1e-7
+"""Radians: a tool that leans by no more points straight down."""
 REACH: Final = 0.85
 """Nominal reach of the arm from its base axis, metres."""
 NEAREST: Final = 0.22
@@ -42,24 +46,26 @@ def solve_ik_tool_down(tips: FloatArray, yaws: FloatArray) -> FloatArray:
     radius = np.hypot(x, y)
     with np.errstate(invalid="ignore", divide="ignore"):
         base = np.arctan2(y, x) + np.pi - np.arcsin(D4 / radius)
-        forward = np.sqrt(radius**2 - D4**2) - D5
+        forward = np.sqrt(radius * radius - D4**2) - D5
         cosine = _elbow_cosine(forward, height)
-        elbow = np.arccos(np.where(np.abs(cosine) <= 1, cosine, np.nan))
+        elbow = np.arccos(cosine)  # NaN beyond 1
     # The links have negative lengths in the published table, so the arm extends along minus x of link 1.
-    shoulder = np.arctan2(-height, forward) - np.arctan2(-A3 * np.sin(elbow), -A2 - A3 * np.cos(elbow))
-    wrist = -np.pi / 2 - shoulder - elbow
-    half = np.full_like(elbow, -np.pi / 2)
+    shoulder = np.arctan2(-height, forward) - np.arctan2(-A3 * np.sin(elbow), -A2 - A3 * cosine)
     turn = base + np.pi / 2 - yaws
-    turn = np.where(np.isfinite(turn), turn, 0.0)
+    if not np.isfinite(turn).all():
+        turn = np.where(np.isfinite(turn), turn, 0.0)
     if len(turn) > 1 and float(np.abs(turn[1:] - turn[:-1]).max()) > np.pi:
         turn = np.unwrap(turn)
-    turn -= 2 * np.pi * np.round(turn[:1] / (2 * np.pi))
-    return np.stack([base, shoulder, elbow, wrist, half, turn], axis=1)
+    joints = np.empty((len(tips), 6))
+    joints[:, 0], joints[:, 1], joints[:, 2] = base, shoulder, elbow
+    joints[:, 3], joints[:, 4] = -np.pi / 2 - shoulder - elbow, -np.pi / 2
+    joints[:, 5] = turn - TURN * round(float(turn[0]) / TURN)
+    return joints
 
 
 def _elbow_cosine(forward: FloatArray, height: FloatArray) -> FloatArray:
     """Of the elbow's angle for the wrist's place as the shoulder sees it (m); no angle has one beyond 1."""
-    return (forward**2 + height**2 - A2**2 - A3**2) / (2 * A2 * A3)
+    return (forward * forward + height * height - (A2**2 + A3**2)) / (2 * A2 * A3)
 
 
 def _round_to_full_turns(angles: FloatArray) -> FloatArray:
@@ -210,9 +216,25 @@ class UR5e(Arm):
         """As ``Arm.solve``, in closed form."""
         joints = solve_ik_tool_down(tips, yaws)
         if seed is not None:
-            joints[:, 5] += TURN * np.round((seed[5] - joints[0, 5]) / TURN)
-        joints[~(np.abs(joints).max(axis=1) <= TURN)] = np.nan
+            ahead = (float(seed[5]) - float(joints[0, 5])) / TURN
+            joints[:, 5] += TURN * round(ahead) if math.isfinite(ahead) else np.nan
+        if not float(np.abs(joints).max()) <= TURN:  # or NaN
+            joints[~(np.abs(joints).max(axis=1) <= TURN)] = np.nan
         return joints
+
+    def tip_poses(self, path: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As ``Arm.tip_poses``, in closed form where the tool points straight down all along."""
+        base, shoulder, elbow, wrist, half, turn = path.T
+        lean, right = shoulder + elbow + wrist + np.pi / 2, half + np.pi / 2
+        if float(np.abs(lean).max()) > _DOWN or float(np.abs(right).max()) > _DOWN:
+            return super().tip_poses(path)
+        forward = D5 - A2 * np.cos(shoulder) - A3 * np.cos(shoulder + elbow)
+        sine, cosine = np.sin(base), np.cos(base)
+        tips = np.empty((len(path), 3))
+        # The arm's plane lies ``D4`` beside the base's axis; it extends along minus x of link 1.
+        tips[:, 0], tips[:, 1] = D4 * sine - forward * cosine, -D4 * cosine - forward * sine
+        tips[:, 2] = D1 - D6 - TOOL_LENGTH + A2 * np.sin(shoulder) + A3 * np.sin(shoulder + elbow)
+        return tips, rotations_about_z(base + np.pi / 2 - turn)
 
     def solve_ik_for_poses(self, tips: FloatArray, rotations: FloatArray, seed: FloatArray | None = None) -> FloatArray:
         """As ``Arm.solve_ik_for_poses``, in closed form: all rows on the one of eight branches nearest ``seed``."""

@@ -1,7 +1,7 @@
 """Where the suction cup can take hold: flat, uncovered points on an object's top, found by rays from above."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -98,6 +98,8 @@ def find_grasp(physics: Physics, number: int, outline: Prism, others: Sequence[P
             tips = True
             continue
         best = (cost, (x, y, height))
+        if cost <= _FARTHER * (rank + 1):
+            break
     return _make_grasp_or_reason(best[1], covered, tips)
 
 
@@ -130,16 +132,17 @@ def _score_grasp_point(physics: Physics, number: int, others: Sequence[Prism], p
     return roughness + max(0.0, _SWAY - room), neighbour if room < 0 else -1
 
 
-def _candidate_grasp_points(center: Vec3, outline: Prism) -> list[tuple[float, float]]:
+def _candidate_grasp_points(center: Vec3, outline: Prism) -> Iterator[tuple[float, float]]:
+    """The middle, which mostly serves, and then points ever farther from it (m)."""
+    yield center[:2]
     x0, y0, x1, y1 = outline.bounding_box_xy
     xs = center[0] + np.arange(np.ceil((x0 - center[0]) / _SPACING), (x1 - center[0]) / _SPACING) * _SPACING
     ys = center[1] + np.arange(np.ceil((y0 - center[1]) / _SPACING), (y1 - center[1]) / _SPACING) * _SPACING
     grid = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
     inside = grid[margins_inside_outline(np.zeros((1, 2)), outline.outline, grid) > 0.002]
-    middle = np.array([[center[0], center[1]]])
-    ordered = np.vstack([middle, inside[np.argsort(np.linalg.norm(inside - middle, axis=1), kind="stable")]])
-    step = max(1, len(ordered) // _MOST)
-    return [(float(x), float(y)) for x, y in ordered[::step]]
+    ordered = inside[np.argsort(np.linalg.norm(inside - np.array(center[:2]), axis=1), kind="stable")]
+    step = max(1, (len(ordered) + 1) // _MOST)
+    yield from ((x, y) for x, y in ordered[step - 1 :: step].tolist())
 
 
 def _suction_cup_clearance(

@@ -1,5 +1,6 @@
 """The pick-and-place primitive: suction gated on contact and seal, placing until contact, typed failure."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -9,7 +10,7 @@ import numpy as np
 
 from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import FloatArray, transforms
-from grs_agents.sim.arms import CUP_RADIUS
+from grs_agents.sim.arms import CUP_RADIUS, WAYPOINT_STEPS
 from grs_agents.sim.instance import Outcome
 from grs_agents.sim.motion import grasp
 from grs_agents.sim.motion.placement import format_point
@@ -21,10 +22,10 @@ from grs_agents.sim.motion.tool_paths import (
     average_direction_if_compatible,
     candidate_routes,
     choose_safe_pace,
+    interpolate_upright,
     max_obstacle_height_along,
     measure_touching_neighbours,
     plan_joint_legs,
-    polar_path,
     smoothstep,
     split_into_yaw_and_tilt,
     tool_up_axis,
@@ -73,6 +74,7 @@ class PickPlace:
         self.arm = physics.arm
         self.yaw, self.tilt = split_into_yaw_and_tilt(physics.suction_tip_rotation())
         self._hindrance = ""
+        self._descent: tuple[ToolPose, ToolPose, FloatArray] | None = None  # that was planned with the way to it
 
     def pick_and_place(self, pick: Pose, place: Pose) -> PickPlaceResult:
         """Pick where the cup touches, and place with the cup lowered at its place pose until contact.
@@ -105,12 +107,9 @@ class PickPlace:
         height = max(tip[2], pick[2], place[2])
         stops = [(x, y, height) for x, y, _ in (tip, pick, place)]
         for first in _TURNS:
-            counts = [4 + int(2 * abs(angle)) for angle in (first, turn)]
-            points = np.vstack(
-                [polar_path(stops[leg], stops[leg + 1], smoothstep(count)) for leg, count in enumerate(counts)]
-            )
-            before, after = (np.linspace(0.0, 1.0, count) for count in counts)
-            yaws = self.yaw + np.concatenate([before * first, first + after * turn])
+            turned = (self.yaw, self.yaw + first, self.yaw + first + turn)
+            shares = [smoothstep(4 + int(2 * abs(angle))) for angle in (first, turn)]
+            points, yaws = interpolate_upright(list(map(ToolPose, stops, turned)), shares)
             if self.arm.is_path_within_limits(self.arm.solve_ik_tool_down(points, yaws, seed)):
                 return self.yaw + first
         return self.yaw
@@ -119,9 +118,9 @@ class PickPlace:
         """Go down to a point and take hold of what is there."""
         physics = self.physics
         near = ToolPose((point[0], point[1], point[2] + 0.008), yaw)
-        if not self._travel_over_obstacles(near, CUP_RADIUS + 0.04, 0.0, self.obstacles, FREE_SPEED):
-            return self._make_out_of_reach_result(point)
         lowest = ToolPose((point[0], point[1], max(_LOWEST, point[2] - 0.03)), yaw)
+        if not self._travel_over_obstacles(near, CUP_RADIUS + 0.04, 0.0, self.obstacles, FREE_SPEED, lowest=lowest):
+            return self._make_out_of_reach_result(point)
         aimed, met = physics.surface_height_below(*point[:2])[1], set[int]()
         physics.cup.fit_nozzle(physics.world.nozzle_for_object(aimed))
 
@@ -169,7 +168,9 @@ class PickPlace:
         self._lift_clear_of_neighbours(grasped)
         radius, drop = self._held_object_extent(grasped)
         near = place.shifted_by((_ABOVE_TILTED if tilted else 0.012) * up)
-        if not self._carry_object(grasped, near, radius, drop, tilted):
+        deepest = max(drop - 0.01, place.point[2] - 0.25, _LOWEST)
+        lowest = place.shifted_by(-0.03 * up) if tilted else ToolPose((*place.point[:2], deepest), place.yaw)
+        if not self._carry_object(grasped, near, lowest, radius, drop, tilted):
             if physics.held_object_id is None:
                 note = self._describe_drop(grasped)
                 self._retreat_upwards()
@@ -178,8 +179,6 @@ class PickPlace:
             how = f"over its neighbours to {format_point(place.point)}" + (" so tilted" if tilted else "")
             note = f"the arm cannot carry {self.names[grasped]} {how}{self._hindrance}"
             return PickPlaceResult(grasped, False, note, "unreachable")
-        deepest = max(drop - 0.01, place.point[2] - 0.25, _LOWEST)
-        lowest = place.shifted_by(-0.03 * up) if tilted else ToolPose((*place.point[:2], deepest), place.yaw)
         self._descend_until(near, lowest, lambda: physics.is_object_supported(grasped))
         physics.step(10)
         held = physics.held_object_id == grasped
@@ -210,8 +209,11 @@ class PickPlace:
         radius = max(float(np.linalg.norm(prism.outline - np.asarray(tip[:2]), axis=1).max()) for prism in own)
         return radius, max(0.0, tip[2] - min(prism.low for prism in own))
 
-    def _carry_object(self, number: int, end: ToolPose, radius: float, drop: float, tilted: bool) -> bool:
-        """Travel to a pose with an object that reaches ``radius`` to the side of the tip and ``drop`` below it."""
+    def _carry_object(
+        self, number: int, end: ToolPose, lowest: ToolPose, radius: float, drop: float, tilted: bool
+    ) -> bool:
+        """Travel to a pose, from where to go down to ``lowest``, with an object that reaches ``radius`` to the side of
+        the tip and ``drop`` below it."""
         limp = self.physics.world.limp
         tied = number in limp
         fellows = limp if tied else {number}
@@ -219,7 +221,7 @@ class PickPlace:
         hanging = float(np.hypot(radius, drop)) if tilted else drop
         speed, clearance = (ROPE_SPEED, _ROPE_CLEARANCE) if tied else (HELD_SPEED, _CLEARANCE)
         return self._travel_over_obstacles(
-            end, (hanging if tilted else radius) + 0.01, hanging, others, speed, clearance
+            end, (hanging if tilted else radius) + 0.01, hanging, others, speed, clearance, lowest
         )
 
     def _describe_drop(self, number: int) -> str:
@@ -266,10 +268,12 @@ class PickPlace:
         obstacles: Sequence[Prism],
         speed: float,
         clearance: float = _CLEARANCE,
+        lowest: ToolPose | None = None,
     ) -> bool:
         """Go over the table to a pose and down to it, each leg just above what lies within ``radius`` (m) of it.
-        ``drop`` (m) is how far what hangs from the cup reaches below it. False if there was no way (the arm has not
-        moved) or the cup let go, where it stops."""
+        ``drop`` (m) is how far what hangs from the cup reaches below it. ``lowest`` is where the arm is to feel its way
+        to afterwards, which is planned at once. False if there was no way (the arm has not moved) or the cup let go,
+        where it stops."""
         tip, held, self._hindrance = self._current_tool_pose().point, self.physics.held_object_id, ""
         for route in candidate_routes(tip, end.point):
             way: list[Vec3] = [tip]
@@ -277,7 +281,7 @@ class PickPlace:
                 height = max_obstacle_height_along(start, stop, radius, obstacles) + drop + clearance
                 height = max(height, end.point[2] if stop == end.point else 0.0, tip[2] + 0.02 if drop else 0.0)
                 way += [(start[0], start[1], height), (stop[0], stop[1], height)]
-            if self._follow_tool_poses(self._make_tool_poses((*way, end.point), end), speed):
+            if self._follow_tool_poses(self._make_tool_poses((*way, end.point), end), speed, lowest):
                 return True
             if self.physics.held_object_id != held:
                 return False
@@ -293,18 +297,19 @@ class PickPlace:
             for index, point in enumerate(points)
         ]
 
-    def _follow_tool_poses(self, poses: Sequence[ToolPose], speed: float) -> bool:
-        """Follow straight stretches; False, without moving, if the arm cannot or would hit the table or itself."""
+    def _follow_tool_poses(self, poses: Sequence[ToolPose], speed: float, lowest: ToolPose | None = None) -> bool:
+        """Follow straight stretches; False, without moving, if the arm cannot or would hit the table or itself. The way
+        from there to ``lowest`` is planned with them, if there is one."""
         physics = self.physics
         payload = None if physics.held_object_id is None else self._compute_payload_of_object(physics.held_object_id)
         gaits = [
-            choose_safe_pace(speed, payload, physics.timestep, _horizontal_fraction(start.point, end.point))
+            choose_safe_pace(speed, payload, physics.waypoint_seconds, _horizontal_fraction(start.point, end.point))
             for start, end in pairwise(poses)
         ]
-        legs = plan_joint_legs(self.arm, poses, gaits, physics.commanded_joint_positions)
-        if not self._is_joint_path_feasible(np.concatenate(legs)):
+        legs = self._plan_legs(poses, gaits, lowest)
+        if legs is None:
             return False
-        if physics.follow_joint_path(*legs):
+        if physics.follow_joint_path(*legs, spacing=WAYPOINT_STEPS):
             self.yaw, self.tilt = split_into_yaw_and_tilt(physics.suction_tip_rotation())
             return False
         physics.wait_for_joint_positions(legs[-1][-1])
@@ -319,12 +324,31 @@ class PickPlace:
 
     def _descend_until(self, start: ToolPose, end: ToolPose, stop: Callable[[], bool]) -> bool:
         """Feel the way until ``stop``; False, without moving, if the arm cannot go all of it."""
-        gait = Pace(TOUCH_SPEED, 0.0, self.physics.timestep, even=True)
-        (path,) = plan_joint_legs(self.arm, (start, end), (gait,), self.physics.commanded_joint_positions)
-        if not self._is_joint_path_feasible(path):
+        planned, self._descent = self._descent, None
+        if planned is not None and planned[:2] == (start, end):
+            legs = [planned[2]]
+        elif (legs := self._plan_legs((start, end), (self._feeling_pace,))) is None:
             return False
-        self.physics.follow_joint_path(path, stop=stop)
+        self.physics.follow_joint_path(*legs, stop=stop, spacing=WAYPOINT_STEPS)
         return True
+
+    @property
+    def _feeling_pace(self) -> Pace:
+        """How the arm feels its way."""
+        return Pace(TOUCH_SPEED, 0.0, self.physics.waypoint_seconds, even=True)
+
+    def _plan_legs(
+        self, poses: Sequence[ToolPose], gaits: Sequence[Pace], lowest: ToolPose | None = None
+    ) -> list[FloatArray] | None:
+        """The way points (K, dof) of each stretch between two poses; None if the arm cannot follow them all. The
+        descent from the last one to ``lowest`` is planned with them, and kept, if the arm can follow it too."""
+        if lowest is not None:
+            legs = self._plan_legs((*poses, lowest), (*gaits, self._feeling_pace))
+            if legs is not None:
+                self._descent = (poses[-1], lowest, legs.pop())
+                return legs
+        legs = plan_joint_legs(self.arm, poses, gaits, self.physics.commanded_joint_positions)
+        return legs if self._is_joint_path_feasible(np.concatenate(legs)) else None
 
     def _is_joint_path_feasible(self, path: FloatArray) -> bool:
         """Whether the arm can follow joint positions (N, dof): within limits, clear of the table and itself."""
@@ -338,5 +362,5 @@ class PickPlace:
 
 def _horizontal_fraction(start: Vec3, end: Vec3) -> float:
     """How much of a straight way is level: 0 straight up or down, 1 over the table or on the spot."""
-    length = float(np.linalg.norm(np.subtract(end, start)))
-    return float(np.hypot(end[0] - start[0], end[1] - start[1])) / length if length > 1e-6 else 1.0
+    length = math.dist(start, end)
+    return math.dist(start[:2], end[:2]) / length if length > 1e-6 else 1.0

@@ -1,8 +1,9 @@
 """Stretches of the tool's way: routes over the table, and smooth joint paths along them."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Final
 
 import numpy as np
@@ -48,7 +49,8 @@ class ToolPose:
 
 @dataclass(frozen=True)
 class Pace:
-    """Speed (m/s), acceleration (m/s^2) and time step (s) of a motion; ``even``: at that speed from end to end."""
+    """Speed (m/s), acceleration (m/s^2) and time (s) from sample to sample of a motion; ``even``: at that speed from
+    end to end."""
 
     speed: float
     acceleration: float
@@ -114,85 +116,99 @@ def rotations_from_rotvecs(vectors: FloatArray) -> FloatArray:
 
 def polar_path(start: Vec3, end: Vec3, share: FloatArray) -> FloatArray:
     """Points (N, 3) at shares (N,) of the way from start to end; the distance from the base axis changes evenly."""
-    radius = np.hypot([start[0], end[0]], [start[1], end[1]])
-    angle = np.arctan2([start[1], end[1]], [start[0], end[0]])
-    r = radius[0] + share * (radius[1] - radius[0])
-    a = angle[0] + share * (angle[1] - angle[0])
+    radius, angle = math.hypot(*start[:2]), math.atan2(start[1], start[0])
+    r = radius + share * (math.hypot(*end[:2]) - radius)
+    a = angle + share * (math.atan2(end[1], end[0]) - angle)
     return np.stack([r * np.cos(a), r * np.sin(a), start[2] + share * (end[2] - start[2])], axis=1)
 
 
 def smoothstep(samples: int) -> FloatArray:
     """Shares (samples,) of a way, 0..1, that begin and end without speed or acceleration."""
-    share = np.linspace(0.0, 1.0, samples)
-    return share**3 * (10 - share * (15 - 6 * share))
+    share = np.arange(samples, dtype=np.float64) / (samples - 1)
+    return share * share * share * (10 - share * (15 - 6 * share))
+
+
+_SAMPLES: Final = smoothstep(24)
+"""Where on a way obstacles are looked for."""
 
 
 def motion_profile(length: float, gait: Pace) -> FloatArray:
-    """Shares (N,) of a way of ``length`` metres, 0..1, one a time step: the sooner there of two ways to go.
+    """Shares (N,) of a way of ``length`` metres, 0..1, one a sample: the sooner there of two ways to go.
     A short way begins and ends as smoothly as its time allows; a long one goes at full speed between two ramps."""
     if gait.even:
         seconds = length / gait.speed + _RAMP / 2
-        return trapezoidal_profile(max(4, int(seconds / gait.timestep)), min(0.5, _RAMP / 2 / seconds))
+        return trapezoidal_profile(_count_samples(seconds, gait), min(0.5, _RAMP / 2 / seconds))
     smoothly = max(1.875 * length / gait.speed, float(np.sqrt(5.774 * length / gait.acceleration)))
     ramp = max(gait.speed / min(gait.acceleration, _EASY), _RAMP)
     fast = length / gait.speed + ramp
     if fast < smoothly and 2 * ramp < fast:
-        return trapezoidal_profile(max(4, int(fast / gait.timestep)), ramp / fast)
-    return smoothstep(max(4, int(smoothly / gait.timestep)))
+        return trapezoidal_profile(_count_samples(fast, gait), ramp / fast)
+    return smoothstep(_count_samples(smoothly, gait))
+
+
+def _count_samples(seconds: float, gait: Pace) -> int:
+    """How many there are from the beginning to the end of a motion that takes no less than ``seconds``."""
+    return max(3, math.ceil(seconds / gait.timestep) + 1)
 
 
 def plan_joint_legs(arm: Arm, poses: Sequence[ToolPose], gaits: Sequence[Pace], seed: FloatArray) -> list[FloatArray]:
-    """Joint positions (N, dof) of each stretch between two of the poses, one a time step: the first begins near
+    """Joint positions (N, dof) of each stretch between two of the poses, in the paces' times: the first begins near
     ``seed``, the last is NaN where the arm cannot."""
-    legs = [
-        _interpolate_tool_poses(start, end, gait) for (start, end), gait in zip(pairwise(poses), gaits, strict=True)
-    ]
+    shares = [_share_of_way(start, end, gait) for (start, end), gait in zip(pairwise(poses), gaits, strict=True)]
+    ends = list(accumulate(map(len, shares)))
+    points, yaws = interpolate_upright(poses, shares)
     if arm.solves_rows_alone and not any(any(pose.tilt) for pose in poses):
-        points, yaws, _ = (np.concatenate(parts) for parts in zip(*legs, strict=True))
-        return np.split(arm.solve_ik_tool_down(points, yaws, seed), np.cumsum([len(leg[0]) for leg in legs])[:-1])
+        joints = arm.solve_ik_tool_down(points, yaws, seed)
+        return [joints[start:end] for start, end in pairwise((0, *ends))]
     solved: list[FloatArray] = []
-    for points, yaws, leans in legs:
+    for leg, (start, end) in enumerate(pairwise((0, *ends))):
+        tilts = np.array([pose.tilt for pose in poses[leg : leg + 2]])
+        leans = tilts[0] + shares[leg][:, None] * (tilts[1] - tilts[0])
+        points_of_leg, yaws_of_leg = points[start:end], yaws[start:end]
         if leans.any():
-            rotations = rotations_from_rotvecs(leans) @ rotations_about_z(yaws)
-            solved.append(arm.solve_ik_for_poses(points, rotations, seed))
+            rotations = rotations_from_rotvecs(leans) @ rotations_about_z(yaws_of_leg)
+            solved.append(arm.solve_ik_for_poses(points_of_leg, rotations, seed))
         else:
-            solved.append(arm.solve_ik_tool_down(points, yaws, seed))
+            solved.append(arm.solve_ik_tool_down(points_of_leg, yaws_of_leg, seed))
         seed = solved[-1][-1]
         if not np.isfinite(seed).all():
             break
     return solved
 
 
-def _interpolate_tool_poses(start: ToolPose, end: ToolPose, gait: Pace) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where the tip is (N, 3), how the tool is turned (N,) and tilted (N, 3; rotation vectors), one row a time step."""
-    tilting = np.array([start.tilt, end.tilt])
-    leaning = float(np.linalg.norm(tilting[1] - tilting[0]))
-    length = float(np.linalg.norm(np.subtract(end.point, start.point))) + 0.25 * (abs(end.yaw - start.yaw) + leaning)
-    share = motion_profile(length, gait)
-    yaws = start.yaw + share * (end.yaw - start.yaw)
-    return polar_path(start.point, end.point, share), yaws, tilting[0] + share[:, None] * (tilting[1] - tilting[0])
+def _share_of_way(start: ToolPose, end: ToolPose, gait: Pace) -> FloatArray:
+    """Which share (N,) of the way between two poses is gone, in the pace's times."""
+    turning = abs(end.yaw - start.yaw) + math.dist(start.tilt, end.tilt)
+    return motion_profile(math.dist(start.point, end.point) + 0.25 * turning, gait)
+
+
+def interpolate_upright(poses: Sequence[ToolPose], shares: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Where the tip is (N, 3) and how the tool is turned (N,) on all stretches between poses; see ``polar_path``."""
+    stops = np.array([(math.hypot(x, y), math.atan2(y, x), z, pose.yaw) for pose in poses for x, y, z in (pose.point,)])
+    counts = [len(share) for share in shares]
+    gone = np.concatenate(shares) * (stops[1:] - stops[:-1]).T.repeat(counts, axis=1)
+    r, a, z, yaws = gone + stops[:-1].T.repeat(counts, axis=1)
+    return np.stack([r * np.cos(a), r * np.sin(a), z], axis=1), yaws
 
 
 def max_obstacle_height_along(start: Vec3, end: Vec3, radius: float, obstacles: Sequence[Prism]) -> float:
     """The top of the highest obstacle that comes within ``radius`` of the way from start to end."""
     if not obstacles:
         return 0.0
-    points = polar_path(start, end, smoothstep(24))[:, :2]
-    boxes = np.array([obstacle.bounding_box_xy for obstacle in obstacles])
-    outside = np.maximum(boxes[:, None, :2] - points[None], points[None] - boxes[:, None, 2:])
-    near = np.linalg.norm(np.maximum(outside, 0.0), axis=2).min(axis=1) < radius
-    heights = np.array([obstacle.high for obstacle in obstacles])
-    return float(heights[near].max()) if near.any() else 0.0
+    x, y = polar_path(start, end, _SAMPLES)[:, :2].T
+    x0, y0, x1, y1 = np.array([obstacle.bounding_box_xy for obstacle in obstacles]).T[:, :, None]
+    aside, along = np.maximum(np.maximum(x0 - x, x - x1), 0.0), np.maximum(np.maximum(y0 - y, y - y1), 0.0)
+    near = (aside * aside + along * along).min(axis=1) < radius * radius
+    return max((obstacle.high for obstacle, one in zip(obstacles, near.tolist(), strict=True) if one), default=0.0)
 
 
-def candidate_routes(start: Vec3, end: Vec3) -> list[list[Vec3]]:
+def candidate_routes(start: Vec3, end: Vec3) -> Iterator[list[Vec3]]:
     """Ways over the table: straight first, then drawn in (or out) to a circle around the base and along it."""
-    ways: list[list[Vec3]] = [[start, end]]
+    yield [start, end]
+    sides = (math.atan2(start[1], start[0]), math.atan2(end[1], end[0]))
     for radius in _DETOURS:
-        sides = (np.arctan2(start[1], start[0]), np.arctan2(end[1], end[0]))
-        corners = [(radius * float(np.cos(angle)), radius * float(np.sin(angle)), start[2]) for angle in sides]
-        ways.append([start, *corners, end])
-    return ways
+        corners = [(radius * math.cos(angle), radius * math.sin(angle), start[2]) for angle in sides]
+        yield [start, *corners, end]
 
 
 _RUBBING, UNDER = 0.01, 0.005

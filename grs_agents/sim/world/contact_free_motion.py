@@ -5,31 +5,28 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.geometry import FloatArray
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.arms import DOWN
+from grs_agents.sim.arms import DOWN, WAYPOINT_STEPS
 from grs_agents.sim.world.compilation import World
+from grs_agents.sim.world.joint_way import JointWay
 from grs_agents.sim.world.suction import GRAVITY, Cup
 
-_SPACING: Final = 4
-"""Time steps between two rows of a path at which the tip's pose is worked out, all but the last."""
 _FARTHEST: Final = 0.016
 """Metres that the tip moves between two looks for contact: about half of what a way keeps clear of things."""
 _PER_RADIAN: Final = 0.25
 """Metres that a radian of turning counts as."""
 _OFTEN, _SELDOM = 8, 32
 """Time steps between two looks at most: of who feels the way, and else."""
-_SHORTEST: Final = 24
-"""Time steps: for less of a way it does not pay."""
+_SHORTEST: Final = 6
+"""Way points: for less of a way it does not pay."""
 
 
 @dataclass(frozen=True)
 class _TipPath:
-    """Where the tip and what hangs from it come to at some rows of a path."""
+    """Where the tip and what hangs from it come to at the way points of a path."""
 
-    rows: npt.NDArray[np.int_]  # (K,)
     joints: FloatArray  # (K, dof)
     tips: FloatArray  # (K, 3), metres
     tools: FloatArray  # (K, 3, 3), rotations from the tool straight down
@@ -58,75 +55,69 @@ class ContactFreeMotion:
 
     def follow(
         self,
-        path: FloatArray,
-        speeds: FloatArray,
-        torques: FloatArray,
+        way: JointWay,
         pass_time: Callable[[int], None],
         *,
         feeling: bool = False,
         watched: bool = False,
     ) -> int:
-        """Go along joint positions (N, dof), one for each time step from the next one on; ``speeds`` and ``torques``
-        (N, dof) are what they ask of the joints. ``pass_time(steps)`` is called after each part of the way, for who
-        watches 30 times a second. One who is ``feeling`` the way expects contact.
+        """Go along a way. ``pass_time(steps)`` is called after each part of it, for who watches 30 times a second. One
+        who is ``feeling`` the way expects contact.
 
         Returns how many time steps of it were gone: all, or fewer where something would be touched next; none where
         the dynamics have to say what comes of it.
         """
-        if len(path) < _SHORTEST or (np.abs(torques) > self._torques).any():
+        if len(way.joints) < _SHORTEST or (np.abs(way.torques) > self._torques).any():
             return 0
-        rows = np.append(np.arange(0, len(path) - 1, _SPACING), len(path) - 1)
-        way = _TipPath(rows, path[rows], *self._world.arm.tip_poses(path[rows]))
-        if self._cup.held is not None and self._would_let_go(self._cup.held, way):
+        path = _TipPath(way.joints, *self._world.arm.tip_poses(way.joints))
+        if self._cup.held is not None and self._would_let_go(self._cup.held, path, way.seconds):
             return 0
-        before, place, last = np.array(self._data.qpos), self._make_placer(way), -1
-        for index in _choose_looks(way, _OFTEN if feeling else _SELDOM):
+        before, place, last = np.array(self._data.qpos), self._make_placer(path), 0
+        for index in _choose_looks(path, _OFTEN if feeling else _SELDOM):
             place(index)
             if self._data.ncon:
                 break
             if watched:
-                self._show_between(last, index, rows, speeds, place, pass_time)
-            else:
-                pass_time(_steps_between(last, index, rows))
+                self._show_between(last, index, way.speeds, place, pass_time)
             last = index
+        steps = WAYPOINT_STEPS * last
+        if not watched:
+            pass_time(steps)
+        if steps == way.steps:
+            self._take_up_speed(way.joints[-1], None)
+        elif last:
+            place(last)
+            self._take_up_speed(way.joints[last], way.speeds[last])
         else:
-            self._take_up_speed(path[-1], np.zeros(self._dof))  # a way ends at rest
-            return len(path)
-        if last < 0:
             self._data.qpos[:] = before
             mujoco.mj_forward(self._model, self._data)
-            return 0
-        place(last)
-        gone = int(rows[last]) + 1
-        self._take_up_speed(path[gone - 1], speeds[gone - 1])
-        return gone
+        return steps
 
     def _show_between(
         self,
         last: int,
         end: int,
-        rows: npt.NDArray[np.int_],
         speeds: FloatArray,
         place: Callable[[int], None],
         pass_time: Callable[[int], None],
     ) -> None:
-        """Pass through every second row after the ``last`` one up to ``end``, for who watches."""
+        """Pass through every second way point after the ``last`` one up to ``end``, for who watches."""
         for index in [*range(last + 2, end, 2), end]:
             place(index)
-            self._data.qvel[: self._dof] = speeds[rows[index]]
-            pass_time(_steps_between(last, index, rows))
+            self._data.qvel[: self._dof] = speeds[index]
+            pass_time(WAYPOINT_STEPS * (index - last))
             last = index
 
-    def _would_let_go(self, number: int, way: _TipPath) -> bool:
+    def _would_let_go(self, number: int, way: _TipPath, step: float) -> bool:
         """Whether weight and inertia of what is held are more than the cup bears, somewhere on the way."""
         body, data = self._world.bodies[number], self._data
         tip, tool = self._current_tip()
-        mass, step = float(self._model.body_mass[body]), _SPACING * float(self._model.opt.timestep)
-        levers = (way.tools @ (tool.T @ (data.xipos[body] - tip)))[:-1]  # the last row comes sooner after its previous
-        centers: FloatArray = way.tips[:-1] + levers
+        mass = float(self._model.body_mass[body])
+        levers = way.tools @ (tool.T @ (data.xipos[body] - tip))
+        centers: FloatArray = way.tips + levers
         x, y, z = (mass / step**2 * (centers[2:] - 2 * centers[1:-1] + centers[:-2])).T
         z = z + mass * GRAVITY
-        (i, j, k), (a, b, c) = levers[1:-1].T, way.tools[1:-2, :, 2].T
+        (i, j, k), (a, b, c) = levers[1:-1].T, way.tools[1:-1, :, 2].T
         pressing: FloatArray = np.minimum(x * a + y * b + z * c, 0.0)
         u, v, w = j * z - k * y, k * x - i * z, i * y - j * x
         twist = u * a + v * b + w * c
@@ -168,13 +159,15 @@ class ContactFreeMotion:
 
         return place_arm_and_object
 
-    def _take_up_speed(self, joints: FloatArray, speeds: FloatArray) -> None:
-        """Let the dynamics go on from here, the joints moving at ``speeds`` (dof,) and what is held with them."""
+    def _take_up_speed(self, joints: FloatArray, speeds: FloatArray | None) -> None:
+        """Let the dynamics go on from here, the joints moving at ``speeds`` (dof,) and what is held with them; at rest
+        with none, as where a way ends."""
         model, data, held = self._model, self._data, self._cup.held
         data.qvel[:] = 0.0
         data.qacc_warmstart[:] = 0.0
-        data.qvel[: self._dof] = speeds
-        if held is not None and speeds.any():
+        if speeds is not None:
+            data.qvel[: self._dof] = speeds
+        if held is not None and speeds is not None:
             step = float(model.opt.timestep)
             tips, tools = self._world.arm.tip_poses(np.array([joints - step * speeds, joints]))
             start, body = int(model.body_dofadr[self._world.bodies[held]]), self._world.bodies[held]
@@ -187,17 +180,14 @@ class ContactFreeMotion:
         mujoco.mj_forward(model, data)
 
 
-def _steps_between(first: int, second: int, rows: npt.NDArray[np.int_]) -> int:
-    """Time steps from one row to another; -1 stands for where the way begins."""
-    return int(rows[second]) - (int(rows[first]) if first >= 0 else -1)
-
-
 def _choose_looks(way: _TipPath, longest: int) -> list[int]:
-    """At which of its rows to look for contact: the last one, as many as a look's greatest distance asks for, and none
-    more than ``longest`` time steps from the one before."""
-    moved, turned = np.diff(way.tips, axis=0), np.diff(way.tools, axis=0)
-    steps: FloatArray = np.sqrt((moved * moved).sum(axis=1))
-    steps += _PER_RADIAN * np.sqrt((turned * turned).sum(axis=(1, 2)) / 2)  # the angle, as long as it is small
-    parts: FloatArray = np.maximum(steps / _FARTHEST, np.diff(way.rows) / longest)
-    gone = np.floor(np.cumsum(parts))
-    return [*np.flatnonzero(gone[1:] > gone[:-1]).tolist(), len(way.rows) - 1]
+    """At which of its way points to look for contact: the last one, as many as a look's greatest distance asks for, and
+    none more than ``longest`` time steps from the one before."""
+    moved, tools = way.tips[1:] - way.tips[:-1], way.tools.reshape(-1, 9)
+    turned = tools[1:] - tools[:-1]
+    parts: FloatArray = np.sqrt(np.einsum("ni,ni->n", moved, moved))
+    parts += _PER_RADIAN * np.sqrt(np.einsum("ni,ni->n", turned, turned) / 2)  # the angle, as long as it is small
+    parts /= _FARTHEST
+    gone = np.floor(np.maximum(parts, WAYPOINT_STEPS / longest).cumsum())
+    looks: list[int] = (gone[1:] > gone[:-1]).nonzero()[0].tolist()
+    return [*(index for index in looks if index), len(way.tips) - 1]

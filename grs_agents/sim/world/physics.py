@@ -8,11 +8,12 @@ import numpy as np
 from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.arms import DOWN, ROBOT_CONTYPE, joint_paths
+from grs_agents.sim.arms import DOWN, ROBOT_CONTYPE, WAYPOINT_STEPS
 from grs_agents.sim.instance import InstanceObject, SimulationError
 from grs_agents.sim.world.budget import Budget
 from grs_agents.sim.world.compilation import World, reset_world_to_poses
 from grs_agents.sim.world.contact_free_motion import ContactFreeMotion
+from grs_agents.sim.world.joint_way import pace_legs
 from grs_agents.sim.world.suction import Cup, is_supported
 
 _STILL: Final = 0.01
@@ -21,8 +22,6 @@ _GLANCE, _SURGE = 4, 0.2
 """Steps that show whether all rests as it was put down, and how much of that speed may be gained in one of them."""
 _ARRIVED: Final = 0.002
 """Radians from the end of a motion at which the next one begins: 1 mm of the tip."""
-_TOP_SPEED: Final = 0.95
-"""How much of its joints' speeds the arm is told to use, since it swings a little beyond."""
 _FREE_STRIDE, _HELD_STRIDE = 8, 2
 """Time steps that a command of the arm lasts, of a free hand and of one that holds something; each leads evenly to the
 next. With four, a tall carton held 5 mm aside tipped off the cup in 10 of 60."""
@@ -60,6 +59,7 @@ class Physics:
         self._poses: dict[int, tuple[list[float], list[float], Pose]] = {}  # of objects, by what they were made from
         reset_world_to_poses(world, objects)
         self.timestep = float(self.model.opt.timestep)
+        self.waypoint_seconds = WAYPOINT_STEPS * self.timestep
         self.arm, self.dof = world.arm, world.arm.dof
         if joints is None:
             joints = self.arm.home_joints
@@ -70,6 +70,7 @@ class Physics:
         self._lead: FloatArray = -self.model.actuator_biasprm[: self.dof, 2] / self._stiffness
         self.cup = Cup(world, self.data)
         self._contact_free = ContactFreeMotion(world, self.data, self.cup)
+        self._ray, self._met = np.empty((2, 3)), np.array([-1], dtype=np.int32)  # a look casts many
         self.observer: Callable[[], None] | None = None
         self.observer_period = 1  # time steps between two calls of the observer
         self._unobserved = 0
@@ -266,6 +267,8 @@ class Physics:
 
     def unheld_objects_touching_robot(self) -> set[int]:
         """Ids of the objects that any part of the robot touches, but for what it holds."""
+        if self.data.ncon == 0:
+            return set()
         pairs = self.data.contact.geom
         rows = pairs[(self.model.geom_contype[pairs] == ROBOT_CONTYPE).any(axis=1)]
         return {self.world.owners[int(geom)] for geom in rows.ravel()} - {-1, self.held_object_id}
@@ -284,10 +287,10 @@ class Physics:
         of them by what the joints' damping costs."""
         return path + speeds * self._lead
 
-    def follow_joint_path(self, *legs: FloatArray, stop: Callable[[], bool] | None = None) -> bool:
-        """Drive the arm through joint positions (N, dof), one a time step or slower, as its joints' speeds allow; it
-        rests between legs. True if it ended before: the cup let go, or ``stop`` held, which may hold where something
-        touches alone.
+    def follow_joint_path(self, *legs: FloatArray, stop: Callable[[], bool] | None = None, spacing: int = 1) -> bool:
+        """Drive the arm through joint positions (N, dof), one each ``spacing`` time steps (1 or ``WAYPOINT_STEPS``) or
+        slower, as its joints' speeds allow; it rests between legs. True if it ended before: the cup let go, or ``stop``
+        held, which may hold where something touches alone.
 
         Where nothing touches anything the arm is set along the path; what is touched is left to the dynamics.
         """
@@ -295,40 +298,30 @@ class Physics:
         stride = _FREE_STRIDE if held is None else _HELD_STRIDE
         if stop is not None:
             stride = _HELD_STRIDE if held is None else 1  # it feels its way
-        path, rate, torque = (np.concatenate(parts) for parts in zip(*map(self._pace_leg, legs), strict=True))
-        # Ahead by what damping and inertia cost, the arm keeps to its path; else it would swing out to the side.
-        commands = self.compensate_joint_damping(path, rate) + torque / self._stiffness
+        way = pace_legs(legs, self.arm, self.timestep, spacing)
         gone = again = 0
-        while gone + stride <= len(path):
-            if gone >= again and self._contact_free.can_begin():
-                steps = self._contact_free.follow(
-                    path[gone:],
-                    rate[gone:],
-                    torque[gone:],
+        while gone < way.steps:
+            if gone >= again and gone % WAYPOINT_STEPS == 0 and self._contact_free.can_begin():
+                passed = self._contact_free.follow(
+                    way.since(gone // WAYPOINT_STEPS),
                     self._pass_time,
                     feeling=stop is not None,
                     watched=self.observer is not None,
                 )
-                gone += steps
+                gone += passed
                 again = gone + _AGAIN
-                if steps:
+                if passed:
                     self.cup.watch_anew()
-                    self.hold_arm(commands[gone - 1])
+                    self.hold_arm(way.command_at(gone, self._lead, self._stiffness))
                     continue
-            gone += stride
-            self.lead_arm(commands[gone - 1], stride)
+            count = min(stride, way.steps - gone)
+            gone += count
+            self.lead_arm(way.command_at(gone, self._lead, self._stiffness), count)
             if self.cup.held != held or (stop is not None and stop()):
                 self.hold_arm(self.joint_positions)
                 return True
-        self.hold_arm(path[-1])
+        self.hold_arm(way.joints[-1])
         return False
-
-    def _pace_leg(self, leg: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """A leg as slow as the joints' speeds allow, and their speeds and the torques (N, dof) that it costs."""
-        leg = joint_paths.slow_to_speed_limits(leg, self.timestep, _TOP_SPEED * self.arm.joint_speed_limits)
-        rate = joint_paths.joint_speeds(leg, self.timestep)
-        inertia = self.arm.inertia_matrix(leg[len(leg) // 2])
-        return leg, rate, joint_paths.joint_speeds(rate, self.timestep) @ inertia
 
     def _pass_time(self, steps: int) -> None:
         """Count time steps in which the arm was set along its path."""
@@ -352,8 +345,7 @@ class Physics:
         self, start: Sequence[float] | FloatArray, direction: Sequence[float] | FloatArray
     ) -> tuple[float, int]:
         """(metres, object id or -1) of what a ray with a unit ``direction`` first touches; (-1, -1) for nothing."""
-        geom = np.array([-1], dtype=np.int32)
-        distance = float(
-            mujoco.mj_ray(self.model, self.data, np.asarray(start), np.asarray(direction), _SOLID, 1, -1, geom)
-        )
+        (origin, way), geom = self._ray, self._met
+        origin[:], way[:] = start, direction
+        distance = float(mujoco.mj_ray(self.model, self.data, origin, way, _SOLID, 1, -1, geom))
         return (distance, self.world.owners[int(geom[0])]) if distance >= 0 else (-1.0, -1)
