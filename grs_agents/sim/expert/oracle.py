@@ -51,8 +51,11 @@ class RopePlanner:
     def __init__(self) -> None:
         self._chosen: dict[tuple[int, ...], FloatArray] = {}
 
-    def rank_bead_moves(self, goal: Goal, view: SceneView, pos_eps: float) -> list[tuple[int, FloatArray]]:
-        """Rows of beads to take and where to (2,), metres, the most useful first; empty: all are in place."""
+    def rank_bead_moves(
+        self, goal: Goal, view: SceneView, pos_eps: float, tries: Sequence[int]
+    ) -> list[tuple[int, FloatArray]]:
+        """Rows of beads to take and where to (2,), metres, the most useful first; empty: all are in place. What was
+        tried before (``tries`` of each row) did not bring what the model of the rope promised."""
         beads = np.array([view.object_pose(number)[0][:2] for number in goal.objects])
         key = goal.objects
         if key not in self._chosen:
@@ -67,6 +70,7 @@ class RopePlanner:
             ]
         )
         off = np.linalg.norm(wanted - beads, axis=1)
+        after += _TRIED * np.asarray(tries)
         order = sorted(range(len(beads)), key=lambda row: (after[row] > now, round(float(after[row]), 4), -off[row]))
         return [(row, wanted[row]) for row in order if off[row] > 0.3 * pos_eps]
 
@@ -95,6 +99,8 @@ def _rope_placement_cost(beads: FloatArray, wanted: FloatArray, pos_eps: float) 
     return float((off + _MISS * np.clip(off / (0.7 * pos_eps) - 0.4, 0.0, 1.0)).sum())
 
 
+_TRIED: Final = 0.02
+"""What each time that a bead was taken before counts against taking it again, metres."""
 Action = dict[str, Pose]
 _ATTEMPTS: Final = 4
 _PLACED: Final = 0.985
@@ -191,7 +197,8 @@ class Oracle:
 
     def _plan_rope_action(self, goal: Goal, view: SceneView) -> Action | None:
         """Take the bead of a rope to its place that helps the most; None if none can be taken."""
-        for row, target in self._ropes.rank_bead_moves(goal, view, self.task.pos_eps):
+        tries = [self._attempts.get((len(self.task.goals), number), 0) for number in goal.objects]
+        for row, target in self._ropes.rank_bead_moves(goal, view, self.task.pos_eps, tries):
             number = goal.objects[row]
             attempt = (len(self.task.goals), number)
             hold = self.find_pick_point(number, view) if self._attempts.get(attempt, 0) < _ATTEMPTS else None
