@@ -83,11 +83,8 @@ def find_grasp(physics: Physics, number: int, outline: Prism, others: Sequence[P
     for rank, (x, y) in enumerate(_candidate_grasp_points(center, outline)):
         if best[0] <= _FARTHER * rank:
             break  # nothing that is left can be better
-        height, owner = physics.surface_height_below(x, y)
-        roughness, cover = np.inf, owner if height > outline.low else -1
-        if owner == number:
-            roughness, cover = _score_grasp_point(physics, number, around, (x, y, height))
-        if cover >= 0 or owner != number:
+        height, roughness, cover = _look_down(physics, number, around, outline.low, (x, y))
+        if cover >= 0 or np.isinf(roughness):
             covered[cover] += 1
             continue
         cost = roughness + (_FARTHER * rank if roughness else 0.0)
@@ -121,6 +118,17 @@ def _would_tip_off_cup(physics: Physics, number: int, point: Vec3) -> bool:
 def _body_radius(physics: Physics, number: int) -> float:
     """How near (m) to the axis of the nozzle for an object nothing may stand up."""
     return physics.world.nozzle_for_object(number).radius + _CLEAR
+
+
+def _look_down(
+    physics: Physics, number: int, around: Sequence[Prism], low: float, point: tuple[float, float]
+) -> tuple[float, float, int]:
+    """How high (m) what is seen from above at a point (m) lies, how rough it is for the cup (infinitely if it is not
+    the object), and the id of what is in the way, -1 for nothing that reaches higher than ``low`` (m)."""
+    height, owner = physics.surface_height_below(*point)
+    if owner != number:
+        return height, np.inf, owner if height > low else -1
+    return height, *_score_grasp_point(physics, number, around, (*point, height))
 
 
 def _score_grasp_point(physics: Physics, number: int, others: Sequence[Prism], point: Vec3) -> tuple[float, int]:

@@ -31,7 +31,7 @@ class Volume:
     weights: FloatArray
 
 
-_shares: dict[tuple[int, Pose, tuple[Zone, ...], float], tuple[Volume, float]] = {}
+_shares: dict[tuple[int, Pose, tuple[tuple[Pose, Vec3], ...], float], tuple[Volume, float]] = {}
 
 
 @cached_per_model
@@ -90,7 +90,7 @@ def measure_inner_size(model: ObjectModel, library: Library) -> Vec3 | None:
 
 def volume_share_in_zones(volume: Volume, pose: Pose, zones: Sequence[Zone], ceiling: float) -> float:
     """The share of an object's volume that lies over any of the zones and below ``ceiling`` (m)."""
-    key = (id(volume), pose, tuple(zones), ceiling)
+    key = (id(volume), pose, tuple((zone.pose, zone.size) for zone in zones), ceiling)  # numbers are hashed fast
     known = _shares.get(key)  # most objects lie where they lay when the score was last asked for
     if known is None:
         if len(_shares) >= _REMEMBERED:

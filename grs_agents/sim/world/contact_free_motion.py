@@ -174,8 +174,9 @@ class ContactFreeMotion:
             turn, spin = np.empty(4), np.empty(3)
             mujoco.mju_mat2Quat(turn, np.ascontiguousarray(tools[1] @ tools[0].T).ravel())
             mujoco.mju_quat2Vel(spin, turn, step)
-            arm = data.xpos[body] - tips[1]
-            data.qvel[start : start + 3] = (tips[1] - tips[0]) / step + np.cross(spin, arm)
+            (u, v, w), (x, y, z) = spin.tolist(), (data.xpos[body] - tips[1]).tolist()
+            swept = (v * z - w * y, w * x - u * z, u * y - v * x)
+            data.qvel[start : start + 3] = (tips[1] - tips[0]) / step + swept
             data.qvel[start + 3 : start + 6] = np.asarray(data.xmat[body]).reshape(3, 3).T @ spin
         mujoco.mj_forward(model, data)
 

@@ -214,7 +214,7 @@ def test_what_comes_to_rest_in_vain_twice_at_the_same_place_is_not_put_there_aga
 
     def scene(task, env) -> None:
         box = env.add_object("HOPE/Butter.urdf", ((*FROM, 0.012), lying))
-        pose_goal(task, box, ((*TO, 0.0), utils.eulerXYZ_to_quatXYZW((0.0, 0.0, 0.8))), symmetry=2 * np.pi)
+        pose_goal(task, box, ((*TO, 0.0), utils.eulerXYZ_to_quatXYZW((0.0, 0.0, -0.8))), symmetry=2 * np.pi)
 
     episode, _ = run(scene)
     assert (episode.outcome, episode.steps < 4) == ("dropped", True), episode.detail
