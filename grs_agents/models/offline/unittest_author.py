@@ -61,6 +61,19 @@ class Test{title}(unittest.TestCase):
                 off, allowed = self.measure_distance_to_place(item, end, support, place, extent, turned)
                 told = f"{{asset}} ends {{off}} m off its place, {{allowed}} is allowed"
                 self.assertTrue((off < allowed).all(), told)
+        for below, above in zip(MOVES, MOVES[1:]):
+            if below[2:5] == above[2:5] and above[3] is not None and above[4] is None:  # a stack
+                low, high = (self.measure_bottom(self.env.find(asset)[number]) for asset, number, *_ in (below, above))
+                self.assertGreater(high, low, f"{{above[0]}} does not end above {{below[0]}}")
+
+    def measure_bottom(self, item):
+        """The height of the bottom of an object whose origin is in its middle."""
+        position, turn = self.env.get_object_pose(item)
+        return position[2] - float(np.dot(self.measure_rises(turn), self.env.get_object_size(item))) / 2
+
+    def measure_rises(self, turn):
+        """How far each axis of an object points up or down."""
+        return [abs(utils.multiply(((0, 0, 0), turn), (axis, (0, 0, 0, 1)))[0][2]) for axis in np.eye(3).tolist()]
 
     def measure_distance_to_place(self, item, end, support, place, extent, turned):
         """How far off an object ends, and how far it may, in x and y of what it goes to (None: of the robot)."""
@@ -73,8 +86,7 @@ class Test{title}(unittest.TestCase):
         if extent is None:
             return np.abs(here - place), np.full(2, 0.03)
         middle = (0, 0) if support is not None else place
-        pose = ((0, 0, 0), self.env.get_object_pose(item)[1])
-        rises = [abs(utils.multiply(pose, (axis, (0, 0, 0, 1)))[0][2]) for axis in np.eye(3).tolist()]
+        rises = self.measure_rises(self.env.get_object_pose(item)[1])
         width = min(np.delete(self.env.get_object_size(item), int(np.argmax(rises))))
         return np.abs(here - middle), (np.array(extent) - width) / 2 + 0.01
 
