@@ -44,6 +44,7 @@ TASKS: dict[str, list[Json]] = {
     "in line": [{"objects": [TUNA], "at": (0.43, -0.02)}],
     "together": [{"kind": "inside", "objects": [RED, BLUE], "reference": BOX}],
     "row": [{"objects": [RED], "at": (0.3, -0.02)}, {"objects": [BLUE], "at": (0.3, 0.04)}],
+    "wide row": [{"objects": [RAISINS], "at": (0.3, 0.0)}, {"objects": [MILK], "at": (0.3, 0.134)}],
     "marked row": [
         {"kind": "in_zone", "objects": [RED], "reference": ZONE},
         {"kind": "in_zone", "objects": [BLUE], "reference": ZONE},
@@ -113,6 +114,7 @@ HONEST = [
     ("row", "Put the red and the blue block next to each other in a row."),
     ("row", "Line up the red block and the blue block from right to left, as the robot sees it."),
     ("row", "Put the blocks together."),
+    ("wide row", "Put the raisins and the milk side by side on the table."),
     ("together", "Put the red and blue blocks into the brown box."),
     ("together", "Put the red block and the blue block together into the brown box."),
     ("around", "Place the red block and the blue block around the milk."),

@@ -1,6 +1,7 @@
 """The roles that invent: the task author and the simulation author."""
 
 import json
+from collections import Counter
 from collections.abc import Iterator, Sequence, Set
 from itertools import chain, combinations, islice, product
 
@@ -47,10 +48,11 @@ def draw_random_task(objects: Sequence[SceneObject], rng: np.random.Generator) -
     color = PALETTE[int(rng.integers(len(PALETTE)))]
     taken = tuple(obj.footprint_rect for obj in objects)
     request = TaskRequest(color, _find_usable_containers(objects), taken=taken)
-    for least in (2, 1):
+    called = Counter(obj.label for obj in objects)
+    for least, apart in ((2, called), (2, None), (1, called), (1, None)):
         allowed: list[Family] = families if least == 2 else ["place"]
         for movable, family in product(rank_movable_objects(objects), allowed):
-            plan = find_plan_for_family(family, movable, request, rng, least)
+            plan = find_plan_for_family(family, movable, request, rng, least, apart)
             task = None if plan is None else convert_plan_to_task_json(plan)
             if task is not None and is_plannable(task, objects):
                 return task

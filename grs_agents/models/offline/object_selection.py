@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -123,14 +123,30 @@ def _list_small_object_groups(objects: Sequence[SceneObject], count: int) -> lis
 
 
 def find_plan_for_family(
-    family: Family, objects: Sequence[SceneObject], request: TaskRequest, rng: np.random.Generator, least: int = 2
+    family: Family,
+    objects: Sequence[SceneObject],
+    request: TaskRequest,
+    rng: np.random.Generator,
+    least: int = 2,
+    called: Mapping[str, int] | None = None,
 ) -> Plan | None:
-    """The first selection of ``objects`` that ``family`` can use and that moves at least ``least`` of them."""
+    """The first selection of ``objects`` that ``family`` can use and that moves at least ``least`` of them.
+
+    ``called`` counts the things on the table by what they are called: of those called alike, all are moved or none.
+    """
     for chosen in list_candidate_object_sets(family, objects, rng):
-        plan = FAMILIES[family](chosen, request) if len(chosen) >= least else None
+        apart = called is None or _can_be_told_apart(family, chosen, called)
+        plan = FAMILIES[family](chosen, request) if apart and len(chosen) >= least else None
         if plan is not None:
             return plan
     return None
+
+
+def _can_be_told_apart(family: Family, chosen: Sequence[SceneObject], called: Mapping[str, int]) -> bool:
+    """Whether words tell the objects from the others on the table: "the 2 gray cans" where there are no more."""
+    labels = Counter(obj.label for obj in chosen)
+    counted = family in ("pack", "place", "clear")
+    return all(called[label] == count and (counted or count == 1) for label, count in labels.items())
 
 
 def _find_stackable_chains(objects: Sequence[SceneObject]) -> list[list[SceneObject]]:

@@ -8,6 +8,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+import numpy.typing as npt
+
 from grs_agents.models.offline.prompt_text import FAR, GAP, NEAR, Rect, SceneObject, Vector
 
 CONTAINER = "container/container-template.urdf"
@@ -32,6 +35,7 @@ class Target:
     color: str = ""  # its colour's name
     moves: bool = True  # whether each seed draws another place for it
     obj: SceneObject | None = None  # the object, for kind `object`
+    alternatives: int = 0  # how many free places of its size, on the grid, there were where it was laid out
 
     @property
     def footprint_rect(self) -> Rect:
@@ -134,20 +138,42 @@ class Table:
 
     def reserve_free_place(self, width: float, depth: float) -> tuple[float, float] | None:
         """The free centre for a rectangle that is easiest to reach, then taken; None where there is none."""
+        places = self._find_free_places(width, depth)
+        if len(places) == 0:
+            return None
+        x, y = (float(value) for value in places[0])
+        self.taken.append(Rect(x, y, width, depth))
+        return x, y
+
+    def count_free_places(self, width: float, depth: float) -> int:
+        """How many free centres on the grid a rectangle has."""
+        return len(self._find_free_places(width, depth))
+
+    def _find_free_places(self, width: float, depth: float) -> npt.NDArray[np.float64]:
+        """The free centres (N, 2) of a rectangle, the easiest to reach first."""
         rows = list(_iterate_grid_coordinates(Y_RANGE[0] + depth / 2, Y_RANGE[1] - depth / 2))
-        columns = _iterate_grid_coordinates(X_RANGE[0] + width / 2, X_RANGE[1] - width / 2)
-        for x, y in sorted(((x, y) for x in columns for y in rows), key=_effort_to_reach):
-            rect = Rect(x, y, width, depth)
-            low, high = rect.distance_range_from_base()
-            if low < NEAR - 0.05 or high > FAR + 0.03 or any(rect.overlaps(other, GAP) for other in self.taken):
-                continue
-            self.taken.append(rect)
-            return x, y
-        return None
+        columns = list(_iterate_grid_coordinates(X_RANGE[0] + width / 2, X_RANGE[1] - width / 2))
+        x, y = (axis.ravel() for axis in np.meshgrid(np.array(columns), np.array(rows), indexing="ij"))
+        low = np.hypot(np.maximum(0, abs(x) - width / 2), np.maximum(0, abs(y) - depth / 2))
+        free = (low >= NEAR - 0.05) & (np.hypot(abs(x) + width / 2, abs(y) + depth / 2) <= FAR + 0.03)
+        for other in self.taken:
+            aside = abs(x - other.x) >= (width + other.width) / 2 + GAP
+            free &= aside | (abs(y - other.y) >= (depth + other.depth) / 2 + GAP)
+        effort = abs(np.hypot(x, y)[free] - 0.52)
+        return np.stack([x[free], y[free]], axis=1)[np.argsort(effort, kind="stable")]
 
 
-def _effort_to_reach(place: tuple[float, float]) -> float:
-    return abs(math.hypot(*place) - 0.52)
+def may_leave_no_place(drawn: Sequence[Target]) -> bool:
+    """Whether one of several targets could be drawn so that another one has no free place left."""
+    return any(target.alternatives <= sum(_count_blocked_places(target, other) for other in drawn) for target in drawn)
+
+
+def _count_blocked_places(target: Target, other: Target) -> float:
+    """How many centres of a target another one takes at most, wherever it is."""
+    if target is other:
+        return 0.0
+    width, depth = (own + its + 2 * GAP for own, its in zip(target.size[:2], other.size[:2], strict=True))
+    return width * depth / STEP**2
 
 
 def _iterate_grid_coordinates(low: float, high: float) -> Iterable[float]:

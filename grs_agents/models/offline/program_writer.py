@@ -2,9 +2,10 @@
 
 import keyword
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import chain
 
-from grs_agents.models.offline.plan import CONTAINER, MAX_ZONE_HEIGHT, ZONE, Move, Plan, Target
+from grs_agents.models.offline.plan import CONTAINER, MAX_ZONE_HEIGHT, ZONE, Move, Plan, Target, may_leave_no_place
 from grs_agents.models.offline.prompt_text import GAP, SceneObject, make_identifier, split_words
 
 _LANGUAGE_TEMPLATES = {
@@ -27,9 +28,7 @@ def write_program(plans: Sequence[Plan], title: str, description: str, spots: bo
     names = _assign_variable_names(plans)
     objects = list(chain.from_iterable(plan.moved_objects for plan in plans))
     relocated = any(obj.relocated for obj in objects)
-    # The largest is laid out first: while nothing else was drawn, the place that the plan knows for it is free.
-    targets = list(chain.from_iterable(plan.targets for plan in plans))
-    targets.sort(key=lambda target: (target.moves, -target.size[0] * target.size[1]))
+    targets = _lay_out_targets(plans, relocated)
     drawn = [target for target in targets if target.moves]
     known = [] if relocated else drawn[:1]
     lines = [*_head_code_lines(plans, title, description), *_object_code_lines(objects, names)]
@@ -41,6 +40,21 @@ def write_program(plans: Sequence[Plan], title: str, description: str, spots: bo
         lines[2] = "from grs_agents.sim import NoFreeSpaceError, Task, utils"
         lines += ["", *_FIND_PLACE]
     return "\n".join(lines) + "\n"
+
+
+def _lay_out_targets(plans: Sequence[Plan], relocated: bool) -> list[Target]:
+    """The targets in the order in which they are laid out.
+
+    Of those that are drawn the largest comes first: while nothing else was drawn, the place that the plan knows for it
+    is free. Where one of them could take the places of the others, all but that one stand where the plan put them.
+    """
+    targets = sorted(
+        chain.from_iterable(plan.targets for plan in plans), key=lambda target: -target.size[0] * target.size[1]
+    )
+    drawn = [target for target in targets if target.moves]
+    if not relocated and may_leave_no_place(drawn):
+        targets = [replace(target, moves=target is drawn[0]) for target in targets]
+    return sorted(targets, key=lambda target: target.moves)
 
 
 def _head_code_lines(plans: Sequence[Plan], title: str, description: str) -> list[str]:

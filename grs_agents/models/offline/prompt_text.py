@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -99,6 +99,8 @@ GAP = 0.02
 """The clearance left between neighbours, in metres."""
 CUP_ROOM = 0.03
 """With so much room on every side the cup, and what it carries, comes down beside nothing, in metres."""
+_SEEN_HEIGHT = 0.02
+"""Metres by which people see that one of two things is the taller one."""
 HOLLOW_WORDS = frozenset({"bowl", "mug", "cup", "plate", "container", "basket", "tray", "bin"})
 ROUND_WORDS = frozenset({"bottle", "jar", "ball", "sphere", "fruit", "bag", "pear", "apple", "banana", "toy"})
 COLORS = ("red", "orange", "yellow", "green", "blue", "purple", "pink", "brown", "white", "gray", "black")
@@ -144,6 +146,7 @@ class SceneObject:
     uneven_top: bool = False  # whether other objects would tip on it
     can_be_picked: bool = True  # whether the robot, which tried, could pick it where it stands
     relocated: bool = False  # whether the program puts it elsewhere than the photo
+    height: str = ""  # how tall it is, where that tells it from others of its kind and colour
 
     @property
     def footprint_rect(self) -> Rect:
@@ -158,6 +161,11 @@ class SceneObject:
     @property
     def label(self) -> str:
         """What people call it, e.g. ``macaroni and cheese box`` or ``blue box``."""
+        return f"{self.height} {self.kind}".strip()
+
+    @property
+    def kind(self) -> str:
+        """The same whatever its height."""
         stem = self.asset.rsplit("/", 1)[-1].removesuffix(".urdf")
         if self.asset.startswith("proxy/"):
             kind = self.category if self.category not in ("proxy", "") else "object"
@@ -184,7 +192,18 @@ class SceneObject:
 def parse_scene_objects(scene: Json) -> list[SceneObject]:
     """The objects of a scene section; entries without a name, asset, position or size are left out."""
     entries = [cast(Json, entry) for entry in _to_list_or_empty(scene.get("objects")) if isinstance(entry, dict)]
-    return [obj for obj in map(_parse_scene_object, entries) if obj is not None]
+    objects = [obj for obj in map(_parse_scene_object, entries) if obj is not None]
+    return [replace(obj, height=_find_telling_height(obj, objects)) for obj in objects]
+
+
+def _find_telling_height(obj: SceneObject, objects: Sequence[SceneObject]) -> str:
+    """``tall`` or ``low``, of more than two ``tallest`` or ``lowest``, where people see that it is; else empty."""
+    others = [other.size[2] for other in objects if other is not obj and other.kind == obj.kind]
+    if others and obj.size[2] >= max(others) + _SEEN_HEIGHT:
+        return "tall" if len(others) == 1 else "tallest"
+    if others and obj.size[2] <= min(others) - _SEEN_HEIGHT:
+        return "low" if len(others) == 1 else "lowest"
+    return ""
 
 
 def _parse_scene_object(entry: Json) -> SceneObject | None:

@@ -97,7 +97,7 @@ def _require_things_side_by_side(things: Sequence[Thing]) -> None:
             (one, other)
             for one in waiting
             for other in joined
-            if distance_between(one, one.end, other, other.end) <= reach_beside(one, other)
+            if distance_between(one, one.end, other, other.end, widest=True) <= reach_beside(one, other)
         ]
         if not near:
             raise Differs(f"{waiting[0].label} does not end beside the others")

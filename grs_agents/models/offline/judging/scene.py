@@ -160,9 +160,13 @@ class Scene:
         )
 
 
-def distance_between(one: Thing, at: Sequence[float], other: Thing, there: Sequence[float]) -> float:
-    """Metres between the boxes around two things at two places, seen from above; turns are not known, so at least."""
-    sides = [abs(at[axis] - there[axis]) - (one.measure(0) + other.measure(0)) / 2 for axis in (0, 1)]
+def distance_between(
+    one: Thing, at: Sequence[float], other: Thing, there: Sequence[float], widest: bool = False
+) -> float:
+    """Metres between the boxes around two things at two places, seen from above, at most; at least if ``widest``: how
+    they are turned is not known."""
+    kind = 1 if widest else 0
+    sides = [abs(at[axis] - there[axis]) - (one.measure(kind) + other.measure(kind)) / 2 for axis in (0, 1)]
     return math.hypot(*(max(0.0, side) for side in sides))
 
 
