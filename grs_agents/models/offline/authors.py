@@ -3,6 +3,7 @@
 import json
 from collections import Counter
 from collections.abc import Iterator, Sequence, Set
+from dataclasses import replace
 from itertools import chain, combinations, islice, product
 
 import numpy as np
@@ -49,10 +50,11 @@ def draw_random_task(objects: Sequence[SceneObject], rng: np.random.Generator) -
     taken = tuple(obj.footprint_rect for obj in objects)
     request = TaskRequest(color, _find_usable_containers(objects), taken=taken)
     called = Counter(obj.label for obj in objects)
-    for least, apart in ((2, called), (2, None), (1, called), (1, None)):
+    tries = ((2, called, 1.0), (2, called, _TIGHT), (2, None, 1.0), (1, called, 1.0), (1, None, 1.0))
+    for least, apart, margin in tries:
         allowed: list[Family] = families if least == 2 else ["place"]
         for movable, family in product(rank_movable_objects(objects), allowed):
-            plan = find_plan_for_family(family, movable, request, rng, least, apart)
+            plan = find_plan_for_family(family, movable, replace(request, margin=margin), rng, least, apart)
             task = None if plan is None else convert_plan_to_task_json(plan)
             if task is not None and is_plannable(task, objects):
                 return task
@@ -129,8 +131,9 @@ def make_plans_for_task(task: Json, objects: Sequence[SceneObject], margin: floa
     clauses = parse_clauses(task, _select_objects_by_asset(objects, assets))
     unlike = ""
     options = (_candidate_object_sets(clause.moved, clause.text) for clause in clauses)
-    for chosen in islice(product(*options), _MOST_READINGS):
-        plans = _make_plan_per_clause(clauses, chosen, objects, margin)
+    readings = list(islice(product(*options), _MOST_READINGS))
+    for tightness, chosen in product((1.0, _TIGHT), readings):
+        plans = _make_plan_per_clause(clauses, chosen, objects, margin * tightness)
         used = {asset for plan in plans for asset in plan.asset_names}
         if plans and used == {*assets}:
             return plans
@@ -139,6 +142,8 @@ def make_plans_for_task(task: Json, objects: Sequence[SceneObject], margin: floa
     raise UnplannableTaskError(f"these objects do not suit a task of the family {families}{unlike}")
 
 
+_TIGHT = 0.5
+"""The share of the free space in zones that is left on a table too full for all of it: 1 cm on each side."""
 _MOST_READINGS = 50
 """How many ways of choosing among objects that are called alike are tried."""
 
