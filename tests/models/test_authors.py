@@ -93,6 +93,26 @@ def test_two_objects_move_even_if_only_some_pairs_leave_room_for_a_target() -> N
         assert len([asset for asset in used if asset.startswith("proxy/")]) >= 2
 
 
+def test_things_called_alike_are_told_by_their_height_or_counted() -> None:
+    boxes = [scene_object(f"box_{n}", (0.4, -0.3 + 0.15 * n), (0.06, 0.06, 0.03 + 0.04 * n)) for n in range(3)]
+    cans = [scene_object(f"can_{n}", (0.55, -0.2 + 0.15 * n), (0.06, 0.06, 0.08), "blue", "can") for n in range(2)]
+    said = " ".join(task_for({"objects": [*boxes, *cans]}, seed)["task-description"] for seed in range(30))
+    assert {"lowest red box", "tallest red box"} <= set(re.findall(r"the (\w+ red box)", said))
+    assert not re.search(r"the red box|the blue can\b", said)
+
+
+def test_marks_that_could_take_each_others_place_stand_where_they_were_planned() -> None:
+    # Of the whole table only the part beyond y = 0.3 is free.
+    wall = [scene_object(f"wall_{n}", (0.5, -0.4 + 0.1 * n), (0.5, 0.1, 0.3), "white") for n in range(7)]
+    cubes = [
+        scene_object(f"cube_{n}", (0.3, 0.34 + 0.07 * n), (0.04, 0.04, 0.04), color)
+        for n, color in enumerate(("red", "blue"))
+    ]
+    for seed in range(20):
+        code = simulation_for(task_for({"objects": [*wall, *cubes]}, seed), {"objects": [*wall, *cubes]})
+        assert len(re.findall(r"= self\.find_place\(", code)) <= 1
+
+
 def test_a_single_object_is_put_on_a_zone() -> None:
     scene = {"objects": [scene_object("box_1", (0.5, 0.0), (0.1, 0.1, 0.1))]}
     task = task_for(scene)

@@ -1,7 +1,6 @@
 """The roles that invent: the task author and the simulation author."""
 
 import json
-from collections import Counter
 from collections.abc import Iterator, Sequence, Set
 from dataclasses import replace
 from itertools import chain, combinations, islice, product
@@ -10,6 +9,7 @@ import numpy as np
 
 from grs_agents.models.offline.object_selection import (
     MAX_OBJECTS,
+    count_called,
     find_plan_for_family,
     is_clear_of_others,
     rank_movable_objects,
@@ -49,7 +49,7 @@ def draw_random_task(objects: Sequence[SceneObject], rng: np.random.Generator) -
     color = PALETTE[int(rng.integers(len(PALETTE)))]
     taken = tuple(obj.footprint_rect for obj in objects)
     request = TaskRequest(color, _find_usable_containers(objects), taken=taken)
-    called = Counter(obj.label for obj in objects)
+    called = count_called(objects)
     tries = ((2, called, 1.0), (2, called, _TIGHT), (2, None, 1.0), (1, called, 1.0), (1, None, 1.0))
     for least, apart, margin in tries:
         allowed: list[Family] = families if least == 2 else ["place"]

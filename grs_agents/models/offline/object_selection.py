@@ -46,16 +46,21 @@ def rank_movable_objects(objects: Sequence[SceneObject]) -> list[list[SceneObjec
     What carries others is in none of them. Where fewer than two objects can be picked where they stand, those that are
     the easiest to pick are put on a free part of the table, before all those whose name no other has.
     """
-    called = Counter(obj.label for obj in objects)
+    called = count_called(objects)
     ranked = _list_groups_easiest_first(objects)
     return [*([obj for obj in group if called[obj.label] == 1] for group in ranked), *ranked]
+
+
+def count_called(objects: Sequence[SceneObject]) -> Counter[str]:
+    """How many of the objects each name fits: "the brown box" fits the tallest brown box too."""
+    return Counter(name for obj in objects for name in {obj.label, obj.kind})
 
 
 def _list_groups_easiest_first(objects: Sequence[SceneObject]) -> list[list[SceneObject]]:
     loose = [obj for obj in objects if is_uncovered_object(obj, objects)]
     usable = [obj for obj in filter(is_pickable_object, loose) if is_reachable_object(obj)]
     if len(usable) < 2:
-        called = Counter(obj.label for obj in objects)
+        called = count_called(objects)
         rest = [obj for obj in loose if obj not in usable]
         others = sorted(rest, key=lambda obj: (called[obj.label] > 1, _rate_difficulty(obj)))
         return [relocate_unreachable_objects([*usable, *others][:2], objects), usable]
