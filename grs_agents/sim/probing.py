@@ -239,9 +239,11 @@ class Probe(EpisodeReplay):
         for item in mutant.objects:
             if item != before[item.id]:
                 env.replace_object(item)
+        told = tuple(task.goals)
         task.goals = list(mutant.goals)
         task.lang_goals = [goal.language for goal in mutant.goals]
         task.grs.finish_reset(env)
+        task.grs.told = told  # tests are to look at the table, not to compare what goals say
 
     def _find_replaced_method(self, env: Environment | None) -> str:
         """The first method of the runtime that is no longer its own, for all or for this environment or its task."""

@@ -1,5 +1,7 @@
 """An episode from memory is the episode itself, to the last bit."""
 
+from typing import cast
+
 import numpy as np
 
 from grs_agents.library import Library
@@ -54,6 +56,19 @@ def test_an_episode_from_memory_is_the_same() -> None:
         assert env.objects == plain.objects
         assert env.current_episode == plain.current_episode
         assert probe.finish_and_report() == {"solved": 1, "difference": "", "replaced": "", "held": False}
+
+
+def test_the_goals_of_a_mutant_say_what_those_of_the_audited_instance_say() -> None:
+    """Tests are to look at the table: one that compares the texts of goals learns nothing of a mutant."""
+    library = Library()
+    instance = fill_in_masses_and_frictions(instantiate(TwoBlocks(), 3, library), library)
+    [goal] = instance.goals
+    mutant = instance.model_copy(update={"goals": (goal.model_copy(update={"targets": (((0.5, 0.1, 0.02), FLAT),)}),)})
+    plain = play(instance)
+    env = play(instance, Probe(instance, mutant, 1, False, EpisodeMemory()))
+    [said], [meant] = (TwoBlocks.goals_met(cast(TwoBlocks, one.task), one) for one in (env, plain))
+    assert said.met and said.goal == meant.goal
+    assert env.current_episode.goals[0].goal != meant.goal
 
 
 def test_another_scene_is_told_from_the_audited_one() -> None:

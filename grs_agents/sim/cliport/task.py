@@ -293,7 +293,7 @@ class Task(TaskKit):
         """
         if not env.places:
             raise SimulationError("task.goals_met before the scene has settled", "call env.reset() first")
-        return list(StrictScorer(self, env).measure_scene().goals)
+        return self.grs.tell_goals(StrictScorer(self, env).measure_scene().goals)
 
     def is_match(self, pose0: Pose, pose1: Pose, symmetry: float) -> bool:
         """Whether two poses agree within ``pos_eps`` and ``rot_eps``."""

@@ -3,6 +3,7 @@
 Also the published score of CLIPort: how far goals are met, where z and tilt do not count.
 """
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
 from grs_agents.sim.goals.relation_rules import explain_goal_shortfalls
+from grs_agents.sim.goals.scene_report import describe_goal
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.instance import (
     LARGEST_POS_EPS,
@@ -19,6 +21,7 @@ from grs_agents.sim.instance import (
     POSITION_TOLERANCE,
     ROTATION_TOLERANCE,
     Goal,
+    GoalOutcome,
     SimulationError,
     normalise_goal_rewards,
 )
@@ -68,6 +71,7 @@ class TaskAccounting:
         self._task = task
         self.reset_in: Tabletop | None = None
         self.stated: tuple[Goal, ...] = ()  # every goal of this episode, met or not
+        self.told: tuple[Goal, ...] = ()  # whose words goals say in place of their own, first to last
         self.total = 0.0
         self.rng: np.random.Generator | None = None  # the program's own, None for the environment's
 
@@ -80,7 +84,7 @@ class TaskAccounting:
 
     def begin_reset(self, env: Tabletop) -> None:
         """A reset begins: no goal is stated."""
-        self.reset_in, self.stated, self.total = env, (), 0.0
+        self.reset_in, self.stated, self.told, self.total = env, (), (), 0.0
 
     def finish_reset(self, env: Tabletop) -> None:
         """A reset is done: the goals are stated, their rewards add up to 1, tolerances are within bounds."""
@@ -99,6 +103,14 @@ class TaskAccounting:
         self.stated = tuple(task.goals)
         task.pos_eps = _clamp_tolerance_with_warning(env, "pos_eps", task.pos_eps, LARGEST_POS_EPS)
         task.rot_eps = _clamp_tolerance_with_warning(env, "rot_eps", task.rot_eps, LARGEST_ROT_EPS)
+
+    def tell_goals(self, goals: Sequence[GoalOutcome]) -> list[GoalOutcome]:
+        """How the goals stand, each with what it says."""
+        view, pos_eps = SceneView(self.env, self.stated, self._task.goals), self._task.pos_eps
+        words = [describe_goal(goal, view, pos_eps) for goal in self.told] + [
+            one.goal for one in goals[len(self.told) :]
+        ]
+        return [goal.model_copy(update={"goal": text}) for goal, text in zip(goals, words, strict=False)]
 
     def score_goal_objects(self, goal: Goal) -> list[float]:
         """For each object of a goal, how far (0..1) it is where it should be."""
