@@ -102,8 +102,9 @@ def test_things_called_alike_are_told_by_their_height_or_counted() -> None:
 
 
 def test_marks_that_could_take_each_others_place_stand_where_they_were_planned() -> None:
-    # Of the whole table only the part beyond y = 0.3 is free.
+    # Of the whole table only the part beyond y = 0.3 and up to x = 0.5 is free.
     wall = [scene_object(f"wall_{n}", (0.5, -0.4 + 0.1 * n), (0.5, 0.1, 0.3), "white") for n in range(7)]
+    wall.append(scene_object("wall_7", (0.65, 0.4), (0.3, 0.2, 0.3), "white"))
     cubes = [
         scene_object(f"cube_{n}", (0.3, 0.34 + 0.07 * n), (0.04, 0.04, 0.04), color)
         for n, color in enumerate(("red", "blue"))

@@ -6,6 +6,7 @@ Places come from rows inside a rectangle and from free places on the table; obje
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import permutations
 from typing import Literal
 
 import numpy as np
@@ -35,7 +36,8 @@ class Target:
     color: str = ""  # its colour's name
     moves: bool = True  # whether each seed draws another place for it
     obj: SceneObject | None = None  # the object, for kind `object`
-    alternatives: int = 0  # how many free places of its size, on the grid, there were where it was laid out
+    # the free centres (N, 2) of its size, on the grid, when it was laid out
+    free: npt.NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)), compare=False, repr=False)
 
     @property
     def footprint_rect(self) -> Rect:
@@ -90,6 +92,8 @@ X_RANGE, Y_RANGE = (0.25, 0.75), (-0.5, 0.5)
 """The part of the table that random poses are drawn from, metres, robot frame."""
 STEP = 0.02
 """The grid on which free places are looked for, metres."""
+_LEAST_PLACES = 10
+"""Fewer free places than these, 40 cm2 of centres, are not found by drawing at random."""
 
 
 MAX_ZONE_HEIGHT = 0.25
@@ -138,18 +142,14 @@ class Table:
 
     def reserve_free_place(self, width: float, depth: float) -> tuple[float, float] | None:
         """The free centre for a rectangle that is easiest to reach, then taken; None where there is none."""
-        places = self._find_free_places(width, depth)
+        places = self.find_free_places(width, depth)
         if len(places) == 0:
             return None
         x, y = (float(value) for value in places[0])
         self.taken.append(Rect(x, y, width, depth))
         return x, y
 
-    def count_free_places(self, width: float, depth: float) -> int:
-        """How many free centres on the grid a rectangle has."""
-        return len(self._find_free_places(width, depth))
-
-    def _find_free_places(self, width: float, depth: float) -> npt.NDArray[np.float64]:
+    def find_free_places(self, width: float, depth: float) -> npt.NDArray[np.float64]:
         """The free centres (N, 2) of a rectangle, the easiest to reach first."""
         rows = list(_iterate_grid_coordinates(Y_RANGE[0] + depth / 2, Y_RANGE[1] - depth / 2))
         columns = list(_iterate_grid_coordinates(X_RANGE[0] + width / 2, X_RANGE[1] - width / 2))
@@ -164,16 +164,15 @@ class Table:
 
 
 def may_leave_no_place(drawn: Sequence[Target]) -> bool:
-    """Whether one of several targets could be drawn so that another one has no free place left."""
-    return any(target.alternatives <= sum(_count_blocked_places(target, other) for other in drawn) for target in drawn)
+    """Whether one of several targets could be drawn so that another one has hardly a free place left."""
+    return any(_count_places_left(target, other) < _LEAST_PLACES for target, other in permutations(drawn, 2))
 
 
-def _count_blocked_places(target: Target, other: Target) -> float:
-    """How many centres of a target another one takes at most, wherever it is."""
-    if target is other:
-        return 0.0
-    width, depth = (own + its + 2 * GAP for own, its in zip(target.size[:2], other.size[:2], strict=True))
-    return width * depth / STEP**2
+def _count_places_left(target: Target, other: Target) -> int:
+    """How many free places ``target`` leaves to another one, where it leaves the fewest."""
+    apart = abs(target.free[:, None] - other.free)  # for each place of the one and each of the other, along x and y
+    clear = (apart >= (np.add(target.size[:2], other.size[:2])) / 2 + GAP).any(axis=2)
+    return int(clear.sum(axis=1).min(initial=len(other.free)))
 
 
 def _iterate_grid_coordinates(low: float, high: float) -> Iterable[float]:

@@ -248,9 +248,9 @@ def _place_new_zone(name: str, width: float, depth: float, color: str, table: Ta
 def _place_new_target(
     name: str, kind: Literal["container", "zone", "free"], size: Vector, color: str, table: Table
 ) -> Target | None:
-    alternatives = table.count_free_places(size[0], size[1])
+    free = table.find_free_places(size[0], size[1])
     spot = table.reserve_free_place(size[0], size[1])
-    return None if spot is None else Target(name, kind, size, spot, color, alternatives=alternatives)
+    return None if spot is None else Target(name, kind, size, spot, color, free=free)
 
 
 def _make_table_with_objects(objects: Sequence[SceneObject], request: TaskRequest) -> Table:
