@@ -10,7 +10,10 @@ from grs_agents.perception import TableFrame
 
 _ASIDE: Final = re.compile(r"\b(left|leftmost|right|rightmost)\b(?! (?:next|beside|on|in|into|where)\b)", re.IGNORECASE)
 _AHEAD: Final = re.compile(r"\b(behind|in front|front|back)\b", re.IGNORECASE)
-_OWNED: Final = re.compile(r"\b(?:as|by|from) the robot\b|\brobot's\b", re.IGNORECASE)
+_OWNED: Final = re.compile(
+    r"\bas the robot sees\b|\bseen (?:by|from) the robot\b|\bfrom the robot's\b|\bthe robot's (?:left|right)\b",
+    re.IGNORECASE,
+)
 _ALIKE: Final = math.cos(math.radians(45))
 """Two directions nearer to each other than to the next side are one side."""
 

@@ -44,6 +44,11 @@ def test_words_may_say_whose_sides_they_mean() -> None:
         assert not explain_ambiguous_sides(words, frame_seen_from(0))
 
 
+def test_a_robot_in_the_words_does_not_say_whose_sides_they_mean() -> None:
+    for words in ("The can is put left of the bowl by the robot.", "The robot's arm puts the can left of the bowl."):
+        assert explain_ambiguous_sides(words, frame_seen_from(0))
+
+
 def test_other_words_and_a_task_without_a_photo_have_no_sides() -> None:
     assert not explain_ambiguous_sides("Put the can right next to the bowl.", frame_seen_from(0))
     assert not explain_ambiguous_sides("Put the can left of the bowl.", None)

@@ -188,10 +188,3 @@ def test_a_run_that_only_began_has_a_page(library: Library, tmp_path: Path) -> N
     text = render_html_report({"id": "x", "status": "running"}, [], Sources(tmp_path, library))
     parsed(text)
     assert "running" in text
-
-
-@pytest.mark.parametrize(("words", "told"), [("put the can to the left of the box", True), ("put the can in", False)])
-def test_words_of_sides_say_whose_sides(words: str, told: bool, library: Library, tmp_path: Path) -> None:
-    events = [TaskDefined(task={"task-description": words})]
-    text = render_html_report({"id": "x", "status": "running"}, events, Sources(tmp_path, library))
-    assert ("as the robot sees them" in text) == told

@@ -51,10 +51,10 @@ def draw_random_task(objects: Sequence[SceneObject], rng: np.random.Generator) -
     request = TaskRequest(color, _find_usable_containers(objects), taken=taken)
     called = count_called(objects)
     tries = ((2, called, 1.0), (2, called, _TIGHT), (2, None, 1.0), (1, called, 1.0), (1, None, 1.0))
-    for least, apart, margin in tries:
+    for least, names, margin in tries:
         allowed: list[Family] = families if least == 2 else ["place"]
         for movable, family in product(rank_movable_objects(objects), allowed):
-            plan = find_plan_for_family(family, movable, replace(request, margin=margin), rng, least, apart)
+            plan = find_plan_for_family(family, movable, replace(request, margin=margin), rng, least, names)
             task = None if plan is None else convert_plan_to_task_json(plan)
             if task is not None and is_plannable(task, objects):
                 return task

@@ -142,12 +142,10 @@ class Table:
 
     def reserve_free_place(self, width: float, depth: float) -> tuple[float, float] | None:
         """The free centre for a rectangle that is easiest to reach, then taken; None where there is none."""
-        places = self.find_free_places(width, depth)
-        if len(places) == 0:
-            return None
-        x, y = (float(value) for value in places[0])
-        self.taken.append(Rect(x, y, width, depth))
-        return x, y
+        for x, y in self.find_free_places(width, depth)[:1].tolist():
+            self.taken.append(Rect(x, y, width, depth))
+            return x, y
+        return None
 
     def find_free_places(self, width: float, depth: float) -> npt.NDArray[np.float64]:
         """The free centres (N, 2) of a rectangle, the easiest to reach first."""

@@ -123,11 +123,6 @@ class Rect:
             and abs(self.y - other.y) < (self.depth + other.depth) / 2 + gap
         )
 
-    def distance_range_from_base(self) -> tuple[float, float]:
-        """The least and the greatest distance of its corners and edges from the robot's base."""
-        low = math.hypot(max(0.0, abs(self.x) - self.width / 2), max(0.0, abs(self.y) - self.depth / 2))
-        return low, math.hypot(abs(self.x) + self.width / 2, abs(self.y) + self.depth / 2)
-
 
 @dataclass(frozen=True)
 class SceneObject:
@@ -165,7 +160,7 @@ class SceneObject:
 
     @property
     def kind(self) -> str:
-        """The same whatever its height."""
+        """What people call it, whatever its height."""
         stem = self.asset.rsplit("/", 1)[-1].removesuffix(".urdf")
         if self.asset.startswith("proxy/"):
             kind = self.category if self.category not in ("proxy", "") else "object"

@@ -2,21 +2,15 @@
 It leads with the task, the verdict and the film beside the photo; then come the steps in their order. The page needs
 nothing from anywhere, and all text from outside is escaped."""
 
-import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, cast
 
 from grs_agents import trace
 from grs_agents.foreign import find_member_file, read_bytes
 from grs_agents.views.common import Step, group_events_into_steps
 from grs_agents.views.report import html, pictures
 from grs_agents.views.report.steps import render_findings, render_steps
-
-_SIDES: Final = re.compile(r"\b(left|right|behind|in front)\b", re.IGNORECASE)
-_WHOSE_SIDES: Final = (
-    "Left, right, behind and in front are as the robot sees them; a camera that faces it shows them the other way."
-)
 
 
 def render_html_report(record: dict[str, Any], events: Sequence[trace.Event], sources: pictures.Sources) -> str:
@@ -53,10 +47,9 @@ def _render_header(record: dict[str, Any], events: Sequence[trace.Event], steps:
         for key, value in task.items()
         if key != "task-description"
     )
-    told = _WHOSE_SIDES if _SIDES.search(title) else ""
     return (
         f"<header>{html.render_paragraph(' · '.join(_list_header_facts(record, events, steps)), 'quiet')}\n"
-        f"<h1>{html.escape_html(title)}</h1>\n{html.render_paragraph(told, 'quiet') if told else ''}"
+        f"<h1>{html.escape_html(title)}</h1>\n"
         f'<p class="verdict">{verdict} {html.escape_html(record.get("reason", ""))}</p>{"".join(others)}</header>'
     )
 

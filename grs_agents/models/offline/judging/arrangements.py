@@ -39,7 +39,7 @@ def _require_row_or_group(request: Request, things: Sequence[Thing]) -> None:
     if request.verb in LINING or "inrow" in request.orders:
         _require_things_in_line(things)
     gathered = "together" in request.orders or request.verb in ("gather", "collect")
-    if "sidebyside" in request.orders or (gathered and not _have_common_carrier(request)):
+    if "sidebyside" in request.orders or (gathered and not request.has_carrier):
         _require_things_side_by_side(things)
     if "sizedfirst" not in request.orders or "sidebyside" in request.orders:
         _require_order_in_row(request, things)
@@ -50,14 +50,6 @@ def _require_spread(how: str, phrase: Phrase, found: Sequence[Thing], things: Se
         _require_things_around(things, found)
     elif how in ("in", "on", "at"):
         _require_places_are_used(phrase, found, things, scene)
-
-
-def _have_common_carrier(request: Request) -> bool:
-    """Whether the things are put in or on something other than the table."""
-    return any(
-        how in ("in", "on", "at") and not any(phrase.is_bare_table for phrase in phrases)
-        for how, phrases in request.relations
-    )
 
 
 def is_ordered_by_size(row: Sequence[Thing], order: str) -> bool:

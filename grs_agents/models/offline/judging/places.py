@@ -100,7 +100,8 @@ def explain_misplacement(thing: Thing, request: Request, places: Places, scene: 
         named = [_list_reference_things(phrase, next(chosen), scene) for phrase in phrases]
         options = [[one for one in row if one.color == thing.color] for row in named] if own_color else named
         if any(phrase.is_bare_table for phrase in phrases):
-            fault = _explain_not_on_table(thing, request, scene) if _ends_on_bare_table(how, request) else ""
+            there = how in ("on", "at") and not request.has_carrier  # and not: in the box on the table
+            fault = _explain_not_on_table(thing, request, scene) if there else ""
         else:
             fault = _explain_unmet_relation(thing, how, phrases, options, scene)
         if fault:
@@ -117,12 +118,6 @@ def _explain_unmet_relation(
         ways = [[[place]] for row in options for place in row if place is not thing]
     met = all(_is_relation_met(how, thing, way, scene) for way in ways)
     return "" if met else f"{thing.label} is not asked to end {_format_relation_as_words(how, phrases)}"
-
-
-def _ends_on_bare_table(how: str, request: Request) -> bool:
-    """Whether the table is the place, and not where the place stands: in the box on the table."""
-    carriers = {other for other, phrases in request.relations if not any(phrase.is_bare_table for phrase in phrases)}
-    return how in ("on", "at") and carriers.isdisjoint(("in", "on", "at"))
 
 
 def _explain_not_on_table(thing: Thing, request: Request, scene: Scene) -> str:

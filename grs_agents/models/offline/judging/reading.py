@@ -90,8 +90,8 @@ _SINGLE = (
     (r"\bin (?:this|that|the given) order\b", " inorder "),
     (r"\bside by side\b|\bnext to (?:each other|one another)\b", " sidebyside "),
     (r"\b(?:in|into|to) (?:a|one) (?:row|line)\b", " inrow "),
-    (r",? \b(?:as )?(?:seen )?(?:by|from) the robot(?: (?:point of )?view| perspective| side)?\b", " "),
-    (r",? \bas the robot sees (?:it|them|this)\b", " "),
+    (r",? ?\b(?:as )?seen (?:by|from) the robot\b|,? ?\bfrom the robot (?:(?:point of )?view|perspective)\b", " "),
+    (r",? ?\bas the robot sees (?:it|them|this)\b", " "),
     (r"\bnext to\b|\bclose to\b|\bnear(?: to)?\b|\balongside\b|\badjacent to\b|\bby the side of\b", " beside "),
     (r"\bby (?:their |its |the )?colou?rs?\b", " bycolor "),
     (r"\b(?:by|in order of) (?:their |its |the )?heights?\b", " shortfirst "),
@@ -190,6 +190,12 @@ class Request:
     after: bool = False  # it comes after those before it
     first: bool = False  # or before all others
     last: bool = False  # or after them
+
+    @property
+    def has_carrier(self) -> bool:
+        """Whether its things are put in or on something other than the table."""
+        places = [phrases for how, phrases in self.relations if how in ("in", "on", "at")]
+        return any(not phrase.is_bare_table for phrases in places for phrase in phrases)
 
 
 @dataclass
@@ -396,6 +402,9 @@ class _ClauseReader:
             self.at += 1
         if phrase.article in ("the", "a") and not phrase.has_referent and not (phrase.colors or phrase.sizes):
             return self._consume_unknown_noun(phrase)
+        if phrase.sizes and not (phrase.article or phrase.colors or phrase.has_referent):
+            self.reading.unknown += self.tokens[begin : self.at]  # laid flat: it tells how, not which
+            return None
         return phrase if self.at > begin else None
 
     def _consume_unknown_noun(self, phrase: Phrase) -> Phrase:
