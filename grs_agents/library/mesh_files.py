@@ -1,10 +1,12 @@
 """Meshes without a mesh library: OBJ files read and written, primitives as triangles, volume, area and inertia."""
 
 import io
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +19,7 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 _MAX_BYTES = 64_000_000
 _NO_UV = -1
+_DIGITS: Final = re.compile("[0-9]+")
 
 
 def read_vertices(path: Path) -> Floats:
@@ -79,41 +82,70 @@ def _convex_volume_cached(path: Path, _modified: int) -> float:
 
 @lru_cache(maxsize=128)
 def _read_surface_cached(path: Path, _modified: int, count: int) -> Surface:
-    vertices, uvs = read_vertices(path), list[tuple[float, float]]()
-    faces: list[list[tuple[int, int]]] = []
+    vertices = read_vertices(path)
     try:
         text = path.read_text(encoding="utf-8")
-        if (plain := _parse_plain_triangles(text, count)) is not None:
-            corners, coordinates = vertices[plain], np.zeros((len(plain), 3, 2))
-        else:
-            for line in text.splitlines():
-                if line.startswith("vt "):
-                    u, v = line.split()[1:3]
-                    uvs.append((float(u), float(v)))
-                elif line.startswith("f "):
-                    polygon = [_parse_face_corner(word, count, len(uvs)) for word in line.split()[1:]]
-                    faces += [[polygon[0], *polygon[number : number + 2]] for number in range(1, len(polygon) - 1)]
-            if not faces:
-                raise ValueError("it has no faces")
-            known, index = np.array([*uvs, (0.0, 0.0)], dtype=np.float64), np.array(faces, dtype=np.int64)
-            corners, coordinates = vertices[index[:, :, 0]], known[index[:, :, 1]]
+        uvs = _parse_uvs(text)
+        faces = _parse_uniform_triangles(text, (count, len(uvs)))
+        faces = _parse_faces_by_line(text, count) if faces is None else faces
     except (OSError, ValueError, IndexError) as error:
         raise InputError(f"mesh {path} is not a valid OBJ: {error}", "export it again") from error
+    # No coordinate is -1, the last: zeros.
+    corners, coordinates = vertices[faces[:, :, 0]], np.concatenate([uvs, np.zeros((1, 2))])[faces[:, :, 1]]
     corners.setflags(write=False)
     coordinates.setflags(write=False)
     return Surface(corners, coordinates)
 
 
-def _parse_plain_triangles(text: str, count: int) -> Ints | None:
-    """Vertices (T, 3) of the faces of an OBJ where all are triangles without more than positions, as those of colliders
-    are; None where they are not, or name none of ``count`` vertices."""
+def _parse_uvs(text: str) -> Floats:
+    """(U, 2) texture coordinates in the order of the file; a third number of each is left out."""
+    rows = _find_rows(text, "vt ")
+    if not rows:
+        return np.zeros((0, 2))
+    numbers = np.fromstring(" ".join(rows), sep=" ")
+    if numbers.size == 2 * len(rows):
+        return numbers.reshape(-1, 2)
+    return np.array([[float(word) for word in row.split()[:2]] for row in rows], dtype=np.float64).reshape(-1, 2)
+
+
+def _parse_uniform_triangles(text: str, counts: tuple[int, int]) -> Ints | None:
+    """(T, 3, 2) vertex and texture coordinate of each corner, where all faces are triangles that name the same kinds of
+    items and none from the end, as most files have them; None where they do not, or name none of ``counts``."""
     rows = _find_rows(text, "f ")
     words = " ".join(rows)
-    digits = words.replace(" ", "")
-    if not (digits.isascii() and digits.isdecimal()) or any(row.count(" ") != 2 for row in rows):
+    kinds = words.partition(" ")[0].count("/") + 1
+    corner = "/" * (kinds - 1)
+    # What is left without the digits: a sign, a dot or another kind of face shows.
+    if (
+        kinds > 3
+        or _DIGITS.sub("", words) != " ".join([corner] * 3 * len(rows))
+        or any(row.count(" ") != 2 for row in rows)
+    ):
         return None
-    faces = np.fromstring(words, dtype=np.int64, sep=" ").reshape(-1, 3) - 1
-    return faces if faces.min() >= 0 and faces.max() < count else None
+    numbers = np.fromstring(words.replace("/", " "), dtype=np.int64, sep=" ")
+    if numbers.size != 3 * kinds * len(rows):
+        return None
+    named = numbers.reshape(-1, 3, kinds)[:, :, :2] - 1
+    if named.min() < 0 or (named.max(axis=(0, 1)) >= counts[: named.shape[2]]).any():
+        return None
+    faces = np.full((len(rows), 3, 2), _NO_UV)
+    faces[:, :, : named.shape[2]] = named
+    return faces
+
+
+def _parse_faces_by_line(text: str, count: int) -> Ints:
+    """(T, 3, 2) as above for any OBJ; polygons as fans."""
+    faces: list[list[tuple[int, int]]] = []
+    uvs = 0
+    for line in text.splitlines():
+        if line.startswith("vt "):
+            uvs += 1
+        elif line.startswith("f "):
+            polygon = [_parse_face_corner(word, count, uvs) for word in line.split()[1:]]
+            faces += [[polygon[0], *polygon[number : number + 2]] for number in range(1, len(polygon) - 1)]
+    if not faces:
+        raise ValueError("it has no faces")
+    return np.array(faces, dtype=np.int64)
 
 
 def _parse_face_corner(word: str, vertices: int, uvs: int) -> tuple[int, int]:
