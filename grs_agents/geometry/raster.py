@@ -1,8 +1,6 @@
 """A small z-buffer: which triangle each pixel sees. No GL, no randomness."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -10,9 +8,10 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
-_WINDOWS: Final = (2, 4, 8, 16)
-"""Triangles up to these extents (px) are drawn many at once."""
-_SAMPLES: Final = 400_000
+_SAMPLES: Final = 30_000
+"""Pixels that are looked at together: few enough for a processor's cache."""
+_FLAT: Final = 1e-6
+"""An edge that rises by less (px) bounds no row."""
 
 
 @dataclass(frozen=True)
@@ -33,68 +32,76 @@ def rasterise_triangles(corners: Floats, nearness: Floats, width: int, height: i
     edges = np.roll(corners, -1, axis=1) - corners
     area = edges[:, 0, 0] * -edges[:, 2, 1] - edges[:, 0, 1] * -edges[:, 2, 0]
     drawn = np.flatnonzero((low <= high).all(axis=1) & (np.abs(area) >= 1e-12))
-    extent = (high - low + 1)[drawn].max(axis=1) if len(drawn) else np.zeros(0)
-    for smallest, largest in pairwise((0, *_WINDOWS)):
-        for part in _split_into_batches(drawn[(extent > smallest) & (extent <= largest)], largest):
-            _draw_small_triangles(buffer, part, corners, nearness, area, low, high, largest)
-    for index in drawn[extent > _WINDOWS[-1]]:
-        _draw_triangle(buffer, index, corners[index], nearness[index], float(area[index]), low[index], high[index])
+    rows = _Rows.of_triangles(drawn, corners[drawn], area[drawn], low[drawn], high[drawn])
+    samples = np.cumsum(rows.width)
+    for part in np.split(np.arange(len(samples)), np.flatnonzero(np.diff(samples // _SAMPLES)) + 1):
+        _draw_rows(buffer, rows, part, nearness)
     return buffer
 
 
-def _split_into_batches(index: Ints, window: int) -> Iterator[Ints]:
-    """Parts whose samples fit in little memory."""
-    step = max(1, _SAMPLES // window**2)
-    return (index[begin : begin + step] for begin in range(0, len(index), step))
+@dataclass(frozen=True)
+class _Rows:
+    """The rows (R,) of pixels that triangles cover."""
+
+    triangle: Ints  # (R,) index of the triangle
+    y: Ints  # (R,) row of the picture
+    left: Ints  # (R,) the first column that may lie in the triangle
+    width: Ints  # (R,) how many there are
+    across: Floats  # (3, R) columns of the triangle's corners
+    down: Floats  # (3, R) their rows, from this one
+    area: Floats  # (R,)
+
+    @classmethod
+    def of_triangles(cls, index: Ints, corners: Floats, area: Floats, low: Ints, high: Ints) -> "_Rows":
+        count: Ints = (high - low)[:, 1] + 1
+        owner = np.repeat(np.arange(len(index)), count)
+        y = _count_up_from(low[:, 1], count)
+        places: Floats = np.ascontiguousarray(corners[owner].transpose(2, 1, 0))
+        across, down = places[0], places[1] - y
+        left: Floats = low[owner, 0].astype(np.float64)
+        right: Floats = high[owner, 0].astype(np.float64)
+        for start, end in ((0, 1), (1, 2), (2, 0)):
+            rise = down[end] - down[start]
+            turned = rise * np.sign(area[owner])
+            slanted = np.abs(rise) > _FLAT
+            crossing = across[start] - down[start] * (across[end] - across[start]) / np.where(slanted, rise, 1.0)
+            left = np.where(slanted & (turned < 0), np.maximum(left, np.floor(crossing)), left)
+            right = np.where(slanted & (turned > 0), np.minimum(right, np.ceil(crossing)), right)
+        width: Ints = np.maximum(right - left + 1, 0).astype(np.int64)
+        return cls(index[owner], y, left.astype(np.int64), width, across, down, area[owner])
 
 
-def _draw_small_triangles(
-    buffer: Buffer, index: Ints, corners: Floats, nearness: Floats, area: Floats, low: Ints, high: Ints, window: int
-) -> None:
-    """Draw many triangles at once, each into a window of ``window`` x ``window`` pixels."""
-    span = np.arange(window)
-    x: Ints = np.add.outer(low[index, 0], span)
-    y: Ints = np.add.outer(low[index, 1], span)
-    inside = (x <= high[index, 0, None])[:, None, :] & (y <= high[index, 1, None])[:, :, None]
-    u, v, w = _barycentrics(corners[index][:, :, :, None, None], x[:, None, :], y[:, :, None], area[index, None, None])
-    near = nearness[index][:, :, None, None]
-    depth = u * near[:, 0] + v * near[:, 1] + w * near[:, 2]
-    one, row, column = np.nonzero(inside & (u >= 0) & (v >= 0) & (w >= 0))
-    pixel = (y[one, row] * buffer.triangle.shape[1] + x[one, column]).astype(np.int64)
-    triangle = index[one]
-    value = depth[one, row, column]
-    order = np.lexsort((triangle, -value, pixel))
-    first = order[np.r_[True, np.diff(pixel[order]) > 0]] if len(order) else order
-    _update_z_buffer(buffer, pixel[first], triangle[first], value[first])
+def _count_up_from(first: Ints, count: Ints) -> Ints:
+    """``first[0], first[0] + 1, ...``, ``count[0]`` of them, then those from ``first[1]`` and so on."""
+    ends: Ints = np.cumsum(count)
+    return np.arange(int(count.sum()), dtype=np.int64) + np.repeat(first - ends + count, count)
 
 
-def _draw_triangle(
-    buffer: Buffer, index: int, corners: Floats, nearness: Floats, area: float, low: Ints, high: Ints
-) -> None:
-    x = np.arange(int(low[0]), int(high[0]) + 1)
-    y = np.arange(int(low[1]), int(high[1]) + 1)[:, None]
-    u, v, w = _barycentrics(corners[None], x, y, area)
-    depth = u * nearness[0] + v * nearness[1] + w * nearness[2]
-    rows, columns = np.nonzero((u >= 0) & (v >= 0) & (w >= 0))
-    pixel = (rows + low[1]) * buffer.triangle.shape[1] + columns + low[0]
-    _update_z_buffer(buffer, pixel, np.full(len(pixel), index), depth[rows, columns])
-
-
-def _barycentrics(
-    corners: Floats, x: Floats | Ints, y: Floats | Ints, area: Floats | float
-) -> tuple[Floats, Floats, Floats]:
-    """Barycentric weights of pixels (x, y) in triangles (N, 3, 2, ...)."""
-    (ax, ay), (bx, by), (cx, cy) = ((corners[:, corner, 0], corners[:, corner, 1]) for corner in range(3))
-    u = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area
-    v = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
-    return u, v, 1.0 - u - v
+def _draw_rows(buffer: Buffer, rows: _Rows, part: Ints, nearness: Floats) -> None:
+    row = np.repeat(part, rows.width[part])
+    x = _count_up_from(rows.left[part], rows.width[part])
+    (ax, bx, cx), (ay, by, cy) = rows.across[:, row] - x, rows.down[:, row]
+    area = rows.area[row]
+    # Barycentric weights of the three corners.
+    u, v = (bx * cy - by * cx) / area, (cx * ay - cy * ax) / area
+    w = 1.0 - u - v
+    inside = (u >= 0) & (v >= 0) & (w >= 0)
+    u, v, w, x, row = u[inside], v[inside], w[inside], x[inside], row[inside]
+    triangle = rows.triangle[row]
+    near = nearness[triangle]
+    value = u * near[:, 0] + v * near[:, 1] + w * near[:, 2]
+    pixel = rows.y[row] * buffer.triangle.shape[1] + x
+    _update_z_buffer(buffer, pixel, triangle, value)
 
 
 def _update_z_buffer(buffer: Buffer, pixel: Ints, triangle: Ints, nearness: Floats) -> None:
-    """Take what is nearer than what was seen, and of equals the triangle that comes first; each pixel once."""
-    best, owner = buffer.nearness.ravel(), buffer.triangle.ravel()
-    nearer = (nearness > best[pixel]) | ((nearness == best[pixel]) & (triangle < owner[pixel]))
-    best[pixel[nearer]], owner[pixel[nearer]] = nearness[nearer], triangle[nearer]
+    """Take what is nearer than what was seen, and of equals the triangle that comes first; ``triangle`` ascends."""
+    best, owner = buffer.nearness.reshape(-1), buffer.triangle.reshape(-1)
+    nearer = nearness > best[pixel]
+    pixel, triangle, nearness = pixel[nearer], triangle[nearer], nearness[nearer]
+    np.maximum.at(best, pixel, nearness)
+    nearest = np.flatnonzero(nearness == best[pixel])[::-1]  # the last that is written stays
+    owner[pixel[nearest]] = triangle[nearest]
 
 
 def barycentric_coordinates(points: Floats, triangles: Floats) -> Floats:
