@@ -3,6 +3,7 @@ The content lies beside the package in a source tree and inside it (``_bundled``
 own, laid over it with ``--content DIR``, wins where it has a file of the same name. An installed package adds content
 by an entry point of the group ``grs_agents.content``; where GRS ships a file of the same name, that of GRS wins."""
 
+import hashlib
 import importlib.util
 import sys
 import threading
@@ -150,3 +151,19 @@ def load_module(kind: Kind, name: str) -> ModuleType:
             del sys.modules[qualified]
             raise
         return module
+
+
+def hash_files(*places: Path) -> str:
+    """A hash of all files in these folders, so that figures are never older than the code they are of."""
+    files = sorted(file for place in places for file in (place.rglob("*") if place.is_dir() else [place]))
+    whole = hashlib.sha256()
+    for file in files:
+        if file.is_file() and "__pycache__" not in file.parts:
+            whole.update(file.name.encode() + b"\0" + file.read_bytes())
+    return whole.hexdigest()
+
+
+def hash_code() -> str:
+    """A hash of the package and of all content, that which is laid over it too; without the evals' own results."""
+    content = [path for root in content_search_roots() for kind in KINDS for path in (root / kind).glob("*")]
+    return hash_files(package_root(), *(path for path in content if path.name != "results"))

@@ -9,7 +9,7 @@ from evals.benchmark.match_figures import SHOWN, write_matchings
 from evals.benchmark.match_sheet import write_match_plot, write_match_sheet
 from evals.benchmark.match_types import Matching, MatchOrder, Method, matching_file
 from evals.benchmark.types import Order
-from evals.benchmark.worker_processes import error_of, fingerprint, run_jobs, run_worker
+from evals.benchmark.worker_processes import error_of, run_jobs, run_worker
 from grs_agents import content
 from grs_agents.errors import InputError
 from grs_agents.runs import Experiment, terminal_table
@@ -36,7 +36,7 @@ def match_orders(
 ) -> list[MatchOrder]:
     """One order for each scene, method, model and run; methods that ask no model have one model, ``-``, and one run."""
     rooms = [content.package_root() / room for room in ("perception", "agents")]
-    code = fingerprint(*rooms, content.content_path("tools", "match_features"))
+    code = content.hash_files(*rooms, content.content_path("tools", "match_features"))
     found: list[MatchOrder] = []
     for name in methods:
         method = METHODS[name]

@@ -13,7 +13,7 @@ from evals.benchmark.ground_truth import labelled_folders
 from evals.benchmark.ground_truth_bop import bop_sources
 from evals.benchmark.segmentation_metrics import sum_scores
 from evals.benchmark.types import Order, Result, SceneFigures, result_file
-from evals.benchmark.worker_processes import EVALS, error_of, fingerprint, run_jobs, run_worker
+from evals.benchmark.worker_processes import EVALS, error_of, run_jobs, run_worker
 from evals.synthesis.scene import Recipe
 from grs_agents import content
 from grs_agents.errors import InputError
@@ -65,7 +65,7 @@ def unique_names(sources: Sequence[Path]) -> list[str]:
 
 def synthesised_orders(wanted: Sequence[Recipe], out: Path, work: MeasurementOptions) -> list[Order]:
     """Orders for scenes that are made below ``out/synthesised`` if they are not there yet."""
-    made = fingerprint(
+    made = content.hash_files(
         EVALS / "synthesis", content.package_root() / "library", content.content_path("assets", "library")
     )[:12]
     return [
@@ -102,7 +102,7 @@ def run_orders(orders: Sequence[Order], experiment: Experiment) -> int:
 def _order(name: str, source: str, recipe: Recipe | None, work: MeasurementOptions) -> Order:
     overlays = tuple(str(root) for root in content.content_search_roots()[:-1])
     rooms = [content.package_root() / room for room in ("agents", "nodes", "perception")]
-    code = fingerprint(*rooms, EVALS / "benchmark", content.content_path("tools", "segment_rgbd").parent)
+    code = content.hash_files(*rooms, EVALS / "benchmark", content.content_path("tools", "segment_rgbd").parent)
     return Order(
         name=name,
         source=source,

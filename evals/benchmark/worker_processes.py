@@ -1,6 +1,5 @@
 """Work in processes of its own: one for each scene, on one core each, with a bar on the terminal."""
 
-import hashlib
 import os
 import subprocess
 import sys
@@ -58,13 +57,3 @@ def run_jobs(
 
         run_jobs_in_threads(range(len(jobs)), lambda number: work(jobs[number]), keep, workers)
     return [outcomes[number] for number in range(len(jobs))]
-
-
-def fingerprint(*places: Path) -> str:
-    """A hash of all files in these folders, so that figures are never older than the code they are of."""
-    files = sorted(file for place in places for file in (place.rglob("*") if place.is_dir() else [place]))
-    whole = hashlib.sha256()
-    for file in files:
-        if file.is_file() and "__pycache__" not in file.parts:
-            whole.update(file.name.encode() + b"\0" + file.read_bytes())
-    return whole.hexdigest()

@@ -8,10 +8,10 @@ from typing import Any, Final, Generic, TypeVar
 
 from pydantic import BaseModel
 
+from grs_agents.content import hash_code
 from grs_agents.errors import InputError
 from grs_agents.files import write_json
 from grs_agents.foreign import read_json
-from grs_agents.version import __version__
 
 _REMEDY: Final = "name another --out"
 _Row = TypeVar("_Row", bound=BaseModel)
@@ -40,16 +40,16 @@ def open_stored_rows(folder: Path, kind: type[_Row], of: Mapping[str, Any]) -> S
         of: what the rows depend on: configuration and options.
 
     Raises:
-        InputError: the rows there are of another version, configuration or other options.
+        InputError: the rows there are of other code, another configuration or other options.
     """
     parts = {
         key: part.model_dump(mode="json") if isinstance(part, BaseModel) else str(part) for key, part in of.items()
     }
-    digest = hashlib.sha256(json.dumps([__version__, parts], sort_keys=True).encode()).hexdigest()
+    digest = hashlib.sha256(json.dumps([hash_code(), parts], sort_keys=True).encode()).hexdigest()
     file = folder / "rows.json"
     if not file.is_file():
         return StoredRows(file, digest, {})
     found = read_json(file, _REMEDY)
     if found.get("of") != digest:
-        raise InputError(f"{file} holds rows of another version, configuration or other options", _REMEDY)
+        raise InputError(f"{file} holds rows of other code, another configuration or other options", _REMEDY)
     return StoredRows(file, digest, {name: kind.model_validate(row) for name, row in found["rows"].items()})

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from grs_agents import content
 from grs_agents.base import Frozen
 from grs_agents.errors import InputError
 from grs_agents.metrics import Figure
@@ -57,6 +58,20 @@ def test_rows_of_other_options_are_refused_unless_those_only_choose(tmp_path: Pa
     chosen = tmp_path / "chosen"
     for seed in ("1", "2"):
         start(chosen, "--seed", seed).make_or_reuse_rows(Row, work, choosing=("seed",))
+
+
+def test_rows_of_other_code_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(content, "_overlays", [])
+    (tmp_path / "own/tools").mkdir(parents=True)
+    tool = tmp_path / "own/tools/halve.py"
+    tool.write_text("SHARE = 2\n")
+    content.add_overlay_folder(tmp_path / "own")
+    work: dict[str, Callable[[], Row]] = {"one": lambda: Row(value=1)}
+    for _ in range(2):
+        start(tmp_path / "out").make_or_reuse_rows(Row, work)
+    tool.write_text("SHARE = 3\n")
+    with pytest.raises(InputError, match="other code"):
+        start(tmp_path / "out").make_or_reuse_rows(Row, work)
 
 
 def test_the_configuration_reaches_processes_of_their_own(tmp_path: Path) -> None:
