@@ -3,7 +3,6 @@ from .batch import find_scenes_given_up as find_scenes_given_up
 from .batch import run_batch as run_batch
 from .diversity import describe_diversity as describe_diversity
 from .diversity import mark_repeated_tasks as mark_repeated_tasks
-from .jobs import ENGINES as ENGINES
 from .jobs import Engine as Engine
 from .jobs import run_jobs as run_jobs
 from .results import BatchResults as BatchResults

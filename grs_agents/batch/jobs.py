@@ -2,12 +2,11 @@
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from typing import Final, Literal
+from typing import Literal
 
 from grs_agents.batch.run_process import RunEnd, RunJob, Watcher, run_job
 
 Engine = Literal["local", "ray"]
-ENGINES: Final[tuple[Engine, ...]] = ("local", "ray")
 
 
 def run_jobs(

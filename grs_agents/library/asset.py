@@ -5,7 +5,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, model_serializer
 
 from grs_agents.base import Frozen, Vec3
@@ -22,13 +21,6 @@ class Quantity(Frozen):
     value: float = Field(ge=0, allow_inf_nan=False)  # in its SI unit
     provenance: Provenance = "default"
     deviation: float = Field(default=0.3, ge=0, le=2, allow_inf_nan=False)  # standard deviation as a share of the value
-
-    def sample_value(self, rng: np.random.Generator) -> float:
-        """A value for one randomised scene: log-normal around ``value``, within a factor of 4."""
-        spread = float(np.log1p(self.deviation))
-        if spread == 0:
-            return self.value
-        return self.value * float(np.exp(np.clip(rng.normal(0.0, spread), -np.log(4), np.log(4))))
 
 
 class Physics(Frozen):

@@ -61,11 +61,12 @@ def format_program(event: trace.ProgramVersion, source: str) -> str:
 
 def format_task(event: trace.TaskDefined) -> str:
     """The fields of the task."""
-    lines = [f"- **{key}**: {_format_field_value(value)}" for key, value in event.task.items()]
+    lines = [f"- **{key}**: {format_field_value(value)}" for key, value in event.task.items()]
     return to_viewer_markdown("### Task\n\n" + "\n".join(lines))
 
 
-def _format_field_value(value: Any) -> str:
+def format_field_value(value: Any) -> str:
+    """A field of the task in a line."""
     return ", ".join(map(str, cast("list[Any]", value))) if isinstance(value, list) else str(value)
 
 
@@ -76,7 +77,7 @@ def format_test_report(event: trace.TestsRun) -> str:
     parts = [f"### Tests: {report.get('outcome', '?')}", format_outcome_counts(event), str(report.get("message") or "")]
     if cases:
         rows = [
-            f"| **{to_markdown_cell(case.get('outcome'))}** | {to_markdown_cell(_short_test_name(case))} "
+            f"| **{to_markdown_cell(case.get('outcome'))}** | {to_markdown_cell(short_test_name(case))} "
             f"| {case.get('seconds') or 0:.2f} | {to_markdown_cell(case.get('message') or '')} |"
             for case in cases
         ]
@@ -86,19 +87,26 @@ def format_test_report(event: trace.TestsRun) -> str:
     return to_viewer_markdown("\n\n".join(part for part in parts if part))
 
 
-def _short_test_name(case: dict[str, Any]) -> str:
+def short_test_name(case: dict[str, Any]) -> str:
     """The test's own name: that of its class is long and the same for all, and would push the rest out of sight."""
     return str(case.get("id")).rpartition(".")[2]
 
 
 def _format_case_details(case: dict[str, Any]) -> list[str]:
-    traceback, episode = case.get("traceback"), case.get("episode")
+    traceback, episode = case.get("traceback"), format_oracle_episode(case)
     parts: list[str] = []
     if traceback:
         parts.append(f"**{case.get('id')}**\n\n{to_markdown_code_block(str(traceback), 'python')}")
     if episode and case.get("outcome") != "passed":
-        parts.append(f"oracle: {episode.get('outcome')}, reward {episode.get('reward')}: {episode.get('detail')}")
+        parts.append(episode)
     return parts
+
+
+def format_oracle_episode(case: dict[str, Any]) -> str:
+    """How the oracle fared in a test; empty where it did nothing."""
+    episode: dict[str, Any] = case.get("episode") or {}
+    told = f"oracle: {episode.get('outcome')}, reward {episode.get('reward')}: {episode.get('detail')}"
+    return told if episode else ""
 
 
 def get_test_cases(event: trace.TestsRun) -> list[dict[str, Any]]:

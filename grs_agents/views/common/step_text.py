@@ -7,7 +7,12 @@ from typing import Any
 
 from grs_agents import trace
 from grs_agents.errors import InputError
-from grs_agents.views.common.event_markdown import format_finding_verdict, format_outcome_counts, get_test_cases
+from grs_agents.views.common.event_markdown import (
+    format_finding_verdict,
+    format_oracle_episode,
+    format_outcome_counts,
+    get_test_cases,
+)
 from grs_agents.views.common.event_steps import Step
 
 
@@ -126,10 +131,5 @@ def _format_test_report(event: trace.TestsRun) -> str:
 def _format_test_case(case: dict[str, Any]) -> str:
     message = f": {case['message']}" if case.get("message") else ""
     lines = [f"{case.get('id')}: {case.get('outcome')} in {case.get('seconds') or 0:.2f} s{message}"]
-    for key in ("traceback", "output"):
-        if case.get(key):
-            lines.append(str(case[key]).rstrip())
-    episode: dict[str, Any] = case.get("episode") or {}
-    if episode:
-        lines.append(f"oracle: {episode.get('outcome')}, reward {episode.get('reward')}: {episode.get('detail')}")
-    return "\n".join(lines)
+    lines += [str(case[key]).rstrip() for key in ("traceback", "output") if case.get(key)]
+    return "\n".join(filter(None, [*lines, format_oracle_episode(case)]))

@@ -4,11 +4,11 @@ nothing from anywhere, and all text from outside is escaped."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from grs_agents import trace
 from grs_agents.foreign import find_member_file, read_bytes
-from grs_agents.views.common import Step, group_events_into_steps
+from grs_agents.views.common import Step, event_markdown, group_events_into_steps
 from grs_agents.views.report import html, pictures
 from grs_agents.views.report.steps import render_findings, render_steps
 
@@ -43,7 +43,7 @@ def _render_header(record: dict[str, Any], events: Sequence[trace.Event], steps:
     title = task.get("task-description") or task.get("task-name") or name
     verdict = f'<b class="{"good" if status == "accepted" else "bad"}">{html.escape_html(status)}</b>'
     others = (
-        html.render_paragraph(f"{key}: {_format_task_field(value)}", "quiet")
+        html.render_paragraph(f"{key}: {event_markdown.format_field_value(value)}", "quiet")
         for key, value in task.items()
         if key != "task-description"
     )
@@ -68,10 +68,6 @@ def _list_header_facts(record: dict[str, Any], events: Sequence[trace.Event], st
     if costs:
         yield f"${sum(costs):.4f}"
     yield f"{sum(step.seconds for step in steps):.1f} s"
-
-
-def _format_task_field(value: Any) -> str:
-    return ", ".join(map(str, cast("list[Any]", value))) if isinstance(value, list) else str(value)
 
 
 def _render_counts_and_seconds(record: dict[str, Any]) -> str:

@@ -3,7 +3,6 @@ had failed and the reason for the fix."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from grs_agents import trace
 from grs_agents.views.common import (
@@ -43,13 +42,10 @@ def _list_failures_in_event(event: trace.Event) -> Iterator[tuple[str, str]]:
     if isinstance(event, trace.TestsRun):
         for case in event_markdown.get_test_cases(event):
             if case.get("outcome") not in ("passed", "skipped"):
-                yield _short_case_name(case), str(case.get("traceback") or case.get("message") or case.get("outcome"))
+                what = case.get("traceback") or case.get("message") or case.get("outcome")
+                yield event_markdown.short_test_name(case), str(what)
         if event.report.get("message"):
             yield str(event.report.get("outcome")), str(event.report["message"])
-
-
-def _short_case_name(case: dict[str, Any]) -> str:
-    return str(case.get("id")).rpartition(".")[2]
 
 
 def render_steps(steps: Sequence[Step]) -> Iterator[str]:
@@ -137,13 +133,12 @@ def render_tests(event: trace.TestsRun) -> str:
     """A run of the tests: each test in the colour of its outcome, with the traceback of those that failed."""
     parts = [html.render_paragraph(event.report["message"], "bad")] if event.report.get("message") else []
     for case in event_markdown.get_test_cases(event):
-        heading = f"{_short_case_name(case)}: {case.get('outcome')} in {case.get('seconds') or 0:.2f} s"
+        heading = f"{event_markdown.short_test_name(case)}: {case.get('outcome')} in {case.get('seconds') or 0:.2f} s"
         well = case.get("outcome") in ("passed", "skipped")
         text = "\n".join(str(case[key]).rstrip() for key in ("message", "traceback", "output") if case.get(key))
         shown = html.render_code_block(text) if text else ""
-        episode: dict[str, Any] = case.get("episode") or {}
-        told = f"oracle: {episode.get('outcome')}, reward {episode.get('reward')}: {episode.get('detail')}"
-        inner = shown + (html.render_paragraph(told, "quiet") if episode else "")
+        episode = event_markdown.format_oracle_episode(case)
+        inner = shown + (html.render_paragraph(episode, "quiet") if episode else "")
         parts.append(html.render_collapsible(heading, inner, not well, "good" if well else "bad"))
     return "".join(parts)
 

@@ -9,7 +9,6 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.library import Quantity
 from grs_agents.library.importing import (
     UP_TO_Z,
     ConvexHull,
@@ -128,10 +127,3 @@ def test_names_that_leave_the_folder_are_refused(tmp_path: Path, name: str) -> N
     (home / "link").symlink_to(tmp_path / "x")
     with pytest.raises(RefusedError):
         SourceFolder(home, 1000).resolve_file(name)
-
-
-@given(st.floats(0.001, 10), st.floats(0, 1), st.integers(0, 1000))
-def test_a_drawn_quantity_stays_near_its_value(value: float, deviation: float, seed: int) -> None:
-    drawn = Quantity(value=value, deviation=deviation).sample_value(np.random.default_rng(seed))
-    assert value / 4.001 <= drawn <= value * 4.001
-    assert deviation or drawn == value
