@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Frozen, Quat, Vec3
+from grs_agents.geometry import transforms
 
 Rgba = tuple[float, float, float, float]
 ShapeKind = Literal["box", "cylinder", "sphere", "mesh"]
@@ -46,29 +47,14 @@ class ObjectModel(Frozen):
         return (high[0] - low[0], high[1] - low[1], high[2] - low[2])
 
 
-def matrix_from_quaternion(quaternion: Quat) -> Points:
-    """The 3x3 rotation of an xyzw quaternion (normalised here)."""
-    x, y, z, w = np.asarray(quaternion, dtype=np.float64) / np.linalg.norm(quaternion)
-    first = [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)]
-    second = [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)]
-    return np.array([first, second, [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
-
-
-def compose_placements(outer: Placement, inner: Placement) -> Placement:
-    """Where something is that is placed by ``inner`` in a frame that is placed by ``outer``."""
-    (px, py, pz), (x1, y1, z1, w1) = outer
-    x2, y2, z2, w2 = inner[1]
-    dx, dy, dz = (float(value) for value in matrix_from_quaternion(outer[1]) @ np.asarray(inner[0]))
-    x, y = w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2, w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2
-    z, w = w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2, w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2
-    return (px + dx, py + dy, pz + dz), (x, y, z, w)
+matrix_from_quaternion = transforms.quaternion_to_matrix
 
 
 def transform_shape(shape: Shape, placement: Placement) -> Shape:
     """The shape of a frame that is placed by ``placement``, in the frame around."""
     if placement == IDENTITY_PLACEMENT:
         return shape
-    position, quaternion = compose_placements(placement, (shape.position, shape.quaternion))
+    position, quaternion = transforms.compose_poses(placement, (shape.position, shape.quaternion))
     return shape.model_copy(update={"position": position, "quaternion": quaternion})
 
 

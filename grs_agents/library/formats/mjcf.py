@@ -15,6 +15,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from grs_agents.base import Quat, Vec3
+from grs_agents.geometry import transforms
 from grs_agents.library.formats.model_file import ModelFile, read_text
 from grs_agents.library.shapes import (
     IDENTITY_PLACEMENT,
@@ -23,7 +24,6 @@ from grs_agents.library.shapes import (
     Rgba,
     Shape,
     ShapeKind,
-    compose_placements,
     shape_volume,
 )
 
@@ -80,7 +80,7 @@ class Frames:
         for letter, angle in zip(self.sequence, angles, strict=True):
             axis = np.eye(3)["xyz".index(letter.lower())]
             turn: Placement = (_ORIGIN, _axis_angle_quaternion(axis, angle * self.unit))
-            total = compose_placements(total, turn) if letter.islower() else compose_placements(turn, total)
+            total = transforms.compose_poses(total, turn) if letter.islower() else transforms.compose_poses(turn, total)
         return total[1]
 
     def _normalize_vector(self, numbers: tuple[float, ...], name: str) -> tuple[float, ...]:
@@ -193,7 +193,7 @@ class _Reader:
         for geom in body.findall("geom"):
             yield self._read_geom(self.defaults.attributes_with_defaults(geom, kind), place)
         for child in body.findall("body"):
-            inner = compose_placements(place, self.frames.read_placement(child.attrib))
+            inner = transforms.compose_poses(place, self.frames.read_placement(child.attrib))
             yield from self._read_body_geoms(child, inner, kind, weights, False)
 
     def _read_geom(self, said: dict[str, str], place: Placement) -> _Geom:
@@ -206,7 +206,7 @@ class _Reader:
         else:
             raise self.source.make_error(f"geom {name!r} is a {kind}", "use box, sphere, cylinder, capsule or mesh")
         kinds: dict[str, ShapeKind] = {"box": "box", "sphere": "sphere", "mesh": "mesh"}
-        at, turn = compose_placements(place, local)
+        at, turn = transforms.compose_poses(place, local)
         friction = self.source.parse_numbers(said.get("friction", f"{_FRICTION}"), "friction")
         color = self.source.parse_rgba(said["rgba"]) if "rgba" in said else self.material_colors.get(paint)
         shape = Shape(kind=kinds.get(kind, "cylinder"), size=size, position=at, quaternion=turn, color=color, mesh=mesh)

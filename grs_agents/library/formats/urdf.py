@@ -11,6 +11,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from grs_agents.base import Vec3
+from grs_agents.geometry import transforms
 from grs_agents.library.formats.model_file import MAX_SHAPES, ModelFile, read_text
 from grs_agents.library.shapes import (
     IDENTITY_PLACEMENT,
@@ -18,7 +19,6 @@ from grs_agents.library.shapes import (
     Placement,
     Rgba,
     Shape,
-    compose_placements,
     quaternion_from_rpy,
     rpy_from_quaternion,
     transform_shape,
@@ -140,7 +140,7 @@ def _compute_link_placement_in_root(
             raise source.make_error(f"joint {joint.get('name', '')!r} hangs on {name!r}", remedy)
         seen.add(name)
         rotation = quaternion_from_rpy(*source.read_vector_attribute(origin, "rpy"))
-        placement = compose_placements((source.read_vector_attribute(origin, "xyz"), rotation), placement)
+        placement = transforms.compose_poses((source.read_vector_attribute(origin, "xyz"), rotation), placement)
     return placement
 
 
