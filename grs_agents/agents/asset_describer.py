@@ -21,23 +21,21 @@ from grs_agents.base import Frozen
 from grs_agents.config import ModelConfig
 from grs_agents.files import write_json
 from grs_agents.library import (
+    RANDOM_VIEW_SIZE,
+    RANDOM_VIEWS,
     Asset,
     AssetView,
     Library,
-    color_name_from_rgb,
     composite_over_white,
-    random_view_directions,
-    render_asset_views,
+    main_color_names,
+    render_random_views,
 )
 from grs_agents.models import ReplyProblem, invoke_with_retries, make_retries
 
 PROMPT = "describe_asset"
-VIEWS, SIDE = 3, 384
-"""Random views of each asset as in the paper, and their pixels each way."""
 _REPLY_TOKENS = 120
 _PIXELS_PER_TOKEN = 600
 _TRIES = 3
-_SHARE = 0.08
 
 
 class AssetDescription(Frozen):
@@ -90,7 +88,7 @@ def select_assets_to_describe(root: Path, assets: Sequence[Asset], model: str, a
         else:
             todo.append(asset)
     template = content.content_path("prompts", PROMPT).read_text("utf-8")
-    tokens = len(template) // 4 + 60 + VIEWS * SIDE * SIDE // _PIXELS_PER_TOKEN
+    tokens = len(template) // 4 + 60 + RANDOM_VIEWS * RANDOM_VIEW_SIZE**2 // _PIXELS_PER_TOKEN
     return Plan(tuple(todo), tuple(done), tokens * len(todo), _REPLY_TOKENS * len(todo))
 
 
@@ -136,10 +134,7 @@ def read_saved_description(root: Path, name: str) -> DescribedAsset | None:
 def _describe_asset(
     library: Library, asset: Asset, model: BaseChatModel, spec: ModelConfig, warn: Callable[[str], None]
 ) -> DescribedAsset | None:
-    seed = int.from_bytes(hashlib.sha256(asset.name.encode()).digest()[:8], "big")
-    views = render_asset_views(
-        library, asset.name, random_view_directions(VIEWS, np.random.default_rng(seed)), size=SIDE
-    )
+    views = render_random_views(library, asset.name)
     facts = {
         "file_name": Path(asset.name).stem,
         "size_m": [round(extent, 3) for extent in asset.size],
@@ -173,15 +168,7 @@ def _describe_asset(
 
 def visible_color_names(views: Sequence[AssetView]) -> list[str]:
     """Names of the colours that views show, the most frequent first, at most three."""
-    pixels = np.concatenate([view.rgba[view.rgba[:, :, 3] > 200][::7, :3] for view in views])
-    levels, counts = np.unique(pixels // 16, axis=0, return_counts=True)
-    shares: dict[str, int] = {}
-    for level, count in zip(levels, counts, strict=True):
-        red, green, blue = ((float(value) * 16 + 8) / 255 for value in level)
-        named = color_name_from_rgb((min(red, 1.0), min(green, 1.0), min(blue, 1.0)))
-        shares[named] = shares.get(named, 0) + int(count)
-    ranked = sorted(shares, key=lambda value: (-shares[value], value))
-    return ranked[:1] + [value for value in ranked[1:3] if shares[value] >= _SHARE * len(pixels)]
+    return main_color_names(np.concatenate([view.rgba[view.rgba[:, :, 3] > 200][::7, :3] for view in views]), 16)
 
 
 def _prompt_hash() -> str:

@@ -5,6 +5,8 @@ from .asset import Manifest as Manifest
 from .asset import Quantity as Quantity
 from .asset import read_manifest as read_manifest
 from .asset_rendering import FINER as FINER
+from .asset_rendering import RANDOM_VIEW_SIZE as RANDOM_VIEW_SIZE
+from .asset_rendering import RANDOM_VIEWS as RANDOM_VIEWS
 from .asset_rendering import AssetView as AssetView
 from .asset_rendering import Lens as Lens
 from .asset_rendering import PaintedTriangles as PaintedTriangles
@@ -12,12 +14,14 @@ from .asset_rendering import build_textured_triangles as build_textured_triangle
 from .asset_rendering import random_view_directions as random_view_directions
 from .asset_rendering import render_asset_views as render_asset_views
 from .asset_rendering import render_color_and_depth as render_color_and_depth
+from .asset_rendering import render_random_views as render_random_views
 from .asset_rendering import ring_view_directions as ring_view_directions
 from .asset_rendering import sample_triangle_colors as sample_triangle_colors
 from .background_asset import BACKGROUND as BACKGROUND
 from .background_asset import write_background_asset as write_background_asset
 from .colors import COLORS as COLORS
 from .colors import color_name_from_rgb as color_name_from_rgb
+from .colors import main_color_names as main_color_names
 from .contact_sheets import MAX_ASSETS as MAX_ASSETS
 from .contact_sheets import composite_over_white as composite_over_white
 from .contact_sheets import draw_contact_sheet as draw_contact_sheet

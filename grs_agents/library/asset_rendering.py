@@ -2,6 +2,7 @@
 The same asset gives the same picture on every machine, which a graphics driver would not promise: what assets are
 matched and described by is drawn so."""
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -29,6 +30,12 @@ _TEXTURE_EDGE: Final = 1024
 _MOST_PIXELS: Final = 64_000_000
 _HORIZON: Final = (5.0, 65.0)
 """Degrees above the table from which random views look."""
+RANDOM_VIEWS: Final = 3
+RANDOM_VIEW_SIZE: Final = 384
+"""Random views of each asset as in the paper, and their pixels each way."""
+_FIELD_OF_VIEW: Final = np.deg2rad(30.0)
+_RING_TILT: Final = float(np.deg2rad(25.0))
+"""How far above the table a ring of views looks from."""
 
 
 @dataclass(frozen=True)
@@ -60,14 +67,20 @@ def random_view_directions(count: int, rng: np.random.Generator) -> tuple[Vec3, 
     return tuple(_direction_from_angles(float(a), float(b)) for a, b in zip(around, up, strict=True))
 
 
-def ring_view_directions(count: int, elevation: float = 25.0) -> tuple[Vec3, ...]:
-    """Unit vectors towards ``count`` cameras evenly around, ``elevation`` degrees above the table; the first is +x."""
-    tilt = float(np.deg2rad(elevation))
-    return tuple(_direction_from_angles(2 * float(np.pi) * number / count, tilt) for number in range(count))
+def ring_view_directions(count: int) -> tuple[Vec3, ...]:
+    """Unit vectors towards ``count`` cameras evenly around, 25 degrees above the table; the first is +x."""
+    return tuple(_direction_from_angles(2 * float(np.pi) * number / count, _RING_TILT) for number in range(count))
+
+
+def render_random_views(library: Library, name: str) -> tuple[AssetView, ...]:
+    """The random views of an asset that are kept and described, the same for the same name."""
+    seed = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big")
+    directions = random_view_directions(RANDOM_VIEWS, np.random.default_rng(seed))
+    return render_asset_views(library, name, directions, size=RANDOM_VIEW_SIZE)
 
 
 def render_asset_views(
-    library: Library, name: str, directions: Sequence[Vec3], *, size: int = 224, field_of_view: float = 30.0
+    library: Library, name: str, directions: Sequence[Vec3], *, size: int = 224
 ) -> tuple[AssetView, ...]:
     """One square picture of an asset for each direction; the whole asset is in each.
 
@@ -77,40 +90,35 @@ def render_asset_views(
         directions: from the object's centre to the camera, object frame, any length but 0; z is up in the picture
             unless the camera looks along it, then x is.
         size: height and width, px.
-        field_of_view: of the pinhole camera, degrees.
 
     Raises:
         UnknownNameError: nothing has that name.
-        InputError: its files are faulty, or a number is out of range.
+        InputError: its files are faulty, or the size is out of range.
     """
-    if not 8 <= size <= 4096 or not 1 <= field_of_view <= 120:
-        raise InputError(f"views of {size} px and {field_of_view:g} degrees", "ask for 8 to 4096 px, 1 to 120 degrees")
+    if not 8 <= size <= 4096:
+        raise InputError(f"views of {size} px", "ask for 8 to 4096 px")
     model = library.load_object_model(name)
-    painted = build_textured_triangles(library, model.visuals or model.colliders, library.asset(name).color)
+    painted = build_textured_triangles(library, model.visuals or model.colliders, COLORS.get(library.asset(name).color))
     low, high = painted.corners.min(axis=(0, 1)), painted.corners.max(axis=(0, 1))
     radius = max(float(np.linalg.norm(high - low)) / 2, 1e-6)
-    distance = 1.02 * radius / float(np.sin(np.deg2rad(field_of_view) / 2))
-    focal = size / 2 / float(np.tan(np.deg2rad(field_of_view) / 2))
+    distance = 1.02 * radius / float(np.sin(_FIELD_OF_VIEW / 2))
+    focal = size / 2 / float(np.tan(_FIELD_OF_VIEW / 2))
     return tuple(
         _render_asset_view(painted, (low + high) / 2, towards, distance, focal, size) for towards in directions
     )
 
 
-def build_textured_triangles(library: Library, shapes: Sequence[Shape], color: str = "gray") -> PaintedTriangles:
-    """The triangles of shapes in the object frame; ``color`` is the colour's name of those that have none."""
-    plain = COLORS.get(color, COLORS["gray"])
+def build_textured_triangles(library: Library, shapes: Sequence[Shape], plain: Vec3 | None = None) -> PaintedTriangles:
+    """The triangles of shapes in the object frame; those without a colour are ``plain``, gray unless given."""
     surfaces: list[Surface] = []
     colors: list[Floats] = []
     numbers: list[int] = []
     textures: list[Image] = []
     for shape in shapes:
-        mesh = read_surface(library.mesh_or_texture_path(shape.mesh)) if shape.mesh else triangulate_primitive(shape)
-        scale = np.asarray(shape.size) if shape.kind == "mesh" else np.ones(3)
-        corners = mesh.corners * scale @ matrix_from_quaternion(shape.quaternion).T + shape.position
-        surfaces.append(Surface(corners, mesh.uvs))
+        surfaces.append(triangulate_shape(shape, library))
         numbers.append(len(textures) if shape.texture else -1)
         textures += [read_texture(library.mesh_or_texture_path(shape.texture))] if shape.texture else []
-        own = shape.color[:3] if shape.color else (1.0, 1.0, 1.0) if shape.texture else plain
+        own = shape.color[:3] if shape.color else (1.0, 1.0, 1.0) if shape.texture else plain or COLORS["gray"]
         colors.append(np.asarray(own, dtype=np.float64))
     counts = [len(surface.corners) for surface in surfaces]
     return PaintedTriangles(
@@ -120,6 +128,14 @@ def build_textured_triangles(library: Library, shapes: Sequence[Shape], color: s
         texture=np.repeat(numbers, counts),
         textures=tuple(textures),
     )
+
+
+def triangulate_shape(shape: Shape, library: Library) -> Surface:
+    """The triangles of a shape in the object frame, m."""
+    mesh = read_surface(library.mesh_or_texture_path(shape.mesh)) if shape.mesh else triangulate_primitive(shape)
+    scale = np.asarray(shape.size) if shape.kind == "mesh" else np.ones(3)
+    corners = mesh.corners * scale @ matrix_from_quaternion(shape.quaternion).T + shape.position
+    return Surface(corners, mesh.uvs)
 
 
 def read_texture(path: Path) -> Image:

@@ -2,6 +2,9 @@
 
 import colorsys
 
+import numpy as np
+import numpy.typing as npt
+
 from grs_agents.base import Vec3
 
 COLORS: dict[str, Vec3] = {
@@ -22,6 +25,8 @@ COLORS: dict[str, Vec3] = {
 
 _HUES = ((15, "red"), (42, "orange"), (68, "yellow"), (165, "green"), (200, "cyan"), (255, "blue"), (315, "purple"))
 """Where the hues of a name end, degrees; from 315 on it is red again."""
+_SHARE = 0.08
+"""Share of what is seen from which a further colour is told."""
 
 
 def color_name_from_rgb(rgb: Vec3) -> str:
@@ -32,6 +37,27 @@ def color_name_from_rgb(rgb: Vec3) -> str:
     if saturation < 0.18:
         return "white" if value > 0.78 else "gray"
     return _chromatic_color_name(hue * 360, saturation, value)
+
+
+def main_color_names(
+    colors: npt.NDArray[np.uint8], step: int, amounts: npt.NDArray[np.float64] | None = None
+) -> list[str]:
+    """Names of the colours among (N, 3) reds, greens and blues, the most frequent first, at most three.
+
+    Args:
+        colors: of points.
+        step: colours that differ by less in each channel count as one.
+        amounts: (N,) how much each stands for; 1 unless given.
+    """
+    levels, number = np.unique(colors // step, axis=0, return_inverse=True)
+    shares: dict[str, float] = {}
+    for level, amount in zip(levels, np.bincount(number.ravel(), amounts, len(levels)), strict=True):
+        red, green, blue = ((float(channel) * step + step / 2) / 255 for channel in level)
+        name = color_name_from_rgb((min(red, 1.0), min(green, 1.0), min(blue, 1.0)))
+        shares[name] = shares.get(name, 0.0) + float(amount)
+    total = sum(shares.values()) or 1.0
+    ranked = sorted(shares, key=lambda name: (-shares[name], name))
+    return ranked[:1] + [name for name in ranked[1:3] if shares[name] >= _SHARE * total]
 
 
 def _chromatic_color_name(degrees: float, saturation: float, value: float) -> str:

@@ -21,8 +21,8 @@ from grs_agents.library.importing.mesh_appearance import (
     find_shipped_hope_asset,
     is_hollow,
     look_up_ycb_mass_kg,
-    main_color_names,
     surface_color_histogram,
+    surface_color_names,
 )
 from grs_agents.library.importing.mesh_reader import read_mesh
 from grs_agents.library.importing.mesh_simplification import simplify_textured_mesh
@@ -90,7 +90,7 @@ def prepare_asset(job: ImportJob) -> tuple[Asset, TexturedMesh, list[Collider]]:
     notes += [] if result.is_stable else [f"it does not rest as it stands_with_axis_up: {result}"]
     shape, hollow = (*sorted(size), mesh_area(solid.vertices, solid.faces), volume), is_hollow(solid)
     solid, more = simplify_textured_mesh(solid, options.faces, options.texture)
-    names = main_color_names(solid)
+    names = surface_color_names(solid)
     origin = Origin(
         collection=job.collection,
         source=item.file,

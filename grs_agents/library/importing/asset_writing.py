@@ -8,16 +8,12 @@ import numpy as np
 
 from grs_agents.files import write_bytes
 from grs_agents.library.asset import Asset
-from grs_agents.library.asset_rendering import random_view_directions, render_asset_views
+from grs_agents.library.asset_rendering import render_random_views
 from grs_agents.library.formats import MAX_PARTS, format_urdf_text
 from grs_agents.library.importing.types import Collider, ConvexHull, TexturedMesh
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import box_inertia, encode_png, format_obj_text
 from grs_agents.library.shapes import Shape
-
-VIEWS = 3
-"""Random views of each asset, as in the paper."""
-VIEW_SIZE = 384
 
 
 def write_asset_files(root: Path, asset: Asset, solid: TexturedMesh, colliders: Sequence[Collider]) -> Asset:
@@ -28,7 +24,8 @@ def write_asset_files(root: Path, asset: Asset, solid: TexturedMesh, colliders: 
         (root / f"{collection}/meshes/{asset.kind}.part{number}.obj").unlink(missing_ok=True)  # of an earlier import
     for name, data in files.items():
         write_bytes(root / name, data)
-    _write_random_views(root, asset.name)
+    for number, view in enumerate(render_random_views(Library(root), asset.name)):
+        write_bytes(asset_view_path(root, asset.name, number), encode_png(view.rgba))
     digests = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
     return asset.model_copy(update={"origin": asset.origin and asset.origin.model_copy(update={"files": digests})})
 
@@ -58,11 +55,3 @@ def asset_view_path(root: Path, name: str, number: int) -> Path:
     """Where the picture of an asset's random view ``number`` lies."""
     urdf = root / name
     return urdf.parent / "views" / f"{urdf.stem}-{number}.png"
-
-
-def _write_random_views(root: Path, name: str) -> None:
-    """The random views, the same for the same name."""
-    seed = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big")
-    directions = random_view_directions(VIEWS, np.random.default_rng(seed))
-    for number, view in enumerate(render_asset_views(Library(root), name, directions, size=VIEW_SIZE)):
-        write_bytes(asset_view_path(root, name, number), encode_png(view.rgba))

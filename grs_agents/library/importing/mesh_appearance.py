@@ -9,7 +9,7 @@ import numpy as np
 from grs_agents.base import Vec3
 from grs_agents.geometry import rasterise_triangles
 from grs_agents.library.asset import Asset
-from grs_agents.library.colors import color_name_from_rgb
+from grs_agents.library.colors import main_color_names
 from grs_agents.library.importing.types import Floats, Image, TexturedMesh, sample_texture_colors
 
 HOPE_LICENSE: Final = "CC-BY-NC-SA-4.0"
@@ -55,8 +55,6 @@ def find_shipped_hope_asset(slug: str, assets: tuple[Asset, ...]) -> Asset | Non
     return next((asset for asset in assets if asset.name == f"HOPE/{kind}.urdf"), None)
 
 
-_SHARE = 0.08
-"""Share of the surface from which a further colour is told."""
 _LIT = 1.35
 """Scans are dark: so much brighter may the brightest of their colours be made."""
 _GRID = 64
@@ -64,20 +62,11 @@ _DEEP = 0.4
 """Share of the height that an opening must be deep."""
 
 
-def main_color_names(solid: TexturedMesh) -> list[str]:
+def surface_color_names(solid: TexturedMesh) -> list[str]:
     """Names of the colours of the surface, the largest share first, at most three."""
-    shares: dict[str, float] = {}
     texels, amounts = _sample_surface_colors(solid)
     lit = min(_LIT, 0.95 * 255 / max(1.0, float(np.percentile(texels.max(axis=1), 95))))
-    bright = np.minimum(texels * max(1.0, lit), 255).astype(np.uint8)
-    levels, number = np.unique(bright // 12, axis=0, return_inverse=True)
-    for level, amount in zip(levels, np.bincount(number.ravel(), amounts, len(levels)), strict=True):
-        red, green, blue = ((float(channel) * 12 + 6) / 255 for channel in level)
-        name = color_name_from_rgb((min(red, 1.0), min(green, 1.0), min(blue, 1.0)))
-        shares[name] = shares.get(name, 0.0) + float(amount)
-    total = sum(shares.values()) or 1.0
-    ranked = sorted(shares, key=lambda name: (-shares[name], name))
-    return ranked[:1] + [name for name in ranked[1:3] if shares[name] >= _SHARE * total]
+    return main_color_names(np.minimum(texels * max(1.0, lit), 255).astype(np.uint8), 12, amounts)
 
 
 def surface_color_histogram(solid: TexturedMesh) -> tuple[float, ...]:
