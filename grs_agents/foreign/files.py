@@ -111,9 +111,9 @@ def parse_json(data: bytes, where: object, remedy: str, values: int | None = MOS
         raise InputError(f"{where} is not JSON: {error}", remedy) from error
 
 
-def read_json(file: Path, remedy: str, values: int | None = None) -> dict[str, Any]:
+def read_json(file: Path, remedy: str) -> dict[str, Any]:
     """A JSON object. Raises InputError: it cannot be read, is not JSON in UTF-8, or is no object."""
-    value = parse_json(read_bytes(file, remedy, MOST_JSON_BYTES), file, remedy, values)
+    value = parse_json(read_bytes(file, remedy, MOST_JSON_BYTES), file, remedy, None)
     if not isinstance(value, dict):
         raise InputError(f"{file} is not a JSON object", remedy)
     return cast(dict[str, Any], value)

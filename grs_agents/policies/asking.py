@@ -1,10 +1,11 @@
-"""The policies that ask the router model, and the one that never blames the tests."""
+"""The policies that ask the router model or a person, and the one that never blames the tests."""
 
 from collections.abc import Sequence
 
 from grs_agents.agents import JudgedPrograms, NoReply, RouterReply, Verdict, roles
 from grs_agents.policies.rules import Rules
 from grs_agents.policies.types import RoutingContext, RoutingDecision
+from grs_agents.questions import ask_person, first_word
 
 
 class Llm:
@@ -43,6 +44,20 @@ class Vote:
             return _take_reply(replies[0], "vote")
         said = ", ".join(verdicts) or "nothing usable"
         return _decide_by_rules(context, "vote", f"asked with the options in either order, the model said {said}")
+
+
+class Human:
+    """Pause the run and ask what to fix; what ``Rules`` would do is told, and the reply's reason goes to the fixer."""
+
+    def decide(self, context: RoutingContext) -> RoutingDecision:
+        """Ask; a reply is a verdict, then the reason, e.g. ``fix_code: the can is to end inside the box``."""
+        ruled = Rules().decide(context)
+        text = f"What is to be fixed in {context.task.name!r}? Begin with the choice, then say why."
+        details = f"{context.results}\n\nThe rules would say {ruled.verdict}: {ruled.explanation}"
+        reply = ask_person(text, context.verdicts, details)
+        verdict: Verdict = next(one for one in context.verdicts if one == first_word(reply))
+        reason = reply.strip()[len(verdict) :].lstrip(" :.,;") or "the person who was asked gave no reason"
+        return RoutingDecision(verdict=verdict, explanation=reason, policy="human", sure=True)
 
 
 class AlwaysCode:

@@ -5,8 +5,7 @@ from typing import cast
 from grs_agents import content
 from grs_agents.errors import ConfigError
 from grs_agents.plugins import broken_class_error, load_named_class
-from grs_agents.policies.asking import AlwaysCode, Hybrid, Llm, Vote
-from grs_agents.policies.human import Human
+from grs_agents.policies.asking import AlwaysCode, Human, Hybrid, Llm, Vote
 from grs_agents.policies.rules import Rules
 from grs_agents.policies.types import Policy
 

@@ -34,9 +34,9 @@ _VERDICTS = {"accepted": "bold green", "rejected": "bold red", "failed": "bold r
 
 
 @contextmanager
-def show_activity_status(task: str, console: Console | None = None) -> Generator[Callable[[str], None]]:
+def show_activity_status(task: str) -> Generator[Callable[[str], None]]:
     """Show what a long command is at on standard error, if a terminal; call what it yields with what is next."""
-    console = console or terminal.make_console(error=True)
+    console = terminal.make_console(error=True)
     if not console.is_terminal:
         yield lambda text: None
         return

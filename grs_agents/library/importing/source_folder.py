@@ -15,9 +15,9 @@ class SourceFolder:
     def __init__(self, root: Path, most: int) -> None:
         self.root, self.most = root.resolve(), most
 
-    def resolve_file(self, name: str, beside: str = "", *, said_by: str = "") -> Path:
+    def resolve_file(self, name: str, beside: str = "") -> Path:
         """The file called ``name``, relative to the file ``beside`` (itself relative to the root)."""
-        by = f"{said_by or beside or self.root.name} names "
+        by = f"{beside or self.root.name} names "
         if not name or name.startswith(("/", "~")) or any(ord(letter) < _CONTROL or letter in ":\\" for letter in name):
             raise RefusedError(f"{by}{name[:120]!r}, which is no relative path", "name files relative to the file")
         resolved = ((self.root / beside).parent / name if beside else self.root / name).resolve()

@@ -3,16 +3,16 @@
 import hashlib
 import random
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from langchain_core.callbacks import CallbackManagerForLLMRun
-from langchain_core.language_models import LangSmithParams, LanguageModelInput
+from langchain_core.language_models import LanguageModelInput
 from langchain_core.language_models.chat_models import BaseChatModel
-from langchain_core.messages import AIMessage, AIMessageChunk, BaseMessage, HumanMessage, ToolCall, ToolMessage
+from langchain_core.messages import AIMessage, BaseMessage, HumanMessage, ToolCall, ToolMessage
 from langchain_core.messages.ai import UsageMetadata
-from langchain_core.outputs import ChatGeneration, ChatGenerationChunk, ChatResult
+from langchain_core.outputs import ChatGeneration, ChatResult
 from langchain_core.runnables import Runnable
 
 from grs_agents.errors import UnknownNameError
@@ -74,12 +74,6 @@ class OfflineChatModel(BaseChatModel):
     def _identifying_params(self) -> dict[str, Any]:
         return {"model": self.model, "seed": self.seed, "faulty": self.faulty}
 
-    def _get_ls_params(self, stop: list[str] | None = None, **kwargs: Any) -> LangSmithParams:
-        params = super()._get_ls_params(stop=stop, **kwargs)
-        params["ls_provider"] = "grs"
-        params["ls_model_name"] = str(kwargs.get("model") or self.model)
-        return params
-
     def bind_tools(
         self, tools: Sequence[Any], *, tool_choice: str | None = None, **kwargs: Any
     ) -> Runnable[LanguageModelInput, AIMessage]:
@@ -93,47 +87,17 @@ class OfflineChatModel(BaseChatModel):
         run_manager: CallbackManagerForLLMRun | None = None,
         **kwargs: Any,
     ) -> ChatResult:
-        text = self._reply_until_stop(messages, stop)
+        text = self._answer_last_prompt(messages)
+        for word in stop or ():
+            text = text.split(word)[0]
         calls = _make_check_tool_call(messages, text, kwargs.get("tools", ()))
-        metadata = {**self._response_metadata(), "finish_reason": "stop"}
         message = AIMessage(
             "" if calls else text,
             tool_calls=calls,
             usage_metadata=_estimate_token_usage(messages, text),
-            response_metadata=metadata,
+            response_metadata={"model_name": self.model, "model_provider": "grs", "finish_reason": "stop"},
         )
         return ChatResult(generations=[ChatGeneration(message=message)])
-
-    def _stream(
-        self,
-        messages: list[BaseMessage],
-        stop: list[str] | None = None,
-        run_manager: CallbackManagerForLLMRun | None = None,
-        **kwargs: Any,
-    ) -> Iterator[ChatGenerationChunk]:
-        text = self._reply_until_stop(messages, stop)
-        lines = text.splitlines(keepends=True) or [""]
-        for index, line in enumerate(lines):
-            last = index == len(lines) - 1
-            chunk = AIMessageChunk(
-                content=line,
-                chunk_position="last" if last else None,
-                usage_metadata=_estimate_token_usage(messages, text) if last else None,
-                response_metadata={**self._response_metadata(), "finish_reason": "stop"} if last else {},
-            )
-            generation = ChatGenerationChunk(message=chunk)
-            if run_manager:
-                run_manager.on_llm_new_token(line, chunk=generation)
-            yield generation
-
-    def _response_metadata(self) -> dict[str, str]:
-        return {"model_name": self.model, "model_provider": "grs"}
-
-    def _reply_until_stop(self, messages: list[BaseMessage], stop: list[str] | None) -> str:
-        text = self._answer_last_prompt(messages)
-        for word in stop or ():
-            text = text.split(word)[0]
-        return text
 
     def _answer_last_prompt(self, messages: list[BaseMessage]) -> str:
         for message in reversed(messages):

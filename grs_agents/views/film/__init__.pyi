@@ -14,6 +14,5 @@ from .rollout_film import make_film_take as make_film_take
 from .rollout_film import make_rollout_shot as make_rollout_shot
 from .rollout_film import play_in_mujoco_window as play_in_mujoco_window
 from .rollout_film import render_film_frames as render_film_frames
-from .rollout_film import render_frames as render_frames
 from .rollout_film import render_takes as render_takes
 from .rollout_film import write_film as write_film

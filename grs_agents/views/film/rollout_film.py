@@ -82,13 +82,9 @@ def make_rollout_shot(folder: Path, seed: int | None = None, size: tuple[int, in
     return shot if size is None else replace(shot, width=size[0], height=size[1])
 
 
-def render_frames(shot: RolloutShot, seconds: Sequence[float]) -> Iterator[Image]:
-    """The pictures (H, W, 3) of ``shot`` at these moments, drawn with EGL, OSMesa, or rays where neither is there."""
-    return render_takes([(shot, seconds)])
-
-
 def render_takes(takes: Sequence[Take]) -> Iterator[Image]:
-    """The pictures of several shots of one size, one after the other: to begin costs as much as 30 pictures."""
+    """The pictures (H, W, 3) of several shots of one size, one after the other: to begin costs as much as 30 pictures.
+    They are drawn with EGL, OSMesa, or rays where neither is there."""
     for backend in _rendering_backends():
         drawn = False
         try:

@@ -23,7 +23,7 @@ from grs_agents.views.film import (
     find_recorded_rollout,
     play_in_mujoco_window,
     recover_joint_positions,
-    render_frames,
+    render_takes,
     rollout_film,
     show_recorded_frame,
     write_film,
@@ -89,9 +89,10 @@ def test_a_film_shows_what_moves_with_or_without_a_graphics_library(
 ) -> None:
     folder, event = played
     shot = RolloutShot(folder, event, library, width=160, height=120)
-    drawn = [image.astype(int) for image in render_frames(shot, [0.0, shot.recorded_motion.duration_seconds])]
+    take = (shot, [0.0, shot.recorded_motion.duration_seconds])
+    drawn = [image.astype(int) for image in render_takes([take])]
     monkeypatch.setattr(rollout_film, "_rendering_backends", lambda: ("nonsense", "rays"))
-    cast = [image.astype(int) for image in render_frames(shot, [0.0, shot.recorded_motion.duration_seconds])]
+    cast = [image.astype(int) for image in render_takes([take])]
     for first, last in (drawn, cast):
         assert first.shape == (120, 160, 3)
         assert first.std() > 10
@@ -154,7 +155,7 @@ def test_what_cannot_be_played_is_an_input_error(
         read_motion(tmp_path / "bad.npz")
     broken = RolloutShot(folder, event.model_copy(update={"instance": "gone.json"}), library)
     with pytest.raises(InputError, match=r"cannot read .*gone\.json"):
-        list(render_frames(broken, [0.0]))
+        list(render_takes([(broken, [0.0])]))
 
 
 def test_without_a_display_the_remedy_is_a_film(
