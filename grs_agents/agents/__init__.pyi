@@ -14,7 +14,6 @@ from .prompt_template import PromptTemplate as PromptTemplate
 from .prompt_template import read_prompt_template as read_prompt_template
 from .prompt_template import render_prompt_template as render_prompt_template
 from .recorded import Cassette as Cassette
-from .recorded import Exchange as Exchange
 from .recorded import MissingReply as MissingReply
 from .recorded import RecordedReplies as RecordedReplies
 from .recorded import collect_exchanges as collect_exchanges
@@ -28,7 +27,6 @@ from .reply import parse_json as parse_json
 from .reply import parse_verdict as parse_verdict
 from .roles import JudgedPrograms as JudgedPrograms
 from .tool_calling import ToolCalling as ToolCalling
-from .tool_calling import ask_with_tools as ask_with_tools
 from .types import Description as Description
 from .types import Match as Match
 from .types import NoReply as NoReply

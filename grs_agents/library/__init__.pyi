@@ -4,7 +4,6 @@ from .asset import Asset as Asset
 from .asset import Manifest as Manifest
 from .asset import Quantity as Quantity
 from .asset import read_manifest as read_manifest
-from .asset_rendering import FINER as FINER
 from .asset_rendering import RANDOM_VIEW_SIZE as RANDOM_VIEW_SIZE
 from .asset_rendering import RANDOM_VIEWS as RANDOM_VIEWS
 from .asset_rendering import AssetView as AssetView
@@ -13,7 +12,6 @@ from .asset_rendering import PaintedTriangles as PaintedTriangles
 from .asset_rendering import build_textured_triangles as build_textured_triangles
 from .asset_rendering import random_view_directions as random_view_directions
 from .asset_rendering import render_asset_views as render_asset_views
-from .asset_rendering import render_color_and_depth as render_color_and_depth
 from .asset_rendering import render_random_views as render_random_views
 from .asset_rendering import ring_view_directions as ring_view_directions
 from .asset_rendering import sample_triangle_colors as sample_triangle_colors
@@ -51,7 +49,6 @@ from .shapes import quaternion_from_rpy as quaternion_from_rpy
 from .shapes import rpy_from_quaternion as rpy_from_quaternion
 from .shapes import shape_bounds as shape_bounds
 from .shapes import shape_volume as shape_volume
-from .shapes import transform_shape as transform_shape
 from .urdf_templates import STROKE_LENGTH as STROKE_LENGTH
 from .urdf_templates import STROKE_WIDTH as STROKE_WIDTH
 from .urdf_templates import WALL as WALL

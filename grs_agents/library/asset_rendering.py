@@ -22,7 +22,7 @@ from grs_agents.library.shapes import Shape, matrix_from_quaternion
 
 Floats = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
-FINER: Final = 2
+_FINER: Final = 2
 """Each pixel is the mean of so many rows and columns of samples."""
 _AROUND: Final = 0.55
 """Share of the light that comes from everywhere; the rest comes from the camera."""
@@ -168,14 +168,13 @@ def _render_asset_view(
     length = float(np.linalg.norm(towards))
     if not np.isfinite(length) or length < 1e-9:
         raise InputError(f"view direction {towards}", "give a vector that is not zero")
-    direction, edge = np.asarray(towards, dtype=np.float64) / length, size * FINER
+    direction, edge = np.asarray(towards, dtype=np.float64) / length, size * _FINER
     local = (painted.corners - center) @ _camera_rotation_matrix(direction).T + (0.0, 0.0, distance)
-    middle = (edge - 1) / 2
-    fine, deep = render_color_and_depth(painted, local, Lens(focal * FINER, focal * FINER, middle, middle, edge, edge))
+    fine, deep = _render_color_and_depth(painted, local, focal * _FINER, edge)
     x, y, z = direction.tolist()
-    total = fine.reshape(size, FINER, size, FINER, 4).mean(axis=(1, 3))
+    total = fine.reshape(size, _FINER, size, _FINER, 4).mean(axis=(1, 3))
     total[:, :, :3] /= np.maximum(total[:, :, 3:], 1e-9)  # the samples are premultiplied
-    nearest = np.where(deep > 0, deep, np.inf).reshape(size, FINER, size, FINER).min(axis=(1, 3))
+    nearest = np.where(deep > 0, deep, np.inf).reshape(size, _FINER, size, _FINER).min(axis=(1, 3))
     depth = np.where(np.isfinite(nearest), nearest, 0).astype(np.float32)
     return AssetView(np.rint(np.clip(total, 0, 1) * 255).astype(np.uint8), depth, (x, y, z), distance, focal)
 
@@ -201,17 +200,12 @@ class Lens:
     height: int
 
 
-def render_color_and_depth(painted: PaintedTriangles, local: Floats, lens: Lens) -> tuple[Floats, Floats]:
-    """(H, W, 4) colour and coverage in 0..1, and (H, W) depth (m, 0 where nothing is), lit from the camera.
-
-    Args:
-        painted: the triangles.
-        local: (T, 3, 3) their corners in the camera's frame, m: x right, y down, z forward and positive.
-        lens: the camera.
-    """
-    focal, middle = np.array([lens.fx, lens.fy]), np.array([lens.cx, lens.cy])
+def _render_color_and_depth(painted: PaintedTriangles, local: Floats, focal: float, edge: int) -> tuple[Floats, Floats]:
+    """(H, W, 4) colour and coverage in 0..1, and (H, W) depth (m, 0 where nothing is), lit from the camera, of
+    triangles whose corners are ``local`` (T, 3, 3) in its frame, m: x right, y down, z forward and positive."""
+    middle = (edge - 1) / 2
     places = local[:, :, :2] / local[:, :, 2:] * focal + middle
-    buffer = rasterise_triangles(places, 1 / local[:, :, 2], lens.width, lens.height)
+    buffer = rasterise_triangles(places, 1 / local[:, :, 2], edge, edge)
     seen = buffer.triangle >= 0
     index, depth = buffer.triangle[seen], 1 / buffer.nearness[seen]
     rows, columns = np.nonzero(seen)
@@ -221,7 +215,7 @@ def render_color_and_depth(painted: PaintedTriangles, local: Floats, lens: Lens)
     normals = (normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))[index]
     facing = np.abs(np.einsum("ij,ij->i", normals, rays)) / np.sqrt(np.einsum("ij,ij->i", rays, rays))
     shade = _AROUND + (1 - _AROUND) * facing
-    fine, deep = np.zeros((lens.height, lens.width, 4)), np.zeros((lens.height, lens.width))
+    fine, deep = np.zeros((edge, edge, 4)), np.zeros((edge, edge))
     weights = np.zeros_like(rays)
     if painted.textures:
         weights = np.nan_to_num(barycentric_coordinates(rays * depth[:, None], local[index]))

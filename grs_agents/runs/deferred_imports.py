@@ -29,7 +29,7 @@ def defer_unused_imports() -> None:
         "langsmith",
         get_tracing_context=_get_tracing_context,
         Client=_DeferredClass("client", "Client"),
-        RunTree=_DeferredRunTree(),
+        RunTree=_DeferredClass("run_trees", "RunTree"),
     )
     _defer("langsmith.address")
     _defer("langsmith.run_trees")
@@ -105,15 +105,8 @@ class _DeferredClass:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._import_deferred_class(), name)
 
-
-class _DeferredRunTree(_DeferredClass):
-    """LangChain looks for its ``model_dump`` when it is imported."""
-
-    def __init__(self) -> None:
-        super().__init__("run_trees", "RunTree")
-
     def model_dump(self, *arguments: Any, **options: Any) -> Any:
-        """As the class's."""
+        """As the class's; LangChain looks for that of ``RunTree`` when it is imported."""
         return self._import_deferred_class().model_dump(*arguments, **options)
 
 

@@ -30,10 +30,10 @@ def make_otlp_provider() -> Any:
 
 
 class SpanView:
-    """A subscriber of the event log that tells a run as spans; prompts and replies go along only with ``content``."""
+    """A subscriber of the event log that tells a run as spans, prompts and replies included."""
 
-    def __init__(self, provider: Any, content: bool = True) -> None:
-        self._provider, self._content = provider, content
+    def __init__(self, provider: Any) -> None:
+        self._provider = provider
         self._trace = importlib.import_module("opentelemetry.trace")
         self._tracer = provider.get_tracer(_SCOPE)
         self._run: Any = None
@@ -117,10 +117,9 @@ class SpanView:
             attributes["gen_ai.response.finish_reasons"] = [event.finish_reason]
         if event.cost is not None:
             attributes["grs.cost_usd"] = event.cost
-        if self._content:
-            if asked is not None:
-                attributes["gen_ai.input.messages"] = _dump_message("user", asked.text)
-            attributes["gen_ai.output.messages"] = _dump_message("assistant", event.text, event.finish_reason or "stop")
+        if asked is not None:
+            attributes["gen_ai.input.messages"] = _dump_message("user", asked.text)
+        attributes["gen_ai.output.messages"] = _dump_message("assistant", event.text, event.finish_reason or "stop")
         begin = round(asked.time * 1e9) if asked else self._last - round(event.seconds * 1e9)
         span = self._start_span(f"chat {name or provider}", self._node or self._run, attributes, begin, "CLIENT")
         self._end_span(span, event.error)

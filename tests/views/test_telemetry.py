@@ -17,14 +17,14 @@ Spans = list[dict[str, Any]]
 
 
 @pytest.fixture
-def told(script: Callable[[], Any]) -> tuple[Any, Callable[..., Spans]]:
+def told(script: Callable[[], Any]) -> tuple[Any, Callable[[], Spans]]:
     """A run, and what the SDK's in-memory exporter holds of it."""
     run = script()
 
-    def tell(**options: Any) -> Spans:
+    def tell() -> Spans:
         memory, provider = InMemorySpanExporter(), TracerProvider()
         provider.add_span_processor(SimpleSpanProcessor(memory))
-        view = SpanView(provider, **options)
+        view = SpanView(provider)
         for event in read_events(run.log.path):
             view(event)
         view.finish()
@@ -33,7 +33,7 @@ def told(script: Callable[[], Any]) -> tuple[Any, Callable[..., Spans]]:
     return run, tell
 
 
-def test_the_tree_is_run_node_call(told: tuple[Any, Callable[..., Spans]]) -> None:
+def test_the_tree_is_run_node_call(told: tuple[Any, Callable[[], Spans]]) -> None:
     run, tell = told
     run.before_fix()
     run.after_fix()
@@ -59,13 +59,7 @@ def test_the_tree_is_run_node_call(told: tuple[Any, Callable[..., Spans]]) -> No
     assert all(span["start_time"] <= span["end_time"] for span in found)
 
 
-def test_without_content_no_prompt_leaves(told: tuple[Any, Callable[..., Spans]]) -> None:
-    run, tell = told
-    run.before_fix()
-    assert not any(key.endswith("messages") for span in tell(content=False) for key in span["attributes"])
-
-
-def test_errors_and_an_interrupted_run_end_their_spans(told: tuple[Any, Callable[..., Spans]]) -> None:
+def test_errors_and_an_interrupted_run_end_their_spans(told: tuple[Any, Callable[[], Spans]]) -> None:
     run, tell = told
     run.before_fix()
     run.log.append(NodeStarted(node="audit"))
