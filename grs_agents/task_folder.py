@@ -66,14 +66,11 @@ def open_task_folder(path: Path, accepted: bool = True) -> TaskFolder:
     status = read_json(record, _REMEDY).get("status") if record.is_file() else "accepted"
     if accepted and status != "accepted":
         raise InputError(f"the run {path} is {status}, not accepted", "name an accepted run; `grs show` tells why not")
-    found = {int(match[1]): file for file in (path / "instances").glob("seed_*.json") if (match := _match_file(file))}
+    files = (path / "instances").glob("seed_*.json")
+    found = {int(match[1]): file for file in files if (match := _INSTANCE_FILE.fullmatch(file.name))}
     if not found:
         raise InputError(f"{path} holds no task instances", _REMEDY)
     library, own = Library(), path / _ASSETS
     return TaskFolder(
         path, library.copy_with_overlay_root(own) if own.is_dir() else library, dict(sorted(found.items()))
     )
-
-
-def _match_file(file: Path) -> re.Match[str] | None:
-    return _INSTANCE_FILE.fullmatch(file.name)

@@ -10,7 +10,7 @@ from grs_agents.demos.types import CameraModel, Demonstration, Floats, Row
 from grs_agents.envs import JointPositionControl, Photographer, StateReader, TaskEpisode
 from grs_agents.geometry import FloatArray, pose_matrix, transforms
 from grs_agents.library import Library
-from grs_agents.sim import TaskInstance, hash_instance
+from grs_agents.sim import hash_instance
 from grs_agents.sim.arms import get_arm
 from grs_agents.sim.motion import CONTROL_RATE
 from grs_agents.sim.rendering import Backend
@@ -84,7 +84,7 @@ class Replayer:
             tip=columns["tip"],
             suction=columns["suction"][:, 0] > 0,
             objects=columns["objects"],
-            object_names=_list_object_labels(instance),
+            object_names=tuple(f"{item.asset}#{item.id}" for item in instance.task_objects),
             actions=actions,
             rewards=np.append(np.zeros(len(actions) - 1), 1.0).astype(np.float32),
             strict=self.episode.strict_score,
@@ -108,10 +108,6 @@ class Replayer:
             frame="tip" if on_tip else "robot",
             pose=_matrix_to_row_tuples(pose),
         )
-
-
-def _list_object_labels(instance: TaskInstance) -> tuple[str, ...]:
-    return tuple(f"{item.asset}#{item.id}" for item in instance.task_objects)
 
 
 def _matrix_to_row_tuples(matrix: FloatArray) -> tuple[Row, ...]:

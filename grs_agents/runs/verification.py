@@ -66,7 +66,8 @@ def verify_run(folder: Path, local: Config, show: Callable[[str], None] = lambda
         return Verification(folder, "unknown", changed, recomputed=False)
     record = read_record(folder)
     if not (folder / _AUDIT).is_file():
-        missing = (f"{_AUDIT}: an accepted run has one",) if _is_judged_accepted(record) else ()
+        judged = record.status == "accepted" and record.command != "scene"
+        missing = (f"{_AUDIT}: an accepted run has one",) if judged else ()
         return Verification(folder, record.status, missing, recomputed=False)
     show("making the audit again")
     with tempfile.TemporaryDirectory(prefix="grs-verify-") as temporary:
@@ -75,10 +76,6 @@ def verify_run(folder: Path, local: Config, show: Callable[[str], None] = lambda
     others = [f"{name} {was} (here {here.get(name)})" for name, was in record.versions.items() if here.get(name) != was]
     note = f"the run was made with {', '.join(others)}" if differences and others else ""
     return Verification(folder, record.status, differences, recomputed=True, note=note)
-
-
-def _is_judged_accepted(record: RunRecord) -> bool:
-    return record.status == "accepted" and record.command != "scene"
 
 
 def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: Path) -> Iterator[str]:

@@ -40,7 +40,8 @@ def _decide_by_static_checks(evidence: Evidence) -> tuple[str, str] | None:
         if program in against:
             return verdict, f"A check of the {program} that needs no run finds: {against[program]}."
         if evidence.where == program:
-            return verdict, f"No test ran, the fault lies in the {program}: {_last_error_text(evidence)}."
+            error = ": ".join(evidence.errors[-1]) if evidence.errors else "see the report"
+            return verdict, f"No test ran, the fault lies in the {program}: {error}."
     return None
 
 
@@ -99,7 +100,3 @@ def _find_neglected_assets(prompt: PromptText, evidence: Evidence) -> tuple[str,
     moved = {asset for oracle in evidence.oracles for asset in oracle.moved}
     solved = any(oracle.has_solved_task for oracle in evidence.oracles)
     return tuple(sorted((assets - used) | (wanted - moved if solved else set[str]())))
-
-
-def _last_error_text(evidence: Evidence) -> str:
-    return ": ".join(evidence.errors[-1]) if evidence.errors else "see the report"
