@@ -29,6 +29,8 @@ class BinWalls:
     cell: float = 0.005  # of the table seen from above
     fewest: int = 100  # cells: fewer are no walls
     turn: float = 2.0  # degrees: so far apart are the yaws that are tried first
+    apart_yaws: int = 4  # of them: likely ones are at least so many apart
+    hypotheses: int = 3  # yaws are tried
     rounds: int = 3  # of laying the axes along the walls
     line: float = 0.01  # cells are in a line within two of these; its length is counted by one
     outside: float = 0.1  # of what rises: less lies beyond a wall
@@ -42,6 +44,7 @@ class BinWalls:
     fewest_walls: int = 2  # with a rim that is seen
     stray: float = 0.02  # of what rises below the rims: less lies beyond a wall whose rim is hidden
     hidden: float = 0.12  # of such a wall more is seen below its rim, and more of the rim is hidden within the picture
+    slides: tuple[float, ...] = (0.0, -0.0025, 0.0025, -0.005, 0.005, -0.0075, 0.0075)  # so far a rim is off at most
     gap: float = 0.03  # corners may be blurred away
     free: float = 0.04  # what is seen past so far beyond the gap is where a wall ends
     open: float = 1.0  # a wall of which no end is seen may go on so far
@@ -119,8 +122,11 @@ def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> Mask:
     if len(cells) < CONFIG.fewest:
         return found
     view = _View(small.camera, np.asarray(smooth.depth, np.float64), pose)
-    walls, axes = _find_walls(cells, _find_axes(cells), view)
-    if not walls or not _holds_things(walls, axes, above, points):
+    for axes in _likely_axes(cells):
+        walls, axes = _find_walls(cells, axes, view)
+        if walls and _holds_things(walls, axes, above, points):
+            break
+    else:
         return found
     return _wall_pixels(walls, axes, robot_frame_point_map(frame, table), table) & ~robot
 
@@ -140,12 +146,16 @@ def _raised_cells(cloud: Array) -> Array:
     return np.stack([*middle, tops], axis=1)
 
 
-def _find_axes(cells: Array) -> Array:
-    """(2, 2) the directions across the walls: those in which outermost straight lines hold most."""
+def _likely_axes(cells: Array) -> list[Array]:
+    """(2, 2) each, the directions across the walls, the likeliest first: those in which outermost straight lines hold
+    more than in any that is turned by a little. The picture's border cuts straight lines too."""
     yaws = np.deg2rad(np.arange(0, 90, CONFIG.turn))
     turned = [cells @ _widened(axes) for axes in axes_from_yaws(yaws)]
-    scores = [sum(_longest_line(local, *side)[1] for side in SIDES) for local in turned]
-    return axes_from_yaws(yaws[[int(np.argmax(scores))]])[0]
+    scores = np.array([sum(_longest_line(local, *side)[1] for side in SIDES) for local in turned])
+    beside = [np.roll(scores, shift) for shift in range(-CONFIG.apart_yaws, CONFIG.apart_yaws + 1) if shift]
+    peaks = np.flatnonzero(scores >= np.max(beside, axis=0))
+    best = peaks[np.argsort(-scores[peaks], kind="stable")][: CONFIG.hypotheses]
+    return list(axes_from_yaws(yaws[best]))
 
 
 def _widened(axes: Array) -> Array:
@@ -190,17 +200,15 @@ def _find_walls(cells: Array, axes: Array, view: _View) -> tuple[list[_Wall], Ar
     if len(walls) < CONFIG.fewest_walls:
         return [], axes
     joined = _joined_walls(walls | _hidden_walls(walls, local, axes, view), axes, view)
+    joined = [_slid_to_rim(wall, axes, view) for wall in joined]
     return (joined if _are_all_around(joined, local, axes, view) else []), axes
 
 
 def _straight_walls(local: Array, axes: Array, view: _View) -> dict[int, _Wall]:
-    """By side, the outermost lines of which the rims are level with that of the longest, and seen all along."""
-    lines = [(*_longest_line(local, *side), number) for number, side in enumerate(SIDES)]
+    """By side, the outermost lines of which the rims are level with each other, and seen all along."""
+    level = _rim_level(local)
     found: dict[int, _Wall] = {}
-    level = 0.0
-    for place, _, number in sorted(lines, key=lambda line: -line[1]):
-        if not found:
-            level = _level_at(local, number, place)
+    for number in range(len(SIDES)):
         walls = [_measure_wall(local, number, place, level) for place in _possible_places(local, number, level)]
         seen = {_length_seen(wall, axes, view): wall for wall in walls if wall is not None}
         if seen and max(seen) > 0:
@@ -255,14 +263,22 @@ def _hidden_walls(walls: dict[int, _Wall], local: Array, axes: Array, view: _Vie
     return found
 
 
-def _level_at(local: Array, number: int, place: float) -> float:
-    """The height at which most of what rises at a place across a side ends."""
-    axis, sign = SIDES[number]
+def _rim_level(local: Array) -> float:
+    """The height at which most of what rises along the outermost lines ends. What hides a rim lets its wall end
+    anywhere below it."""
+    tops = np.concatenate([_tops_along_line(local, *side) for side in SIDES])
+    alike = np.abs(tops[:, None] - tops) < CONFIG.level / 2
+    return float(np.median(tops[alike[int(np.argmax(alike.sum(axis=1)))]]))
+
+
+def _tops_along_line(local: Array, axis: int, sign: float) -> Array:
+    """(N,) the greatest heights, m, in each occupied centimetre of the longest line along a side."""
+    place, _ = _longest_line(local, axis, sign)
     own = np.abs(sign * local[:, axis] - place) < CONFIG.strip
-    places = np.floor(local[own, 1 - axis] / CONFIG.line).astype(np.int64)
-    tops = np.zeros(int(places.max() - places.min()) + 1)
-    np.maximum.at(tops, places - places.min(), local[own, 2])
-    return float(np.median(tops[tops > 0]))
+    _, owners = np.unique(np.floor(local[own, 1 - axis] / CONFIG.line).astype(np.int64), return_inverse=True)
+    tops = np.zeros(int(owners.max(initial=-1)) + 1)
+    np.maximum.at(tops, owners, local[own, 2])
+    return tops
 
 
 def _straight(across: Array, along: Array, rim: Mask) -> Array:
@@ -315,6 +331,17 @@ def _joined_walls(walls: dict[int, _Wall], axes: Array, view: _View) -> list[_Wa
                 thick = wall.outer - wall.inner
                 walls[other] = _Wall(other, sign * end - thick, sign * end, 0.0, 0.0, wall.height)
     return [_cornered(wall, walls) for wall in walls.values()]
+
+
+def _slid_to_rim(wall: _Wall, axes: Array, view: _View) -> _Wall:
+    """The wall, slid across by a little to where most of its rim is seen if the camera seems to look past it: a thin rim
+    is missed by millimetres."""
+    _, past, _ = view.look(_rim(wall, axes, wall.start, wall.end))
+    if past.sum() <= CONFIG.few:
+        return wall
+    moved = [replace(wall, inner=wall.inner + by, outer=wall.outer + by) for by in CONFIG.slides]
+    looks = [view.look(_rim(one, axes, one.start, one.end)) for one in moved]
+    return moved[int(np.argmax([int(seen.sum()) - int(past.sum()) for seen, past, _ in looks]))]
 
 
 def _ends_in_sight(wall: _Wall, end: float, sign: float, axes: Array, view: _View) -> bool:
