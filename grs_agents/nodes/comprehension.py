@@ -47,6 +47,7 @@ from grs_agents.perception import (
     describe_depth_shift,
     describe_table_doubts,
     draw_object_names,
+    SeenWalls,
     find_bin_walls,
     is_known_scene,
     load_mask,
@@ -168,11 +169,11 @@ def segment_photo(state: RunState, services: Services) -> Update:
     walls = find_bin_walls(frame, table, robot)
     # What is not set is not told, so that a tool need not take it.
     told = {"model": None, **config.segment.model_dump(exclude_defaults=True)}
-    known = robot | walls
+    known = robot | walls.pixels
     left = replace(frame, depth=np.where(known, np.float32(0), frame.depth)) if known.any() else frame
     result = services.run_tool(config.tools.segment, frame=left, table=table, **told)
-    if walls.any() and any(one.given for one in result.candidates):  # who gave masks says what is an object
-        walls = np.zeros_like(walls)
+    if walls.pixels.any() and any(one.given for one in result.candidates):  # who gave masks says what is an object
+        walls = SeenWalls(np.zeros_like(robot), np.zeros_like(robot))
         left = replace(frame, depth=np.where(robot, np.float32(0), frame.depth))
         result = services.run_tool(config.tools.segment, frame=left, table=table, **told)
     found = separate_scenery_from_objects(result.candidates, robot, walls, frame, table)

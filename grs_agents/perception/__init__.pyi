@@ -12,6 +12,7 @@ from .asset_surfaces import find_asset_symmetry as find_asset_symmetry
 from .background_reconstruction import Background as Background
 from .background_reconstruction import cover_points_with_boxes as cover_points_with_boxes
 from .background_reconstruction import reconstruct_background as reconstruct_background
+from .bin_walls import SeenWalls as SeenWalls
 from .bin_walls import find_bin_walls as find_bin_walls
 from .configuration import DEFAULT as DEFAULT
 from .configuration import Segmentation as Segmentation

@@ -51,6 +51,8 @@ class BinWalls:
     long: float = 0.5  # the rims seen are longer together
     things: int = 2  # a bin holds at least so many: a box with fewer is an object with its content
     margin: float = 0.01  # around walls: what is nearer is theirs
+    beside: int = 20  # pixels: so near to the robot a sensor mixes its depth with that of walls
+    mixed: float = 0.05  # and there their points are off by less
     lowest: float = 0.004  # what is lower is the floor
     deviations: float = 1.5  # and what is lower than so many standard deviations of the table's points
 
@@ -58,6 +60,14 @@ class BinWalls:
 CONFIG, SMALLEST = BinWalls(), DEFAULT.segmentation.filter.smallest
 SIDES = ((0, -1.0), (0, 1.0), (1, -1.0), (1, 1.0))
 """Axis across each wall, and the sign of its outward side."""
+
+
+@dataclass(frozen=True)
+class SeenWalls:
+    """Where a photo shows the walls of a bin; nowhere where there is none."""
+
+    pixels: Mask  # (H, W)
+    mixed: Mask  # (H, W) beside the robot, and so near to a wall that the sensor may have mixed the depth of both
 
 
 @dataclass(frozen=True)
@@ -104,8 +114,8 @@ class _View:
         return seen, past, inside & ~seen & ~past
 
 
-def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> Mask:
-    """(H, W) the pixels of the walls of a bin around the things; none where there is no bin.
+def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> SeenWalls:
+    """Where the walls of a bin around the things are seen.
 
     Args:
         frame: the photo.
@@ -118,17 +128,22 @@ def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> Mask:
     points, pose = robot_frame_point_map(smooth, table), np.asarray(table.T_robot_cam)
     above = foreground_pixel_mask(points, smooth.depth, pose[:3, 3])
     cells = _raised_cells(values_in_mask(points, above))
-    found = np.zeros(frame.depth.shape, np.bool_)
+    nowhere = np.zeros(frame.depth.shape, np.bool_)
     if len(cells) < CONFIG.fewest:
-        return found
+        return SeenWalls(nowhere, nowhere)
     view = _View(small.camera, np.asarray(smooth.depth, np.float64), pose)
     for axes in _likely_axes(cells):
         walls, axes = _find_walls(cells, axes, view)
         if walls and _holds_things(walls, axes, above, points):
             break
     else:
-        return found
-    return _wall_pixels(walls, axes, robot_frame_point_map(frame, table), table) & ~robot
+        return SeenWalls(nowhere, nowhere)
+    full, low = robot_frame_point_map(frame, table), max(CONFIG.lowest, CONFIG.deviations * table.residual)
+    own = _pixels_near_walls(walls, axes, full, low, (CONFIG.margin, CONFIG.level))
+    own = np.asarray(cv2.morphologyEx(own.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)), np.bool_)
+    beside = cv2.distanceTransform((~robot).astype(np.uint8), cv2.DIST_L2, 5) < CONFIG.beside
+    mixed = _pixels_near_walls(walls, axes, full, low, (CONFIG.mixed, CONFIG.mixed)) & beside
+    return SeenWalls(own & ~robot, mixed & ~robot)
 
 
 def _raised_cells(cloud: Array) -> Array:
@@ -390,16 +405,18 @@ def _holds_things(walls: Sequence[_Wall], axes: Array, above: Mask, points: Arra
     return int(label_connected_components(inside.astype(np.uint8), int(SMALLEST * above.size)).max()) >= CONFIG.things
 
 
-def _wall_pixels(walls: Sequence[_Wall], axes: Array, points: Array, table: TableFrame) -> Mask:
-    """(H, W) the pixels of the walls, by their ``points`` (H, W, 3)."""
+def _pixels_near_walls(
+    walls: Sequence[_Wall], axes: Array, points: Array, low: float, margins: tuple[float, float]
+) -> Mask:
+    """(H, W) the pixels of which the ``points`` (H, W, 3) are higher than ``low`` and within ``margins`` (m, beside it
+    and over its rim) of a wall."""
     local = points[..., :2] @ axes.T
     found = np.zeros(points.shape[:2], np.bool_)
-    low = max(CONFIG.lowest, CONFIG.deviations * table.residual)
+    margin, over = margins
     for wall in walls:
         axis, sign = SIDES[wall.side]
         across, along = sign * local[..., axis], local[..., 1 - axis]
-        own = (across > wall.inner - CONFIG.margin) & (across < wall.outer + CONFIG.margin)
-        own &= (along > wall.start - CONFIG.margin) & (along < wall.end + CONFIG.margin)
-        found |= own & (points[..., 2] > low) & (points[..., 2] < wall.height + CONFIG.level)
-    closed = cv2.morphologyEx(found.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
-    return np.asarray(closed, np.bool_)
+        own = (across > wall.inner - margin) & (across < wall.outer + margin)
+        own &= (along > wall.start - margin) & (along < wall.end + margin)
+        found |= own & (points[..., 2] > low) & (points[..., 2] < wall.height + over)
+    return found

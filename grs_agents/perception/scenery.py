@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from grs_agents.perception.bin_walls import SeenWalls
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.coverage import measure_coverage, raised_pixel_mask
 from grs_agents.perception.segmentation import is_segment_entering_view
@@ -29,7 +30,7 @@ class SortedCandidates:
 
 
 def separate_scenery_from_objects(
-    candidates: Sequence[Candidate], robot: Mask, walls: Mask, frame: RGBDFrame, table: TableFrame
+    candidates: Sequence[Candidate], robot: Mask, walls: SeenWalls, frame: RGBDFrame, table: TableFrame
 ) -> SortedCandidates:
     """Sort out what lies behind the base of a calibrated robot or beyond its workspace, the walls of a bin, and what
     comes in from above or from beyond the picture, whether it was segmented or not. Like the segmentation itself, this
@@ -38,19 +39,20 @@ def separate_scenery_from_objects(
     Args:
         candidates: the segments, robot frame.
         robot: (H, W) the pixels that are known to show the robot.
-        walls: (H, W) those that show the walls of a bin.
+        walls: where the walls of a bin are seen.
         frame: the photo.
         table: the table in it.
     """
     small, factor = downscale_frame(frame)
     points = robot_frame_point_map(small, table)
-    known = robot | walls
+    known = robot | walls.pixels
     reduced = [replace(one, mask=downscale_mask(one.mask, factor)) for one in candidates]
-    why = _explain_scenery_by_number(reduced, downscale_mask(robot, factor), points, table)
+    scenery = [downscale_mask(mask, factor) for mask in (robot, walls.mixed)]
+    why = _explain_scenery_by_number(reduced, scenery[0], scenery[1], points, table)
     kept = [one for one in candidates if one.id not in why]
     left_out = _unite_mask_with_candidates(known, [one for one in candidates if one.id in why])
     owned = _unite_mask_with_candidates(left_out, kept)
-    reasons = [*([ROBOT] if robot.any() else []), *([WALL] if walls.any() else []), *why.values()]
+    reasons = [*([ROBOT] if robot.any() else []), *([WALL] if walls.pixels.any() else []), *why.values()]
     above = raised_pixel_mask(small, table, downscale_mask(left_out, factor))
     for mask, _ in measure_coverage(small, table, above, downscale_mask(owned, factor)).regions:
         if is_segment_entering_view(mask, points, DEFAULT.segmentation):
@@ -61,13 +63,14 @@ def separate_scenery_from_objects(
 
 
 def _explain_scenery_by_number(
-    candidates: Sequence[Candidate], robot: Mask, points: Array, table: TableFrame
+    candidates: Sequence[Candidate], robot: Mask, mixed: Mask, points: Array, table: TableFrame
 ) -> dict[int, str]:
     """Why segments, by number, are no objects; those that may be objects, or were given as such, are not in it."""
     candidates = [one for one in candidates if not one.given]
     away = np.asarray(cv2.distanceTransform((~robot).astype(np.uint8), cv2.DIST_L2, 5), np.float64)
     why = {one.id: _explain_scenery_by_position(one, points, table) for one in candidates}
     why |= {one.id: ROBOT for one in candidates if robot.any() and _is_blurred_edge(away[one.mask])}
+    why |= {one.id: WALL for one in candidates if mixed[one.mask].sum() > CONFIG.mixed * one.mask.sum()}
     return {number: reason for number, reason in why.items() if reason}
 
 

@@ -37,7 +37,7 @@ def found_in(
         camera = frame.camera.model_copy(update={"T_robot_cam": None})
         frame = RGBDFrame(frame.rgb, frame.depth, camera, frame.source)
     robot = np.zeros(owner.shape, bool) if hidden is None else hidden
-    return find_bin_walls(frame, find_table(frame, np.random.default_rng(0)), robot), owner
+    return find_bin_walls(frame, find_table(frame, np.random.default_rng(0)), robot).pixels, owner
 
 
 def assert_walls_found(found: np.ndarray, owner: np.ndarray, least: float = 0.9) -> None:
@@ -78,7 +78,8 @@ def test_a_box_with_one_thing_in_it_is_no_bin() -> None:
     around = walls_around((0.35, -0.3), (0.65, 0.05), 0.08)
     boxes = np.concatenate([room.BOXES[:5], np.array(around)])
     frame, _, _ = room.photo(room.camera(width=640, height=480), boxes=boxes)
-    assert not find_bin_walls(frame, find_table(frame, np.random.default_rng(0)), np.zeros((480, 640), bool)).any()
+    robot = np.zeros((480, 640), bool)
+    assert not find_bin_walls(frame, find_table(frame, np.random.default_rng(0)), robot).pixels.any()
 
 
 def test_two_walls_are_no_bin_if_the_others_are_missing() -> None:

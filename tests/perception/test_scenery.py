@@ -83,7 +83,7 @@ def sorted_out(boxes: np.ndarray, parts: list[tuple[int, ...]], factor: int = 1)
         labels[np.isin(owner, part)] = number
     robot = np.zeros(owner.shape, bool)
     walls = find_bin_walls(frame, table, robot)
-    seen = RGBDFrame(frame.rgb, np.where(walls, np.float32(0), frame.depth), frame.camera, frame.source)
+    seen = RGBDFrame(frame.rgb, np.where(walls.pixels, np.float32(0), frame.depth), frame.camera, frame.source)
     found = separate_scenery_from_objects(measure_candidates(seen, table, labels), robot, walls, frame, table)
     kept = [int(np.bincount(labels[one.mask]).argmax()) for one in found.objects]
     assert [one.id for one in found.objects] == list(range(1, len(kept) + 1))
