@@ -63,6 +63,7 @@ def raised_pixel_mask(frame: RGBDFrame, table: TableFrame, left_out: Mask | None
     blind = smooth.depth <= 0
     above = _fill_enclosed_pixels(above & ~scenery, low | blind)
     above |= _fill_enclosed_pixels(above | scenery | blind, low) & low & ~scenery
+    above |= _enclosed_floors(above, points[..., 2], ~scenery & ~blind)
     for _ in range(CONFIG.foot):
         above = above | (np.asarray(cv2.dilate(above.astype(np.uint8), KERNEL), np.bool_) & low)
     full = repeat_cells(above, frame, factor)
@@ -80,6 +81,18 @@ def _drop_sensor_noise(above: Mask, height: Array, table: TableFrame) -> Mask:
     heights = (height.take(pixels) for pixels in pixels_by_label(labels))
     kept = [False, *(not is_sensor_noise(own, 4 * smallest, flattest) for own in heights)]
     return np.asarray(kept, np.bool_)[labels]
+
+
+def _enclosed_floors(above: Mask, height: Array, known: Mask) -> Mask:
+    """(H, W) the pieces of the ``known`` pixels that ``above`` encloses and that lie over the table on average, though
+    by less than the noise of a pixel: the floors of boxes and plates. ``height`` (H, W) in m."""
+    pieces = label_connected_components((known & ~above).astype(np.uint8), int(CONFIG.floor_pixels * above.size))
+    enclosed = _fill_enclosed_pixels(above, pieces > 0)
+    floors = np.zeros(above.shape, np.bool_)
+    for pixels in pixels_by_label(pieces):
+        if enclosed.take(pixels).mean() > 0.5 and np.nanmedian(height.take(pixels)) > CONFIG.floor:
+            floors.put(pixels, True)
+    return floors
 
 
 def _fill_enclosed_pixels(above: Mask, maybe: Mask) -> Mask:
@@ -107,8 +120,8 @@ def measure_coverage(
         owned: (H, W) the pixels of all objects.
         rejected: segments that are no objects: they say why no object owns their pixels.
     """
-    above = above | owned
-    total = max(int(np.count_nonzero(above)), 1)
+    above, measured = above | owned, frame.depth > 0
+    total = max(int(np.count_nonzero(above & measured)), 1)
     unowned = above & ~owned
     labels = label_connected_components(unowned.astype(np.uint8), int(CONFIG.listed * total))
     regions: list[tuple[Mask, UnownedRegion]] = []
@@ -119,7 +132,7 @@ def measure_coverage(
         if box is not None:
             reason = _explain_unowned_region(mask, frame, rejected)
             regions.append((mask, UnownedRegion(share=len(pixels) / total, box=box, reason=reason)))
-    return MeasuredCoverage(1 - np.count_nonzero(unowned) / total, above, owned, tuple(regions))
+    return MeasuredCoverage(1 - np.count_nonzero(unowned & measured) / total, above, owned, tuple(regions))
 
 
 def _box_of_pixels(frame: RGBDFrame, table: TableFrame, mask: Mask) -> Aabb | None:
