@@ -132,8 +132,8 @@ def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> SeenWall
     if len(cells) < CONFIG.fewest:
         return SeenWalls(nowhere, nowhere)
     view = _View(small.camera, np.asarray(smooth.depth, np.float64), pose)
-    for axes in _likely_axes(cells):
-        walls, axes = _find_walls(cells, axes, view)
+    for likely in _likely_axes(cells):
+        walls, axes = _find_walls(cells, likely, view)
         if walls and _holds_things(walls, axes, above, points):
             break
     else:
@@ -349,8 +349,8 @@ def _joined_walls(walls: dict[int, _Wall], axes: Array, view: _View) -> list[_Wa
 
 
 def _slid_to_rim(wall: _Wall, axes: Array, view: _View) -> _Wall:
-    """The wall, slid across by a little to where most of its rim is seen if the camera seems to look past it: a thin rim
-    is missed by millimetres."""
+    """The wall, slid across by a little to where most of its rim is seen if the camera seems to look past it: a thin
+    rim is missed by millimetres."""
     _, past, _ = view.look(_rim(wall, axes, wall.start, wall.end))
     if past.sum() <= CONFIG.few:
         return wall
