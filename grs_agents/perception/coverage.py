@@ -121,7 +121,7 @@ def measure_coverage(
         rejected: segments that are no objects: they say why no object owns their pixels.
     """
     above, measured = above | owned, frame.depth > 0
-    total = max(int(np.count_nonzero(above & measured)), 1)
+    total, counted = max(np.count_nonzero(above), 1), max(np.count_nonzero(above & measured), 1)
     unowned = above & ~owned
     labels = label_connected_components(unowned.astype(np.uint8), int(CONFIG.listed * total))
     regions: list[tuple[Mask, UnownedRegion]] = []
@@ -132,7 +132,7 @@ def measure_coverage(
         if box is not None:
             reason = _explain_unowned_region(mask, frame, rejected)
             regions.append((mask, UnownedRegion(share=len(pixels) / total, box=box, reason=reason)))
-    return MeasuredCoverage(1 - np.count_nonzero(unowned & measured) / total, above, owned, tuple(regions))
+    return MeasuredCoverage(1 - np.count_nonzero(unowned & measured) / counted, above, owned, tuple(regions))
 
 
 def _box_of_pixels(frame: RGBDFrame, table: TableFrame, mask: Mask) -> Aabb | None:
