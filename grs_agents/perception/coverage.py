@@ -1,8 +1,9 @@
 """Which part of what rises above the table the objects own, and what lies where no object does.
 
 A pixel rises above the table if its point is higher than 6 to 10 mm (more from far away), lower than 0.6 m, and over
-the visible part of the table or before it. So does what such pixels enclose, whether it is lower or has no depth, and
-their feet, down to the measured noise of the table.
+the visible part of the table or before it. So does what such pixels enclose, whether it is lower or has no depth, the
+floors of boxes and plates, and their feet, down to the measured noise of the table. The share is that of the measured
+ones: nobody knows what is where nothing was measured.
 """
 
 from collections.abc import Sequence
@@ -36,7 +37,7 @@ Rejected = tuple[Mask, str]
 class MeasuredCoverage:
     """How much the objects own, with the pixels."""
 
-    share: float  # of the pixels that rise above the table; 1 where none does
+    share: float  # of the measured pixels that rise above the table; 1 where none does
     above: Mask  # (H, W) what rises above the table, or belongs to an object
     owned: Mask  # (H, W)
     regions: tuple[tuple[Mask, UnownedRegion], ...]  # (H, W) pixels of what no object owns, the largest first
@@ -111,7 +112,7 @@ def _fill_enclosed_pixels(above: Mask, maybe: Mask) -> Mask:
 def measure_coverage(
     frame: RGBDFrame, table: TableFrame, above: Mask, owned: Mask, rejected: Sequence[Rejected] = ()
 ) -> MeasuredCoverage:
-    """The share of what rises above the table that objects own.
+    """The share of what rises above the table, and was measured, that objects own.
 
     Args:
         frame: the photo.

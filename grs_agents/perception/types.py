@@ -291,7 +291,7 @@ class TwinReport(Frozen):
 class UnownedRegion(Frozen):
     """A connected part of what rises above the table that belongs to no object."""
 
-    share: Share  # of all pixels that rise above the table
+    share: Share  # of all pixels that rise above the table, measured or not
     box: Aabb  # axis-aligned, robot frame
     reason: str  # why no object owns it, in words
 
@@ -299,7 +299,7 @@ class UnownedRegion(Frozen):
 class Coverage(Frozen):
     """Which part of what rises above the table the objects own. The robot and the walls of a bin do not count."""
 
-    share: Share  # of the pixels that rise above the table
+    share: Share  # of the measured pixels that rise above the table
     unowned: tuple[UnownedRegion, ...] = ()  # the largest first
     picture: InsideName  # the photo with what no object owns marked
 

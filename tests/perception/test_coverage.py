@@ -15,6 +15,7 @@ from grs_agents.perception import (
     measure_coverage,
     raised_pixel_mask,
     read_scene,
+    robot_frame_point_map,
     segment_objects_on_table,
 )
 from tests.needs import REAL_SCENES, needs
@@ -83,6 +84,30 @@ def test_a_side_without_depth_still_rises(seen: Seen) -> None:
         blind, table, raised_pixel_mask(blind, table), (owner == OTHER) | (owner == THING) & ~inside
     )
     assert found.regions[0][1].reason == "no depth"
+
+
+def test_the_floor_of_a_box_rises_and_what_lies_among_walls_on_the_table_does_not() -> None:
+    walls = [(0.4, -0.1, 0.6, -0.09), (0.4, 0.09, 0.6, 0.1), (0.4, -0.09, 0.41, 0.09), (0.59, -0.09, 0.6, 0.09)]
+    sides = [((x, y, 0.0), (far, left, 0.03)) for x, y, far, left in walls]
+    inside = (0.41, -0.09), (0.59, 0.09)
+    for thick, rises in ((0.003, True), (0.0, False)):
+        floor = [((*inside[0], 0.0), (*inside[1], thick))] if thick else []
+        boxes = np.concatenate([room.BOXES[:4], np.array(sides + floor)])
+        frame, _, owner = room.photo(room.camera(width=640, height=480), noise=0.002, boxes=boxes)
+        table = find_table(frame, np.random.default_rng(0))
+        points = robot_frame_point_map(frame, table)[..., :2]
+        own = ((points > np.add(inside[0], 0.02)) & (points < np.subtract(inside[1], 0.02))).all(axis=-1) & (owner < 4)
+        own |= owner == 8
+        assert np.count_nonzero(own) > 500
+        assert (raised_pixel_mask(frame, table)[own].mean() > 0.9) == rises
+
+
+def test_what_was_not_measured_does_not_count(seen: Seen) -> None:
+    frame, table, owner, _ = seen
+    hidden = cv2.erode((owner == THING).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    blind = RGBDFrame(frame.rgb, np.where(hidden, np.float32(0), frame.depth), frame.camera, frame.source)
+    owned = np.isin(owner, room.THINGS) & ~hidden
+    assert measure_coverage(blind, table, raised_pixel_mask(blind, table), owned).share > 0.97
 
 
 REAL = ("osd_test20", "osd_test45", "osd_test55", "osd_test61")

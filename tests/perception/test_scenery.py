@@ -10,6 +10,7 @@ from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.perception import (
     RGBDFrame,
+    SeenWalls,
     find_bin_walls,
     find_table,
     measure_candidates,
@@ -104,6 +105,20 @@ def test_walls_of_a_bin_are_no_object(parts: list[tuple[int, ...]], factor: int)
     kept, reasons = sorted_out(with_boxes(*walls), parts, factor)
     assert kept == [1, 2]
     assert len(reasons) == 1 and "bin" in reasons[0]
+
+
+def test_a_segment_that_mixes_the_robot_with_a_wall_is_no_object() -> None:
+    frame, owner = room_photo(room.BOXES.tobytes(), 1)
+    table, nothing = find_table(frame, np.random.default_rng(0)), np.zeros(owner.shape, bool)
+    found = {}
+    for share in (0.5, 1.0):
+        own = owner == 4
+        mixed = own & (np.cumsum(own.ravel()).reshape(own.shape) <= share * np.count_nonzero(own))
+        labels = np.where(own, 1, np.where(owner == 5, 2, 0)).astype(np.int32)
+        parts = measure_candidates(frame, table, labels)
+        found[share] = separate_scenery_from_objects(parts, nothing, SeenWalls(mixed, mixed), frame, table)
+    assert [len(one.objects) for one in found.values()] == [2, 1]
+    assert found[1.0].left_out[owner == 4].all() and "bin" in found[1.0].reasons[0]
 
 
 def test_a_thing_that_others_stand_beside_is_an_object() -> None:
