@@ -65,7 +65,7 @@ def test_walls_are_found_where_the_robot_hides_most_of_the_longest_rim() -> None
     frame, _, owner = room.photo(room.camera(width=640, height=480), 0.0, np.concatenate([room.BOXES, np.array(BIN)]))
     table = find_table(frame, np.random.default_rng(0))
     points = robot_frame_point_map(frame, table)
-    arm = (owner == FIRST + 3) & (points[..., 2] > 0.045) & (points[..., 1] > -0.2)
+    arm = (owner == FIRST + 2) & (points[..., 2] > 0.045) & (points[..., 1] > -0.2)
     assert np.count_nonzero(arm) > 300
     found, owner = found_in(BIN, hidden=arm)
     assert_walls_found(found, np.where(arm, -1, owner))
