@@ -48,8 +48,11 @@ _ABOVE_TILTED: Final = 0.05
 """From so far above a tilted place, metres, what is held goes along the tool: an upright way would hit the walls."""
 _PEELING, _RETREAT = 0.02, 0.06
 """How far the cup draws back along the tool, then up, metres."""
-_LETTING_GO: Final = 10
-"""Time steps in which what was let go comes to lie as it will, while the cup waits."""
+_BEARING: Final = 4
+"""Time steps in which what is held, once something carries it, comes to bear on that."""
+_LETTING_GO: Final = (8, 40)
+"""Time steps, at least and at most, in which what was let go comes to rest while the cup waits: once all sleeps the arm
+draws back without the dynamics."""
 _TURNS: Final = tuple(turn * np.pi / 2 for turn in (0, 1, -1, 2, -2, 3, -3, 4, -4))
 """How the tool may be turned before it picks, so that the wrist can then make the turn that is asked for."""
 
@@ -64,6 +67,14 @@ class PickPlaceResult:
     trouble: Outcome | None = None  # what kind of failure the note tells, if it has a name
 
 
+@dataclass(frozen=True)
+class _Descent:
+    """Where the arm feels its way to after it has travelled, at the farthest, and where that ends sooner."""
+
+    lowest: ToolPose
+    stop: Callable[[], bool]
+
+
 class PickPlace:
     """Picks with the suction cup, tool pointing down, and places, the tool tilted if the poses ask for it."""
 
@@ -73,8 +84,7 @@ class PickPlace:
         self.obstacles = look()
         self.arm = physics.arm
         self.yaw, self.tilt = split_into_yaw_and_tilt(physics.suction_tip_rotation())
-        self._hindrance = ""
-        self._descent: tuple[ToolPose, ToolPose, FloatArray] | None = None  # that was planned with the way to it
+        self._hindrance, self._descended = "", False
 
     def pick_and_place(self, pick: Pose, place: Pose) -> PickPlaceResult:
         """Pick where the cup touches, and place with the cup lowered at its place pose until contact.
@@ -119,8 +129,6 @@ class PickPlace:
         physics = self.physics
         near = ToolPose((point[0], point[1], point[2] + 0.008), yaw)
         lowest = ToolPose((point[0], point[1], max(_LOWEST, point[2] - 0.03)), yaw)
-        if not self._travel_over_obstacles(near, CUP_RADIUS + 0.04, 0.0, self.obstacles, FREE_SPEED, lowest=lowest):
-            return self._make_out_of_reach_result(point)
         aimed, met = physics.surface_height_below(*point[:2])[1], set[int]()
         physics.cup.fit_nozzle(physics.world.nozzle_for_object(aimed))
 
@@ -128,7 +136,10 @@ class PickPlace:
             met.update(physics.unheld_objects_touching_robot())
             return bool(physics.objects_touching_cup())
 
-        if not self._descend_until(near, lowest, touches):
+        descent = _Descent(lowest, touches)
+        if not self._travel_over_obstacles(near, CUP_RADIUS + 0.04, 0.0, self.obstacles, FREE_SPEED, descent=descent):
+            return self._make_out_of_reach_result(point)
+        if not self._descended:
             return self._make_out_of_reach_result(lowest.point)
         touched = grasp.find_touched_object(physics, aimed)
         if touched is None:
@@ -170,7 +181,8 @@ class PickPlace:
         near = place.shifted_by((_ABOVE_TILTED if tilted else 0.012) * up)
         deepest = max(drop - 0.01, place.point[2] - 0.25, _LOWEST)
         lowest = place.shifted_by(-0.03 * up) if tilted else ToolPose((*place.point[:2], deepest), place.yaw)
-        if not self._carry_object(grasped, near, lowest, radius, drop, tilted):
+        descent = _Descent(lowest, lambda: physics.is_object_supported(grasped))
+        if not self._carry_object(grasped, near, descent, radius, drop, tilted):
             if physics.held_object_id is None:
                 note = self._describe_drop(grasped)
                 self._retreat_upwards()
@@ -179,8 +191,7 @@ class PickPlace:
             how = f"over its neighbours to {format_point(place.point)}" + (" so tilted" if tilted else "")
             note = f"the arm cannot carry {self.names[grasped]} {how}{self._hindrance}"
             return PickPlaceResult(grasped, False, note, "unreachable")
-        self._descend_until(near, lowest, lambda: physics.is_object_supported(grasped))
-        physics.step(10)
+        physics.step(_BEARING)
         held = physics.held_object_id == grasped
         self._release_and_retreat(up)
         if held:
@@ -210,9 +221,9 @@ class PickPlace:
         return radius, max(0.0, tip[2] - min(prism.low for prism in own))
 
     def _carry_object(
-        self, number: int, end: ToolPose, lowest: ToolPose, radius: float, drop: float, tilted: bool
+        self, number: int, end: ToolPose, descent: _Descent, radius: float, drop: float, tilted: bool
     ) -> bool:
-        """Travel to a pose, from where to go down to ``lowest``, with an object that reaches ``radius`` to the side of
+        """Travel to a pose, and go down from there, with an object that reaches ``radius`` to the side of
         the tip and ``drop`` below it."""
         limp = self.physics.world.limp
         tied = number in limp
@@ -221,7 +232,7 @@ class PickPlace:
         hanging = float(np.hypot(radius, drop)) if tilted else drop
         speed, clearance = (ROPE_SPEED, _ROPE_CLEARANCE) if tied else (HELD_SPEED, _CLEARANCE)
         return self._travel_over_obstacles(
-            end, (hanging if tilted else radius) + 0.01, hanging, others, speed, clearance, lowest
+            end, (hanging if tilted else radius) + 0.01, hanging, others, speed, clearance, descent
         )
 
     def _describe_drop(self, number: int) -> str:
@@ -243,14 +254,15 @@ class PickPlace:
         self._release_and_retreat(_UP)
 
     def _release_and_retreat(self, up: FloatArray) -> None:
-        self.physics.cup.release()
-        self.physics.step(_LETTING_GO)
+        self.physics.cup.release(meeting=False)
+        self.physics.wait_until_asleep(*_LETTING_GO)
         if up[2] < 1.0:
             here = self._current_tool_pose()
             self._follow_tool_poses((here, here.shifted_by(_PEELING * up)), 0.2)
             self._retreat_upwards()
         else:
             self._retreat_upwards(_PEELING + _RETREAT)
+        self.physics.cup.meet_objects()
 
     def _retreat_upwards(self, height: float = _RETREAT) -> None:
         here = self._current_tool_pose()
@@ -268,12 +280,11 @@ class PickPlace:
         obstacles: Sequence[Prism],
         speed: float,
         clearance: float = _CLEARANCE,
-        lowest: ToolPose | None = None,
+        descent: _Descent | None = None,
     ) -> bool:
         """Go over the table to a pose and down to it, each leg just above what lies within ``radius`` (m) of it.
-        ``drop`` (m) is how far what hangs from the cup reaches below it. ``lowest`` is where the arm is to feel its way
-        to afterwards, which is planned at once. False if there was no way (the arm has not moved) or the cup let go,
-        where it stops."""
+        ``drop`` (m) is how far what hangs from the cup reaches below it. ``descent`` follows at once if the arm can go
+        all of it. False if there was no way (the arm has not moved) or the cup let go, where it stops."""
         tip, held, self._hindrance = self._current_tool_pose().point, self.physics.held_object_id, ""
         for route in candidate_routes(tip, end.point):
             way: list[Vec3] = [tip]
@@ -281,7 +292,7 @@ class PickPlace:
                 height = max_obstacle_height_along(start, stop, radius, obstacles) + drop + clearance
                 height = max(height, end.point[2] if stop == end.point else 0.0, tip[2] + 0.02 if drop else 0.0)
                 way += [(start[0], start[1], height), (stop[0], stop[1], height)]
-            if self._follow_tool_poses(self._make_tool_poses((*way, end.point), end), speed, lowest):
+            if self._follow_tool_poses(self._make_tool_poses((*way, end.point), end), speed, descent):
                 return True
             if self.physics.held_object_id != held:
                 return False
@@ -297,22 +308,28 @@ class PickPlace:
             for index, point in enumerate(points)
         ]
 
-    def _follow_tool_poses(self, poses: Sequence[ToolPose], speed: float, lowest: ToolPose | None = None) -> bool:
-        """Follow straight stretches; False, without moving, if the arm cannot or would hit the table or itself. The way
-        from there to ``lowest`` is planned with them, if there is one."""
-        physics = self.physics
-        payload = None if physics.held_object_id is None else self._compute_payload_of_object(physics.held_object_id)
+    def _follow_tool_poses(self, poses: Sequence[ToolPose], speed: float, descent: _Descent | None = None) -> bool:
+        """Follow straight stretches, and a descent from their end if the arm can go all of it, as ``_descended`` tells;
+        False, without moving, if the arm cannot follow them or would hit the table or itself."""
+        physics, held, self._descended = self.physics, self.physics.held_object_id, False
+        payload = None if held is None else self._compute_payload_of_object(held)
         gaits = [
             choose_safe_pace(speed, payload, physics.waypoint_seconds, _horizontal_fraction(start.point, end.point))
             for start, end in pairwise(poses)
         ]
-        legs = self._plan_legs(poses, gaits, lowest)
-        if legs is None:
+        legs = None
+        if descent is not None:
+            legs = self._plan_legs((*poses, descent.lowest), (*gaits, self._feeling_pace))
+            self._descended = legs is not None
+        if legs is None and (legs := self._plan_legs(poses, gaits)) is None:
             return False
-        if physics.follow_joint_path(*legs, spacing=WAYPOINT_STEPS):
+        stop = descent.stop if descent is not None and self._descended else None
+        ended = physics.follow_joint_path(*legs, stop=stop, spacing=WAYPOINT_STEPS)
+        if physics.held_object_id != held:
             self.yaw, self.tilt = split_into_yaw_and_tilt(physics.suction_tip_rotation())
             return False
-        physics.wait_for_joint_positions(legs[-1][-1])
+        if not ended:
+            physics.wait_for_joint_positions(legs[-1][-1])
         self.yaw, self.tilt = poses[-1].yaw, poses[-1].tilt
         return True
 
@@ -322,31 +339,18 @@ class PickPlace:
         nozzle = self.physics.world.nozzle_for_object(number)
         return Payload(self.physics.object_mass(number), float(np.hypot(x, y)), max(0.0, -z), nozzle)
 
-    def _descend_until(self, start: ToolPose, end: ToolPose, stop: Callable[[], bool]) -> bool:
-        """Feel the way until ``stop``; False, without moving, if the arm cannot go all of it."""
-        planned, self._descent = self._descent, None
-        if planned is not None and planned[:2] == (start, end):
-            legs = [planned[2]]
-        elif (legs := self._plan_legs((start, end), (self._feeling_pace,))) is None:
-            return False
-        self.physics.follow_joint_path(*legs, stop=stop, spacing=WAYPOINT_STEPS)
-        return True
+    def _descend_until(self, start: ToolPose, end: ToolPose, stop: Callable[[], bool]) -> None:
+        """Feel the way until ``stop``; the arm does not move if it cannot go all of it."""
+        if (legs := self._plan_legs((start, end), (self._feeling_pace,))) is not None:
+            self.physics.follow_joint_path(*legs, stop=stop, spacing=WAYPOINT_STEPS)
 
     @property
     def _feeling_pace(self) -> Pace:
         """How the arm feels its way."""
         return Pace(TOUCH_SPEED, 0.0, self.physics.waypoint_seconds, even=True)
 
-    def _plan_legs(
-        self, poses: Sequence[ToolPose], gaits: Sequence[Pace], lowest: ToolPose | None = None
-    ) -> list[FloatArray] | None:
-        """The way points (K, dof) of each stretch between two poses; None if the arm cannot follow them all. The
-        descent from the last one to ``lowest`` is planned with them, and kept, if the arm can follow it too."""
-        if lowest is not None:
-            legs = self._plan_legs((*poses, lowest), (*gaits, self._feeling_pace))
-            if legs is not None:
-                self._descent = (poses[-1], lowest, legs.pop())
-                return legs
+    def _plan_legs(self, poses: Sequence[ToolPose], gaits: Sequence[Pace]) -> list[FloatArray] | None:
+        """The way points (K, dof) of each stretch between two poses; None if the arm cannot follow them all."""
         legs = plan_joint_legs(self.arm, poses, gaits, self.physics.commanded_joint_positions)
         return legs if self._is_joint_path_feasible(np.concatenate(legs)) else None
 

@@ -62,7 +62,7 @@ class ContactFreeMotion:
         watched: bool = False,
     ) -> int:
         """Go along a way. ``pass_time(steps)`` is called after each part of it, for who watches 30 times a second. One
-        who is ``feeling`` the way expects contact.
+        who is ``feeling`` the last leg of the way expects contact there.
 
         Returns how many time steps of it were gone: all, or fewer where something would be touched next; none where
         the dynamics have to say what comes of it.
@@ -73,13 +73,14 @@ class ContactFreeMotion:
         if self._cup.held is not None and self._would_let_go(self._cup.held, path, way.seconds):
             return 0
         before, place, last = np.array(self._data.qpos), self._make_placer(path), 0
-        for index in _choose_looks(path, _OFTEN if feeling else _SELDOM):
-            place(index)
-            if self._data.ncon:
+        slow = way.last_leg if feeling else len(path.tips)
+        for look in _choose_looks(path, slow):
+            free = self._last_free_index(place, look, last, slow)
+            if watched and free > last:
+                self._show_between(last, free, way.speeds, place, pass_time)
+            last = free
+            if free < look:
                 break
-            if watched:
-                self._show_between(last, index, way.speeds, place, pass_time)
-            last = index
         steps = WAYPOINT_STEPS * last
         if not watched:
             pass_time(steps)
@@ -92,6 +93,15 @@ class ContactFreeMotion:
             self._data.qpos[:] = before
             mujoco.mj_forward(self._model, self._data)
         return steps
+
+    def _last_free_index(self, place: Callable[[int], None], look: int, last: int, slow: int) -> int:
+        """Up to which way point nothing touches: ``look``, or else the ``last`` that was looked at, or one between them
+        where the arm is ``slow`` from. At full speed it needs the rest of the way to come to bear."""
+        for index in (look, *range(look - 1, max(last, slow), -1)):
+            place(index)
+            if not self._data.ncon:
+                return index
+        return last
 
     def _show_between(
         self,
@@ -181,14 +191,16 @@ class ContactFreeMotion:
         mujoco.mj_forward(model, data)
 
 
-def _choose_looks(way: _TipPath, longest: int) -> list[int]:
+def _choose_looks(way: _TipPath, feeling: int) -> list[int]:
     """At which of its way points to look for contact: the last one, as many as a look's greatest distance asks for, and
-    none more than ``longest`` time steps from the one before."""
+    none more than ``_SELDOM`` time steps from the one before, ``_OFTEN`` from the way point ``feeling`` on."""
     moved, tools = way.tips[1:] - way.tips[:-1], way.tools.reshape(-1, 9)
     turned = tools[1:] - tools[:-1]
     parts: FloatArray = np.sqrt(np.einsum("ni,ni->n", moved, moved))
     parts += _PER_RADIAN * np.sqrt(np.einsum("ni,ni->n", turned, turned) / 2)  # the angle, as long as it is small
     parts /= _FARTHEST
-    gone = np.floor(np.maximum(parts, WAYPOINT_STEPS / longest).cumsum())
+    least = np.full(len(parts), WAYPOINT_STEPS / _SELDOM)
+    least[feeling:] = WAYPOINT_STEPS / _OFTEN
+    gone = np.floor(np.maximum(parts, least).cumsum())
     looks: list[int] = (gone[1:] > gone[:-1]).nonzero()[0].tolist()
     return [*(index for index in looks if index), len(way.tips) - 1]

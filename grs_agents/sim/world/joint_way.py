@@ -22,6 +22,7 @@ class JointWay:
     speeds: FloatArray  # (K, dof), of the joints, rad or m a second
     torques: FloatArray  # (K, dof), what they cost
     seconds: float  # between two way points
+    last_leg: int  # the way point at which it begins
 
     @property
     def steps(self) -> int:
@@ -32,7 +33,8 @@ class JointWay:
         """What is left of it from a way point on."""
         if not waypoint:
             return self
-        return JointWay(self.joints[waypoint:], self.speeds[waypoint:], self.torques[waypoint:], self.seconds)
+        rest = (self.joints[waypoint:], self.speeds[waypoint:], self.torques[waypoint:])
+        return JointWay(*rest, self.seconds, max(0, self.last_leg - waypoint))
 
     def command_at(self, step: int, lead: FloatArray, stiffness: FloatArray) -> FloatArray:
         """The joint positions (dof,) to command for a time step. Ahead by what damping (``lead``, s) and inertia cost
@@ -63,4 +65,4 @@ def pace_legs(legs: Sequence[FloatArray], arm: Arm, timestep: float, spacing: in
     for start, end in pairwise(corners):
         torques[start:end] @= arm.inertia_matrix(joints[(start + end) // 2])
     torques[-1] = 0.0
-    return JointWay(joints, speeds, torques, seconds)
+    return JointWay(joints, speeds, torques, seconds, corners[-2])

@@ -236,8 +236,18 @@ class Physics:
                     break
         self.raise_if_diverged()
 
+    def wait_until_asleep(self, least: int, most: int) -> None:
+        """Wait for ``least`` time steps, and for up to ``most`` if something moves by itself still."""
+        self.step(least)
+        while least < most and not self.is_asleep:
+            self.step(_GLANCE)
+            least += _GLANCE
+
     def _is_already_at_rest(self) -> bool:
-        """Whether a few steps show that everything is slow, and that nothing gathers speed: falls, tips or rolls."""
+        """Whether a few steps show that everything is slow, and that nothing gathers speed: falls, tips or rolls. None
+        are needed where everything sleeps."""
+        if self.is_asleep:
+            return True
         self.step(_GLANCE - 1)
         before = np.array(self.data.qvel[self.dof :])
         self.step()
@@ -290,15 +300,13 @@ class Physics:
     def follow_joint_path(self, *legs: FloatArray, stop: Callable[[], bool] | None = None, spacing: int = 1) -> bool:
         """Drive the arm through joint positions (N, dof), one each ``spacing`` time steps (1 or ``WAYPOINT_STEPS``) or
         slower, as its joints' speeds allow; it rests between legs. True if it ended before: the cup let go, or ``stop``
-        held, which may hold where something touches alone.
+        held, with which it feels its way along the last leg and which may hold where something touches alone.
 
         Where nothing touches anything the arm is set along the path; what is touched is left to the dynamics.
         """
         held = self.cup.held
-        stride = _FREE_STRIDE if held is None else _HELD_STRIDE
-        if stop is not None:
-            stride = _HELD_STRIDE if held is None else 1  # it feels its way
         way = pace_legs(legs, self.arm, self.timestep, spacing)
+        feeling = way.steps + 1 if stop is None else way.last_leg * WAYPOINT_STEPS
         gone = again = 0
         while gone < way.steps:
             if gone >= again and gone % WAYPOINT_STEPS == 0 and self._contact_free.can_begin():
@@ -314,14 +322,20 @@ class Physics:
                     self.cup.watch_anew()
                     self.hold_arm(way.command_at(gone, self._lead, self._stiffness))
                     continue
-            count = min(stride, way.steps - gone)
+            count = min(self._stride(gone >= feeling), way.steps - gone)
             gone += count
             self.lead_arm(way.command_at(gone, self._lead, self._stiffness), count)
-            if self.cup.held != held or (stop is not None and stop()):
+            if self.cup.held != held or (stop is not None and gone > feeling and stop()):
                 self.hold_arm(self.joint_positions)
                 return True
         self.hold_arm(way.joints[-1])
         return False
+
+    def _stride(self, feeling: bool) -> int:
+        """How many time steps a command of the arm lasts; fewer if it is ``feeling`` its way."""
+        if self.cup.held is None:
+            return _HELD_STRIDE if feeling else _FREE_STRIDE
+        return 1 if feeling else _HELD_STRIDE
 
     def _pass_time(self, steps: int) -> None:
         """Count time steps in which the arm was set along its path."""

@@ -87,13 +87,19 @@ class Cup:
         self._compensate_held_weight(number)
         self._set_cup_collisions(False)
 
-    def release(self) -> None:
-        """Switch suction off."""
+    def release(self, meeting: bool = True) -> None:
+        """Switch suction off. A cup that is not ``meeting`` objects yet does so from ``meet_objects`` on: what it lets
+        go of comes to rest sooner without the cup upon it."""
         if self.held is not None:
             self._data.eq_active[self._world.welds[self.held]] = 0
-            self._set_cup_collisions(True)
+            self._set_cup_collisions(meeting)
         self._joint_forces[:] = 0.0
         self.held = None
+
+    def meet_objects(self) -> None:
+        """A cup that holds nothing meets objects, after it was drawn back from what it let go of."""
+        if self.held is None:
+            self._set_cup_collisions(True)
 
     def _compensate_held_weight(self, number: int) -> None:
         """Let the arm bear the weight of what it holds where it is now, as arms do that are told what they carry: else

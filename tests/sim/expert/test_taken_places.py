@@ -209,12 +209,13 @@ def test_what_fails_twice_in_the_same_way_is_not_tried_again() -> None:
     assert "nothing to grasp" in env.current_episode.detail
 
 
-def test_what_comes_to_rest_in_vain_twice_at_the_same_place_is_not_put_there_again() -> None:
+@pytest.mark.parametrize("yaw", [-1.6, -0.8, 1.6])
+def test_what_comes_to_rest_in_vain_twice_at_the_same_place_is_not_put_there_again(yaw: float) -> None:
     lying = utils.eulerXYZ_to_quatXYZW((0.0, 0.51 * np.pi, 0.0))  # its yaw means nothing so: no turn helps
 
     def scene(task, env) -> None:
         box = env.add_object("HOPE/Butter.urdf", ((*FROM, 0.012), lying))
-        pose_goal(task, box, ((*TO, 0.0), utils.eulerXYZ_to_quatXYZW((0.0, 0.0, -0.8))), symmetry=2 * np.pi)
+        pose_goal(task, box, ((*TO, 0.0), utils.eulerXYZ_to_quatXYZW((0.0, 0.0, yaw))), symmetry=2 * np.pi)
 
     episode, _ = run(scene)
     assert (episode.outcome, episode.steps < 4) == ("dropped", True), episode.detail
