@@ -76,7 +76,7 @@ class ContactFreeMotion:
         slow = way.last_leg if feeling else len(path.tips)
         for look in _choose_looks(path, slow):
             free = self._last_free_index(place, look, last, slow)
-            if watched and free > last:
+            if watched:
                 self._show_between(last, free, way.speeds, place, pass_time)
             last = free
             if free < look:
@@ -112,7 +112,7 @@ class ContactFreeMotion:
         pass_time: Callable[[int], None],
     ) -> None:
         """Pass through every second way point after the ``last`` one up to ``end``, for who watches."""
-        for index in [*range(last + 2, end, 2), end]:
+        for index in [*range(last + 2, end, 2), end] if end > last else ():
             place(index)
             self._data.qvel[: self._dof] = speeds[index]
             pass_time(WAYPOINT_STEPS * (index - last))
