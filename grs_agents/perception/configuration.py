@@ -172,6 +172,8 @@ class SegmentFilter:
     clear: float = 0.05  # at the border an arm is higher than this above the table
     round: float = 0.02  # the heights of the flat top of an object that the border cuts differ by less than this
     long: float = 0.15  # an arm reaches in by more than this along the table
+    flat: float = 0.01  # what is seen of an arm without a foot differs more in height at the border than a flat top
+    stacked: float = 0.3  # and things are not stacked higher
     floor: float = 0.015  # the floor of a hollow object lies within this height of the table
     floor_margin: float = 0.005  # and this far inside its footprint
 
@@ -447,6 +449,7 @@ class Scenery:
     meets: int = 8  # pixels: what is so near to the robot is beside it
     widest: int = 20  # pixels: its blurred edge is narrower
     longer: float = 4.0  # times as long as wide: its blurred edge is longer
+    fades: float = 0.025  # on its far side, the farthest third, its blurred edge is lower than this: it fades into the table
     mixed: float = 0.7  # of a segment: more of it mixes robot and wall, or it is an object that the robot hides
 
 

@@ -69,7 +69,7 @@ def _explain_scenery_by_number(
     candidates = [one for one in candidates if not one.given]
     away = np.asarray(cv2.distanceTransform((~robot).astype(np.uint8), cv2.DIST_L2, 5), np.float64)
     why = {one.id: _explain_scenery_by_position(one, points, table) for one in candidates}
-    why |= {one.id: ROBOT for one in candidates if robot.any() and _is_blurred_edge(away[one.mask])}
+    why |= {one.id: ROBOT for one in candidates if robot.any() and _is_blurred_edge(away[one.mask], points[one.mask, 2])}
     why |= {one.id: WALL for one in candidates if mixed[one.mask].sum() > CONFIG.mixed * one.mask.sum()}
     return {number: reason for number, reason in why.items() if reason}
 
@@ -81,13 +81,15 @@ def _unite_mask_with_candidates(mask: Mask, candidates: Sequence[Candidate]) -> 
     return united
 
 
-def _is_blurred_edge(away: Array) -> bool:
-    """Whether a segment is a strip along the robot, as its blurred edge is. ``away`` (N,) says how many pixels
-    each of its pixels is away from the robot."""
+def _is_blurred_edge(away: Array, heights: Array) -> bool:
+    """Whether a segment is a strip along the robot that fades into the table, as its blurred edge does. ``away`` (N,)
+    says how many pixels each of its pixels is away from the robot, ``heights`` (N,) how high it is, m."""
     if not len(away):  # a speck of a large photo
         return False
     width = float(np.percentile(away, 98))
-    return bool(away.min() < CONFIG.meets and width < CONFIG.widest and len(away) > CONFIG.longer * width**2)
+    if away.min() >= CONFIG.meets or width >= CONFIG.widest or len(away) <= CONFIG.longer * width**2:
+        return False
+    return not np.nanmedian(heights[away > width * 2 / 3]) >= CONFIG.fades
 
 
 def _explain_scenery_by_position(candidate: Candidate, points: Array, table: TableFrame) -> str:
