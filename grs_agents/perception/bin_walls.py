@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import axes_from_yaws, label_connected_components, values_in_mask
 from grs_agents.perception.segmentation import foreground_pixel_mask, smooth_frame_depth
 from grs_agents.perception.table_finding import depth_tolerance, robot_frame_point_map
@@ -50,6 +49,7 @@ class BinWalls:
     open: float = 1.0  # a wall of which no end is seen may go on so far
     long: float = 0.5  # the rims seen are longer together
     things: int = 2  # a bin holds at least so many: a box with fewer is an object with its content
+    thing: int = 4  # square centimetres: fewer are no thing
     margin: float = 0.01  # around walls: what is nearer is theirs
     beside: int = 20  # pixels: so near to the robot a sensor mixes its depth with that of walls
     mixed: float = 0.05  # and there their points are off by less
@@ -57,7 +57,7 @@ class BinWalls:
     deviations: float = 1.5  # and what is lower than so many standard deviations of the table's points
 
 
-CONFIG, SMALLEST = BinWalls(), DEFAULT.segmentation.filter.smallest
+CONFIG = BinWalls()
 SIDES = ((0, -1.0), (0, 1.0), (1, -1.0), (1, 1.0))
 """Axis across each wall, and the sign of its outward side."""
 
@@ -137,7 +137,7 @@ def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> SeenWall
     view = _View(small.camera, np.asarray(smooth.depth, np.float64), pose)
     for likely in _likely_axes(cells):
         walls, axes = _find_walls(cells, likely, view)
-        if walls and _holds_things(walls, axes, above, points):
+        if walls and _holds_things(walls, axes, cells):
             break
     else:
         return SeenWalls(nowhere, nowhere)
@@ -406,14 +406,19 @@ def _beyond(walls: Sequence[_Wall], local: Array) -> Mask:
     return out
 
 
-def _holds_things(walls: Sequence[_Wall], axes: Array, above: Mask, points: Array) -> bool:
-    """Whether several things stand between the walls: a box with one in it is an object."""
-    local = points[..., :2] @ axes.T
-    inside = above.copy()
+def _holds_things(walls: Sequence[_Wall], axes: Array, cells: Array) -> bool:
+    """Whether several things stand apart between the walls, seen from above: a box with one in it is an object."""
+    local = cells[:, :2] @ axes.T
+    inside = np.ones(len(cells), np.bool_)
     for wall in walls:
         axis, sign = SIDES[wall.side]
-        inside &= sign * local[..., axis] < wall.inner - CONFIG.margin
-    return int(label_connected_components(inside.astype(np.uint8), int(SMALLEST * above.size)).max()) >= CONFIG.things
+        inside &= sign * local[:, axis] < wall.inner - CONFIG.strip
+    if not inside.any():
+        return False
+    places = np.floor((local[inside] - local[inside].min(axis=0)) / CONFIG.line).astype(np.int64)
+    grid = np.zeros(places.max(axis=0) + 1, np.uint8)
+    grid[places[:, 0], places[:, 1]] = 1
+    return int(label_connected_components(grid, CONFIG.thing).max()) >= CONFIG.things
 
 
 def _pixels_near_walls(

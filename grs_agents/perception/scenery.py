@@ -69,7 +69,9 @@ def _explain_scenery_by_number(
     candidates = [one for one in candidates if not one.given]
     away = np.asarray(cv2.distanceTransform((~robot).astype(np.uint8), cv2.DIST_L2, 5), np.float64)
     why = {one.id: _explain_scenery_by_position(one, points, table) for one in candidates}
-    why |= {one.id: ROBOT for one in candidates if robot.any() and _is_blurred_edge(away[one.mask], points[one.mask, 2])}
+    why |= {
+        one.id: ROBOT for one in candidates if robot.any() and _is_blurred_edge(away[one.mask], points[one.mask, 2])
+    }
     why |= {one.id: WALL for one in candidates if mixed[one.mask].sum() > CONFIG.mixed * one.mask.sum()}
     return {number: reason for number, reason in why.items() if reason}
 
