@@ -172,8 +172,6 @@ class SegmentFilter:
     clear: float = 0.05  # at the border an arm is higher than this above the table
     round: float = 0.02  # the heights of the flat top of an object that the border cuts differ by less than this
     long: float = 0.15  # an arm reaches in by more than this along the table
-    flat: float = 0.01  # what is seen of an arm without a foot differs more in height at the border than a flat top
-    stacked: float = 0.3  # and things are not stacked higher
     floor: float = 0.015  # the floor of a hollow object lies within this height of the table
     floor_margin: float = 0.005  # and this far inside its footprint
 

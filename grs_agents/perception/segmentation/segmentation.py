@@ -78,16 +78,15 @@ def is_segment_entering_view(mask: Mask, points: Array, config: Segmentation) ->
         return True
     sides = np.ones_like(mask)
     sides[bounds.border :, bounds.border : -bounds.border] = False
-    footless = lowest > bounds.clear and len(_drop_unknown_points(points[mask & sides])) >= bounds.fewest
+    if lowest > bounds.clear and len(_drop_unknown_points(points[mask & sides])) >= bounds.fewest:
+        return True  # only below the picture could it have a foot
     sides[-bounds.border :] = True
     cut = _drop_unknown_points(points[mask & sides])
     if len(cut) < bounds.fewest:
         return False
     low, high = np.percentile(cut[:, 2], (5, 95))
-    long = np.percentile(np.linalg.norm(whole[:, :2] - np.median(cut[:, :2], axis=0), axis=1), 98) > bounds.long
-    if footless:  # only below the picture could it have a foot, but for a thing with a flat top that lies on others
-        return bool(long or high - low > bounds.flat or highest > bounds.stacked)
-    return bool(long and low > bounds.clear and high - low > bounds.round)
+    reach = np.linalg.norm(whole[:, :2] - np.median(cut[:, :2], axis=0), axis=1)
+    return bool(low > bounds.clear and high - low > bounds.round and np.percentile(reach, 98) > bounds.long)
 
 
 def _drop_unknown_points(points: Array) -> Array:
