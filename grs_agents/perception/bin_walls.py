@@ -123,13 +123,10 @@ def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> SeenWall
         robot: (H, W) the pixels that are known to show the robot.
     """
     near = cv2.dilate(robot.astype(np.uint8), np.ones((2 * CONFIG.blurred + 1,) * 2, np.uint8)) > 0
-    # What is table is seen up to the robot: without the narrow strip between it and the picture's border, what stands
-    # there is over no table.
-    above = _raised_over_table(frame, table, robot)
     small, _ = downscale_frame(replace(frame, depth=np.where(near, np.float32(0), frame.depth)))
     smooth = smooth_frame_depth(small)
     points, pose = robot_frame_point_map(smooth, table), np.asarray(table.T_robot_cam)
-    above &= smooth.depth > 0
+    above = foreground_pixel_mask(points, smooth.depth, pose[:3, 3])
     cells = _raised_cells(values_in_mask(points, above))
     nowhere = np.zeros(frame.depth.shape, np.bool_)
     if len(cells) < CONFIG.fewest:
@@ -147,14 +144,6 @@ def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> SeenWall
     beside = cv2.distanceTransform((~robot).astype(np.uint8), cv2.DIST_L2, 5) < CONFIG.beside
     mixed = _pixels_near_walls(walls, axes, full, low, (CONFIG.mixed, CONFIG.mixed)) & beside
     return SeenWalls(own & ~robot, mixed & ~robot)
-
-
-def _raised_over_table(frame: RGBDFrame, table: TableFrame, robot: Mask) -> Mask:
-    """(h, w) at the working size, what rises above the table, without the robot."""
-    small, _ = downscale_frame(replace(frame, depth=np.where(robot, np.float32(0), frame.depth)))
-    smooth = smooth_frame_depth(small)
-    eye = np.asarray(table.T_robot_cam)[:3, 3]
-    return foreground_pixel_mask(robot_frame_point_map(smooth, table), smooth.depth, eye)
 
 
 def _raised_cells(cloud: Array) -> Array:
