@@ -447,9 +447,7 @@ class Scenery:
     meets: int = 8  # pixels: what is so near to the robot is beside it
     widest: int = 20  # pixels: its blurred edge is narrower
     longer: float = 4.0  # times as long as wide: its blurred edge is longer
-    fades: float = (
-        0.025  # on its far side, the farthest third, its blurred edge is lower than this: it fades into the table
-    )
+    fades: float = 0.025  # m: the far third of its blurred edge is lower, for it fades into the table
     mixed: float = 0.7  # of a segment: more of it mixes robot and wall, or it is an object that the robot hides
 
 

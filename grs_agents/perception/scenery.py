@@ -91,7 +91,8 @@ def _is_blurred_edge(away: Array, heights: Array) -> bool:
     width = float(np.percentile(away, 98))
     if away.min() >= CONFIG.meets or width >= CONFIG.widest or len(away) <= CONFIG.longer * width**2:
         return False
-    return not np.nanmedian(heights[away > width * 2 / 3]) >= CONFIG.fades
+    far = heights[away > width * 2 / 3]
+    return not np.nanmedian(far) >= CONFIG.fades  # also where nothing was measured
 
 
 def _explain_scenery_by_position(candidate: Candidate, points: Array, table: TableFrame) -> str:

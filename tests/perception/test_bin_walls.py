@@ -1,5 +1,6 @@
 """Walls of a bin: found whatever their direction and whatever hides them, and told from boxes among the things."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -94,3 +95,17 @@ def test_a_box_with_one_thing_in_it_is_no_bin() -> None:
 
 def test_two_walls_are_no_bin_if_the_others_are_missing() -> None:
     assert not found_in(BIN[:1] + BIN[2:3])[0].any()
+
+
+def test_things_that_hide_each_other_in_the_picture_are_several_things_in_a_bin() -> None:
+    table, camera = list(room.BOXES[:4]), np.asarray(room.camera().T_robot_cam)[:3, 3]
+    towards = (camera[:2] - (0.5, 0.0)) / np.linalg.norm(camera[:2] - (0.5, 0.0))
+    stood = [(np.array((0.5, 0.0)) + away * towards, height) for away, height in ((-0.08, 0.14), (0.08, 0.1))]
+    things = [((x - 0.03, y - 0.03, 0.0), (x + 0.03, y + 0.03, height)) for (x, y), height in stood]
+    boxes = np.array([*table, *things, *BIN])
+    frame, _, owner = room.photo(room.camera(width=640, height=480), 0.0, boxes)
+    grown = cv2.dilate((owner == 4).astype(np.uint8), np.ones((3, 3))) > 0
+    assert (grown & (owner == 5)).any()
+    found = find_bin_walls(frame, find_table(frame, np.random.default_rng(0)), np.zeros(owner.shape, bool)).pixels
+    walls = owner >= FIRST
+    assert np.count_nonzero(found & walls) > 0.9 * np.count_nonzero(walls) > 1000

@@ -15,6 +15,7 @@ from grs_agents.perception import (
     find_table,
     measure_candidates,
     require_joints_within_limits,
+    robot_frame_point_map,
     robot_pixel_mask,
     separate_scenery_from_objects,
 )
@@ -131,3 +132,23 @@ def test_what_lies_beyond_the_workspace_is_no_object() -> None:
     kept, reasons = sorted_out(with_boxes(far), [(4,), (5,), (6,)])
     assert kept == [1, 2]
     assert len(reasons) == 1 and "beyond the workspace" in reasons[0]
+
+
+@pytest.mark.parametrize("fades", [True, False])
+def test_only_a_strip_that_fades_into_the_table_is_the_blurred_edge_of_the_robot(fades: bool) -> None:
+    frame, owner = room_photo(room.BOXES.tobytes(), 1)
+    table = find_table(frame, np.random.default_rng(0))
+    box = owner == 4
+    columns = np.cumsum(box[:, ::-1], axis=1)[:, ::-1]  # of the box, from its right edge on
+    strip = box & (columns <= 7)
+    depth = frame.depth.copy()
+    if fades:  # from the box to where the ray meets the table
+        height, camera = robot_frame_point_map(frame, table)[..., 2], np.asarray(table.T_robot_cam)[2, 3]
+        behind = depth * camera / (camera - height)
+        depth = np.where(strip, depth + (behind - depth) * (8 - columns) / 8, depth).astype(np.float32)
+    seen = RGBDFrame(frame.rgb, depth, frame.camera, frame.source)
+    parts = measure_candidates(seen, table, strip.astype(np.int32))
+    nowhere = np.zeros(owner.shape, bool)
+    found = separate_scenery_from_objects(parts, box & ~strip, SeenWalls(nowhere, nowhere), seen, table)
+    assert len(parts) == 1
+    assert (len(found.objects) == 0) == fades

@@ -254,7 +254,7 @@ class PickPlace:
         self._release_and_retreat(_UP)
 
     def _release_and_retreat(self, up: FloatArray) -> None:
-        self.physics.cup.release(meeting=False)
+        self.physics.cup.release(collides=False)
         self.physics.wait_until_asleep(*_LETTING_GO)
         if up[2] < 1.0:
             here = self._current_tool_pose()
@@ -262,7 +262,7 @@ class PickPlace:
             self._retreat_upwards()
         else:
             self._retreat_upwards(_PEELING + _RETREAT)
-        self.physics.cup.meet_objects()
+        self.physics.cup.restore_collisions()
 
     def _retreat_upwards(self, height: float = _RETREAT) -> None:
         here = self._current_tool_pose()

@@ -87,17 +87,17 @@ class Cup:
         self._compensate_held_weight(number)
         self._set_cup_collisions(False)
 
-    def release(self, meeting: bool = True) -> None:
-        """Switch suction off. A cup that is not ``meeting`` objects yet does so from ``meet_objects`` on: what it lets
-        go of comes to rest sooner without the cup upon it."""
+    def release(self, collides: bool = True) -> None:
+        """Switch suction off. A cup that is not to collide yet does so after ``restore_collisions``: what it lets go of
+        comes to rest sooner without the cup upon it."""
         if self.held is not None:
             self._data.eq_active[self._world.welds[self.held]] = 0
-            self._set_cup_collisions(meeting)
+            self._set_cup_collisions(collides)
         self._joint_forces[:] = 0.0
         self.held = None
 
-    def meet_objects(self) -> None:
-        """A cup that holds nothing meets objects, after it was drawn back from what it let go of."""
+    def restore_collisions(self) -> None:
+        """Let a cup that holds nothing collide, after it was drawn back from what it let go of."""
         if self.held is None:
             self._set_cup_collisions(True)
 
