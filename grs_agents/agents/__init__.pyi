@@ -26,12 +26,12 @@ from .reply import extract_python_program as extract_python_program
 from .reply import parse_json as parse_json
 from .reply import parse_verdict as parse_verdict
 from .roles import JudgedPrograms as JudgedPrograms
-from .tool_calling import ToolCalling as ToolCalling
 from .types import Description as Description
 from .types import Match as Match
 from .types import NoReply as NoReply
 from .types import RouterReply as RouterReply
 from .types import TaskDefinition as TaskDefinition
 from .types import TaskRevision as TaskRevision
+from .types import ToolCalling as ToolCalling
 from .types import Verdict as Verdict
 from .types import WordsJudgement as WordsJudgement

@@ -6,13 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Lock
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 from uuid import uuid4
 
 import cv2
 import numpy.typing as npt
-from langchain_core.language_models.chat_models import BaseChatModel
-from langchain_core.messages import AIMessage, BaseMessage, HumanMessage
 
 from grs_agents import content
 from grs_agents.agents.budget import check_budget_left
@@ -31,6 +29,10 @@ from grs_agents.foreign import read_picture, resolve_member_file
 from grs_agents.models import Answer, ReplyProblem, invoke_with_retries, is_offline, make_chat_model, make_retries
 from grs_agents.trace import EventLog, Note, Prompt, Reply, read_events
 
+if TYPE_CHECKING:  # LangChain takes long to import, and a check of programs may ask nobody
+    from langchain_core.language_models.chat_models import BaseChatModel
+    from langchain_core.messages import BaseMessage
+
 Parsed = TypeVar("Parsed")
 IMAGE_SIDES = (256, 1024)
 """Pictures whose longer side has fewer or more pixels are enlarged or reduced before they are sent."""
@@ -46,7 +48,7 @@ class Agents:
     # replies that were paid for before the run was interrupted
     earlier: RecordedReplies = field(default_factory=RecordedReplies)
     cassette: RecordedReplies | None = None  # a recorded run's replies, given instead of asking
-    _models: dict[str, BaseChatModel] = field(default_factory=dict[str, BaseChatModel])
+    _models: dict[str, "BaseChatModel"] = field(default_factory=dict[str, "BaseChatModel"])
     _lock: Lock = field(default_factory=Lock)
 
     @classmethod
@@ -56,7 +58,7 @@ class Agents:
         cassette = read_cassette(config.cassette).remaining_replies(events) if config.cassette else None
         return cls(config, log, folder, collect_last_node_replies(events), cassette)
 
-    def chat_model_for_role(self, role: str) -> BaseChatModel:
+    def chat_model_for_role(self, role: str) -> "BaseChatModel":
         """The chat model that serves ``role``, made once."""
         spec = self.config.model_for_role(role)
         key = spec.model_dump_json()
@@ -82,6 +84,8 @@ class Agents:
             images: picture files relative to the run folder, sent before the text in this order.
             prompt_of: the role whose prompt it is given, where that is another's.
         """
+        from langchain_core.messages import AIMessage, HumanMessage
+
         told = prompt_of or role
         file = content.content_path("prompts", getattr(self.config.prompts, told))
         text = render_prompt_template(file, told, values)
@@ -108,7 +112,7 @@ class Agents:
     def get_earlier_or_new_reply(
         self,
         role: str,
-        messages: Sequence[BaseMessage],
+        messages: Sequence["BaseMessage"],
         pictures: tuple[str, ...],
         ask: Callable[[], Answer] | None = None,
     ) -> tuple[str | None, str]:
@@ -134,7 +138,7 @@ class Agents:
                 reply = self._append_reply(recorded.model_copy(update={"call": call}))
         return (None, reply.error) if reply.error else (reply.text, "")
 
-    def _ask_model(self, role: str, spec: ModelConfig, messages: Sequence[BaseMessage]) -> Answer:
+    def _ask_model(self, role: str, spec: ModelConfig, messages: Sequence["BaseMessage"]) -> Answer:
         return invoke_with_retries(self.chat_model_for_role(role), messages, make_retries(spec))
 
     def _request_reply(self, role: str, spec: ModelConfig, call: str, ask: Callable[[], Answer]) -> Reply:

@@ -6,9 +6,8 @@ import re
 import threading
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from langchain_core.messages import BaseMessage
 from pydantic import Field, ValidationError
 
 from grs_agents import content
@@ -18,6 +17,9 @@ from grs_agents.foreign import path_exists, read_json
 from grs_agents.models import is_offline
 from grs_agents.trace import Event, NodeStarted, Prompt, Reply
 
+if TYPE_CHECKING:
+    from langchain_core.messages import BaseMessage
+
 REMEDY = "record the run anew: grs run SCENE --record FILE"
 _HALF = 32
 """Hexadecimal digits of each half of a prompt's digest."""
@@ -26,7 +28,7 @@ _COPIED = {"role", "model", "finish_reason", "input_tokens", "output_tokens", "c
 """What an exchange has of a reply as it is."""
 
 
-def digest_prompt(role: str, messages: Sequence[BaseMessage], pictures: Sequence[str]) -> str:
+def digest_prompt(role: str, messages: Sequence["BaseMessage"], pictures: Sequence[str]) -> str:
     """All that a reply depends on beside the model, as two halves of 32 hexadecimal digits.
 
     The first half is of the role, the words of all messages, and the pictures' names: it is the same on every machine.

@@ -12,7 +12,6 @@ from typing import Any, Literal, cast
 
 from grs_agents.agents.agent import Agents
 from grs_agents.agents.reply import ReplyError, extract_python_program, parse_json, parse_json_rows, parse_verdict
-from grs_agents.agents.tool_calling import ToolCalling, ask_with_tools
 from grs_agents.agents.types import (
     Description,
     Match,
@@ -21,6 +20,7 @@ from grs_agents.agents.types import (
     SegmentReply,
     TaskDefinition,
     TaskRevision,
+    ToolCalling,
     Verdict,
     WordsJudgement,
 )
@@ -99,6 +99,8 @@ def author_simulation(
     """Write the simulation program. ``role`` says whose model does, ``calling`` which tools it may call before."""
     values = {"task": to_json_text(task.as_json()), "scene": to_json_text(scene), "api": api, "examples": examples}
     if calling is not None:
+        from grs_agents.agents.tool_calling import ask_with_tools  # takes long to import
+
         return ask_with_tools(agents, role, values, extract_python_program, images, calling)
     return agents.ask_role(role, values, extract_python_program, images, "simulation")
 

@@ -24,15 +24,13 @@ from grs_agents import content
 from grs_agents.agents.agent import Agents, image_block_from_file
 from grs_agents.agents.prompt_template import render_prompt_template
 from grs_agents.agents.reply import ReplyError
-from grs_agents.agents.types import NoReply
+from grs_agents.agents.types import NoReply, ToolCalling, ToolFunction
 from grs_agents.errors import ConfigError, GrsError
 from grs_agents.foreign import resolve_member_file
 from grs_agents.models import Answer, make_retries, redact_keys, request_message, require_complete_answer
 from grs_agents.trace import ToolCall
 
 Parsed = TypeVar("Parsed")
-ToolFunction = Callable[..., str | list[Any]]
-"""What a tool tells the model: words, or content blocks such as a picture."""
 _MARK = "[tool calls] "
 """Before the calls in a logged reply, so that a recorded reply holds them too."""
 _CALLING = ("tool_calls", "tool_use", "function_call")
@@ -42,15 +40,6 @@ _UNUSABLE = "(no usable reply)"
 
 class StepsUsedUp(GrsError):
     """The model goes on calling tools although it has no calls left."""
-
-
-@dataclass(frozen=True)
-class ToolCalling:
-    """What an agent may call, how often, and in which graph."""
-
-    tools: Mapping[str, ToolFunction]  # by name; the docstring and the annotations are what the model reads
-    steps: int  # calls of tools in all
-    graph: str  # for messages
 
 
 def ask_with_tools(

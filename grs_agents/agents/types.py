@@ -1,6 +1,8 @@
 """What the agents say, as frozen types."""
 
 import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from pydantic import ConfigDict, Field, field_validator
@@ -9,6 +11,17 @@ from grs_agents.base import Frozen
 
 Verdict = Literal["fix_code", "fix_test", "fix_task"]
 """The router's two answers, spelt as in the paper, and a third: the task cannot be done as it is defined."""
+ToolFunction = Callable[..., str | list[Any]]
+"""What a tool tells a model: words, or content blocks such as a picture."""
+
+
+@dataclass(frozen=True)
+class ToolCalling:
+    """What an agent may call, how often, and in which graph."""
+
+    tools: Mapping[str, ToolFunction]  # by name; the docstring and the annotations are what the model reads
+    steps: int  # calls of tools in all
+    graph: str  # for messages
 
 
 class Description(Frozen):

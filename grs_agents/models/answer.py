@@ -3,12 +3,13 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, cast
-
-from langchain_core.messages import AIMessage
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 from grs_agents.errors import GrsError
 from grs_agents.models.key_redaction import redact_keys
+
+if TYPE_CHECKING:
+    from langchain_core.messages import AIMessage
 
 _SPELLINGS = ("finish_reason", "stop_reason", "done_reason", "stopReason", "status")
 """Why a reply ended: OpenAI and Google, Anthropic, Ollama, Bedrock, OpenAI's Responses API."""
@@ -84,7 +85,7 @@ class ReplyProblem(GrsError):
         self.answer = answer
 
 
-def answer_from_message(message: AIMessage) -> Answer:
+def answer_from_message(message: "AIMessage") -> Answer:
     """What ``message`` holds, without keys."""
     text, usage = str(message.text), message.usage_metadata
     metadata: Mapping[str, Any] = message.response_metadata

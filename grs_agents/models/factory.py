@@ -7,19 +7,19 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from math import ceil
 from operator import attrgetter
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import urlsplit
-
-from langchain_core.language_models.chat_models import BaseChatModel
 
 from grs_agents import content
 from grs_agents.config import ModelChoice, ModelConfig
 from grs_agents.errors import ConfigError
-from grs_agents.models.fallbacks import FallbackChatModel
 from grs_agents.models.key_redaction import redact_keys, register_key_variable
 from grs_agents.models.reply_limits import limit_and_record_http_client
 from grs_agents.models.retry import Retries
 from grs_agents.plugins import broken_class_error, load_named_class
+
+if TYPE_CHECKING:
+    from langchain_core.language_models.chat_models import BaseChatModel
 
 OFFLINE = "offline"
 ENTRY_POINTS = "grs_agents.models"
@@ -93,7 +93,7 @@ PROVIDERS: Mapping[str, Provider] = {
 }
 
 
-def make_chat_model(config: ModelConfig, seed: int) -> BaseChatModel:
+def make_chat_model(config: ModelConfig, seed: int) -> "BaseChatModel":
     """The chat model that ``config`` names, with its fallbacks; ``seed`` is for the ``offline`` model's choices.
 
     Raises:
@@ -105,6 +105,8 @@ def make_chat_model(config: ModelConfig, seed: int) -> BaseChatModel:
     models = tuple(_make_single_model(choice, seed) for choice in choices)
     if len(models) == 1:
         return models[0]
+    from grs_agents.models.fallbacks import FallbackChatModel
+
     names = tuple(choice.model for choice in choices)
     return FallbackChatModel(names=names, models=models, retries=tuple(make_retries(choice) for choice in choices))
 
@@ -115,7 +117,7 @@ def make_retries(choice: ModelChoice) -> Retries:
     return Retries(deadline=None if endless else choice.timeout)
 
 
-def _make_single_model(choice: ModelChoice, seed: int) -> BaseChatModel:
+def _make_single_model(choice: ModelChoice, seed: int) -> "BaseChatModel":
     if is_offline(choice.model):
         from grs_agents.models.offline import make_offline_model
 
@@ -136,7 +138,7 @@ def _make_single_model(choice: ModelChoice, seed: int) -> BaseChatModel:
     if taken := sorted(choice.arguments.keys() & ours.keys()):
         raise ConfigError(f"models.<role>.arguments holds {taken[0]}, which GRS sets itself", "leave it out")
     try:
-        made = cast(BaseChatModel, make(**ours, **choice.arguments))
+        made = cast("BaseChatModel", make(**ours, **choice.arguments))
         limit_and_record_http_client(attrgetter(provider.http_client)(made), provider.by_line)
     except Exception as error:  # each package raises its own
         first = redact_keys(str(error)).splitlines()[0] if str(error) else type(error).__name__
@@ -144,7 +146,7 @@ def _make_single_model(choice: ModelChoice, seed: int) -> BaseChatModel:
     return made
 
 
-def _make_user_defined_model(choice: ModelChoice) -> BaseChatModel:
+def _make_user_defined_model(choice: ModelChoice) -> "BaseChatModel":
     """A model of the user's own class (``Model`` where it is a content file), made with the configured arguments."""
     name = choice.model
     known = [OFFLINE, *(f"{provider}:NAME" for provider in PROVIDERS), *content.content_names("models")]
@@ -160,6 +162,8 @@ def _make_user_defined_model(choice: ModelChoice) -> BaseChatModel:
         made = make(**choice.arguments)
     except Exception as error:  # whatever the user's own code raises
         raise broken_class_error("model", name, error) from error
+    from langchain_core.language_models.chat_models import BaseChatModel
+
     if not isinstance(made, BaseChatModel):
         raise ConfigError(f"model {name!r} is no LangChain chat model", "derive it from BaseChatModel")
     return made

@@ -3,16 +3,16 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
-
-from langchain_core.language_models.chat_models import BaseChatModel
-from langchain_core.messages import AIMessage, BaseMessage
-from langchain_core.runnables import Runnable
+from typing import TYPE_CHECKING, Any
 
 from grs_agents.errors import GrsError
 from grs_agents.models.answer import Answer, ProviderFailure, answer_from_message, require_complete_answer
-from grs_agents.models.provider_errors import classify_provider_error
 from grs_agents.models.reply_limits import ModelHttpCall, call_with_timeout
+
+if TYPE_CHECKING:
+    from langchain_core.language_models.chat_models import BaseChatModel
+    from langchain_core.messages import AIMessage, BaseMessage
+    from langchain_core.runnables import Runnable
 
 DEADLINE = 300.0
 _RETURNED = "stop"
@@ -32,7 +32,7 @@ class Retries:
 
 
 def invoke_with_retries(
-    model: BaseChatModel, messages: Sequence[BaseMessage], retries: Retries | None = None
+    model: "BaseChatModel", messages: Sequence["BaseMessage"], retries: Retries | None = None
 ) -> Answer:
     """One usable reply, without the keys that this process knows; the model's own retries are switched off.
 
@@ -44,8 +44,8 @@ def invoke_with_retries(
 
 
 def request_message(
-    model: Runnable[Any, AIMessage], messages: Sequence[BaseMessage], retries: Retries
-) -> tuple[AIMessage, Answer]:
+    model: "Runnable[Any, AIMessage]", messages: Sequence["BaseMessage"], retries: Retries
+) -> tuple["AIMessage", Answer]:
     """The message that arrives, and what it holds, whole or not. Raises as ``invoke_with_retries`` does."""
     end = time.monotonic() + (float("inf") if retries.deadline is None else retries.deadline)
     for attempt in range(retries.tries):
@@ -57,6 +57,8 @@ def request_message(
         except GrsError:
             raise
         except Exception as error:  # each provider raises its own
+            from grs_agents.models.provider_errors import classify_provider_error
+
             failure = classify_provider_error(error, call, attempt + 1)
             if not isinstance(failure, ProviderFailure) or not failure.retryable or attempt + 1 == retries.tries:
                 raise failure from error
@@ -67,14 +69,16 @@ def request_message(
     raise GrsError("no try was allowed", "set Retries.tries to 1 or more")
 
 
-def _make_complete_answer(model: Runnable[Any, AIMessage], message: AIMessage) -> Answer:
+def _make_complete_answer(model: "Runnable[Any, AIMessage]", message: "AIMessage") -> Answer:
     """What ``message`` holds; one that ``model`` returned as a whole has ended."""
     answer = answer_from_message(message)
     return answer if answer.finish_reason or _may_stream_reply(model) else replace(answer, finish_reason=_RETURNED)
 
 
-def _may_stream_reply(model: Runnable[Any, AIMessage]) -> bool:
+def _may_stream_reply(model: "Runnable[Any, AIMessage]") -> bool:
     """Whether a reply may come in pieces, of which the last can get lost; a class that returns it whole has it all."""
+    from langchain_core.language_models.chat_models import BaseChatModel
+
     made = getattr(model, "bound", model)
     return not isinstance(made, BaseChatModel) or any(
         getattr(type(made), name) is not getattr(BaseChatModel, name) for name in ("_stream", "_astream")

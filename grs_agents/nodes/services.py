@@ -8,10 +8,8 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial, wraps
 from pathlib import Path
 from stat import S_ISDIR
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from langgraph.errors import GraphInterrupt
-from langgraph.runtime import Runtime
 from pydantic import ValidationError
 
 from grs_agents.agents import Agents
@@ -27,6 +25,9 @@ from grs_agents.state import RunState
 from grs_agents.toolkit import ToolContext, load_tool
 from grs_agents.trace import EventLog, NodeEnded, NodeStarted, Note, summarise_value
 
+if TYPE_CHECKING:  # LangGraph takes long to import, and a check of programs runs no graph
+    from langgraph.runtime import Runtime
+
 Update = dict[str, Any]
 Photo = tuple[RGBDFrame, TableFrame]
 """An RGB-D frame and the table in it."""
@@ -38,7 +39,7 @@ Stamp = tuple[str, int, int, int]
 class Node(Protocol):
     """What LangGraph calls."""
 
-    def __call__(self, state: RunState, *, runtime: Runtime["Services"]) -> Update:
+    def __call__(self, state: RunState, *, runtime: "Runtime[Services]") -> Update:
         """The state in, its changes out."""
         ...
 
@@ -142,6 +143,8 @@ def logged_node(name: str) -> Callable[[Body], Node]:
 
 
 def _run_node_body_and_log(name: str, body: Body, state: RunState, services: Services) -> Update:
+    from langgraph.errors import GraphInterrupt
+
     begin = time.perf_counter()
     update: Update = {}
     error = ""
@@ -169,7 +172,7 @@ def _run_node_body_and_log(name: str, body: Body, state: RunState, services: Ser
 
 def _wrap_node_with_events(name: str, body: Body) -> Node:
     @wraps(body)
-    def run(state: RunState, *, runtime: Runtime[Services]) -> Update:
+    def run(state: RunState, *, runtime: "Runtime[Services]") -> Update:
         services = runtime.context
         services.visits[name] += 1
         services.log.attempt = state.get("fixes", 0)
@@ -177,6 +180,6 @@ def _wrap_node_with_events(name: str, body: Body) -> Node:
             return _run_node_body_and_log(name, body, state, services)
 
     # LangGraph reads the annotations of what it is given, and ``wraps`` has put the body's there.
-    run.__annotations__ = {"state": RunState, "runtime": Runtime[Services], "return": Update}
+    run.__annotations__ = {"state": RunState, "runtime": Any, "return": Update}
     del run.__wrapped__
     return run

@@ -5,7 +5,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
@@ -17,13 +17,15 @@ from grs_agents.foreign import check_run_folder, read_json, read_text
 from grs_agents.nodes import AuditedPrograms, Services, audit_programs, program_tool_settings
 from grs_agents.perception import read_scene_description, resolve_scene_path
 from grs_agents.policies import load_policy
-from grs_agents.runs.execution import Views, execute_run
 from grs_agents.runs.record import read_record
 from grs_agents.runs.run_opening import Order
 from grs_agents.runs.sandbox_setup import open_sandbox
 from grs_agents.sandbox import TestReport
 from grs_agents.sim.arms import find_arm_file
 from grs_agents.trace import EventLog
+
+if TYPE_CHECKING:
+    from grs_agents.runs.execution import Views
 
 REMEDY = "name an existing Python file"
 _SCENE_FILE = "scene.json"
@@ -98,7 +100,7 @@ def _read_task_file(file: Path) -> tuple[TaskDefinition, TaskDefinition | None]:
 
 @contextmanager
 def open_check_order(
-    program: Path, tests: Path | None, task: Path | None, scene: Path | None, chosen: EffectiveConfig, views: Views
+    program: Path, tests: Path | None, task: Path | None, scene: Path | None, chosen: EffectiveConfig, views: "Views"
 ) -> Generator[CheckOrder]:
     """What to check, while its folder for what is written exists.
 
@@ -128,8 +130,10 @@ def _path_if_file_exists(file: Path) -> Path | None:
     return file if file.is_file() else None
 
 
-def _find_or_comprehend_scene(scene: Path, chosen: EffectiveConfig, out: Path, views: Views) -> Path:
+def _find_or_comprehend_scene(scene: Path, chosen: EffectiveConfig, out: Path, views: "Views") -> Path:
     """The file of a scene, beside which its assets lie: a run's, the one named, or that of a photo comprehended now."""
+    from grs_agents.runs.execution import execute_run  # with LangGraph, which takes long to import
+
     if scene.suffix == ".json":
         read_scene_description(scene)
         if (scene.parent / "assets").is_dir():

@@ -9,9 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
-
-from langchain_core.language_models.chat_models import BaseChatModel
+from typing import TYPE_CHECKING, Any, cast
 
 from grs_agents.agents import Agents, MissingReply, collect_model_replies
 from grs_agents.config import Config, validate_config
@@ -23,6 +21,9 @@ from grs_agents.runs.program_check import CheckOrder, check_user_program
 from grs_agents.runs.record import RunRecord, installed_versions, read_record
 from grs_agents.sim.arms import find_arm_file
 from grs_agents.trace import read_events
+
+if TYPE_CHECKING:
+    from langchain_core.language_models.chat_models import BaseChatModel
 
 _AUDIT, _INSTANCES = "audit.json", "instances"
 _OF_THIS_MACHINE = ("sandbox", "workers", "record", "cassette", "policy")
@@ -120,7 +121,7 @@ def _build_config_from_record(folder: Path, record: RunRecord, local: Config) ->
 class _AgentsOfRecord(Agents):
     """Agents that never ask a model which may answer otherwise the next time: what it said is in the record."""
 
-    def chat_model_for_role(self, role: str) -> BaseChatModel:
+    def chat_model_for_role(self, role: str) -> "BaseChatModel":
         """The offline model. Raises MissingReply: another serves ``role``, and was not asked this in the run."""
         model = self.config.model_for_role(role).model
         if not is_offline(model):

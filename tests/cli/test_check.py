@@ -1,6 +1,8 @@
 """``grs check --task --scene``: a program of one's own is checked as a run checks its own."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -82,3 +84,9 @@ def test_what_is_no_task_or_scene_is_refused_in_one_line(
     done = grs("check", str(run / "simulation.py"), option, name, folder=tmp_path)
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done
     assert said in done.stderr
+
+
+def test_where_no_model_is_asked_none_is_loaded() -> None:
+    look = "import sys, grs_agents.cli.check; print({name.partition('_')[0] for name in sys.modules})"
+    loaded = subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, check=True).stdout
+    assert "'grs'" in loaded and "'langchain'" not in loaded and "'langgraph'" not in loaded
