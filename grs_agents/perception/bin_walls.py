@@ -15,7 +15,7 @@ from grs_agents.perception.image_geometry import axes_from_yaws, label_connected
 from grs_agents.perception.segmentation import foreground_pixel_mask, smooth_frame_depth
 from grs_agents.perception.table_finding import depth_tolerance, robot_frame_point_map
 from grs_agents.perception.types import Array, Camera, Mask, RGBDFrame, TableFrame
-from grs_agents.perception.working_resolution import downscale_frame
+from grs_agents.perception.working_resolution import downscale_frame, downscale_mask
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class BinWalls:
     turn: float = 2.0  # degrees: so far apart are the yaws that are tried first
     apart_yaws: int = 4  # of them: likely ones are at least so many apart
     hypotheses: int = 3  # yaws are tried
-    rounds: int = 3  # of laying the axes along the walls
+    rounds: int = 2  # of laying the axes along the walls
     line: float = 0.01  # cells are in a line within two of these; its length is counted by one
     outside: float = 0.1  # of what rises: less lies beyond a wall
     strip: float = 0.025  # on either side of a line its wall is looked for
@@ -39,10 +39,11 @@ class BinWalls:
     short: float = 0.08  # what is seen of a rim is longer
     apart: float = 0.015  # m along the ray: closer to where a rim should be is the rim, farther is seen past it
     seen: float = 0.75  # of what is not hidden of a rim: more is there
-    few: int = 4  # cm of a rim: so little may be missing
+    few: int = 4  # cm of a rim: so little is seen or missing by chance
     fewest_walls: int = 2  # with a rim that is seen
     stray: float = 0.02  # of what rises below the rims: less lies beyond a wall whose rim is hidden
-    hidden: float = 0.12  # of such a wall more is seen below its rim, and more of the rim is hidden within the picture
+    columns: int = 2  # cm: a shorter line is no wall
+    face: int = 6  # square centimetres of such a wall's side are seen
     slides: tuple[float, ...] = (0.0, -0.0025, 0.0025, -0.005, 0.005, -0.0075, 0.0075)  # so far a rim is off at most
     gap: float = 0.03  # corners may be blurred away
     free: float = 0.04  # what is seen past so far beyond the gap is where a wall ends
@@ -122,16 +123,18 @@ def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> SeenWall
         table: the table in it, which is the bin's floor.
         robot: (H, W) the pixels that are known to show the robot.
     """
-    near = cv2.dilate(robot.astype(np.uint8), np.ones((2 * CONFIG.blurred + 1,) * 2, np.uint8)) > 0
-    small, _ = downscale_frame(replace(frame, depth=np.where(near, np.float32(0), frame.depth)))
+    small, factor = downscale_frame(replace(frame, depth=np.where(robot, np.float32(0), frame.depth)))
     smooth = smooth_frame_depth(small)
     points, pose = robot_frame_point_map(smooth, table), np.asarray(table.T_robot_cam)
-    above = foreground_pixel_mask(points, smooth.depth, pose[:3, 3])
+    blurred = cv2.dilate(robot.astype(np.uint8), np.ones((2 * CONFIG.blurred + 1,) * 2, np.uint8)) > 0
+    clear = ~downscale_mask(blurred, factor)
+    # The table is seen up to the robot: without the strip beside it, what stands there may be over no table.
+    above = foreground_pixel_mask(points, smooth.depth, pose[:3, 3]) & clear
     cells = _raised_cells(values_in_mask(points, above))
     nowhere = np.zeros(frame.depth.shape, np.bool_)
     if len(cells) < CONFIG.fewest:
         return SeenWalls(nowhere, nowhere)
-    view = _View(small.camera, np.asarray(smooth.depth, np.float64), pose)
+    view = _View(small.camera, np.where(clear, small.depth, 0).astype(np.float64), pose)
     for likely in _likely_axes(cells):
         walls, axes = _find_walls(cells, likely, view)
         if walls and _holds_things(walls, axes, cells):
@@ -226,7 +229,7 @@ def _straight_walls(local: Array, axes: Array, view: _View) -> dict[int, _Wall]:
     for number in range(len(SIDES)):
         walls = [_measure_wall(local, number, place, level) for place in _possible_places(local, number, level)]
         seen = {_length_seen(wall, axes, view): wall for wall in walls if wall is not None}
-        if seen and max(seen) > 0:
+        if seen and max(seen) > CONFIG.few:
             found[number] = seen[max(seen)]
     return found
 
@@ -257,25 +260,41 @@ def _measure_wall(local: Array, number: int, place: float, level: float) -> _Wal
 
 
 def _hidden_walls(walls: dict[int, _Wall], local: Array, axes: Array, view: _View) -> dict[int, _Wall]:
-    """By side, walls of which something hides the rim: the outermost straight lines below its height, where no other
-    wall is seen to go on beyond them."""
+    """By side, walls of which the rim is hidden or beyond the picture: straight lines of what is lower, where the side
+    that faces the camera is seen wherever nothing hides it, and no other wall is seen to go on beyond."""
     height = next(iter(walls.values())).height
     thick = float(np.median([wall.outer - wall.inner for wall in walls.values()]))
     low = local[local[:, 2] < height + CONFIG.level]
+    eye = axes @ view.pose[:2, 3]
     found: dict[int, _Wall] = {}
     for number in set(range(len(SIDES))) - set(walls):
         axis, sign = SIDES[number]
-        places, held, beyond = _straight_lines(low, axis, sign)
-        held[beyond > CONFIG.stray] = 0
-        best = int(np.argmax(held))
-        inner = float(places[best])
-        wall = _cornered(_Wall(number, inner, inner + thick, 0.0, 0.0, height), walls)
         ends = [sign * (one.end if sign > 0 else one.start) for one in walls.values() if SIDES[one.side][0] != axis]
-        _, past, behind = view.look(_rim(wall, axes, wall.start, wall.end))
-        long = min(held[best], behind.sum()) * CONFIG.line > CONFIG.hidden
-        if long and past.sum() <= CONFIG.few and ends and max(ends) < wall.outer + CONFIG.margin:
-            found[number] = wall
+        for place in _outermost_places(low, number) if ends else []:
+            inner = place if sign * eye[axis] < place else place - thick
+            wall = _cornered(_Wall(number, inner, inner + thick, 0.0, 0.0, height), walls)
+            seen, past, _ = view.look(_face(wall, place, axes))
+            if seen.sum() > CONFIG.face and past.sum() <= CONFIG.few and max(ends) < wall.outer + CONFIG.margin:
+                found[number] = wall
     return found
+
+
+def _outermost_places(low: Array, number: int) -> list[float]:
+    """Where across a side straight lines lie that hardly anything is beyond, m outward, the outermost last."""
+    axis, sign = SIDES[number]
+    across = sign * low[:, axis]
+    places, held, beyond = _straight_lines(low, axis, sign)
+    held[beyond > CONFIG.stray] = 0
+    peaks = held == np.asarray(cv2.dilate(held.astype(np.float32), np.ones((3, 3), np.uint8))).ravel()
+    near = [np.abs(across - place) < CONFIG.line for place in places[peaks & (held > CONFIG.columns)]]
+    return [float(np.median(across[own])) for own in near]
+
+
+def _face(wall: _Wall, place: float, axes: Array) -> Array:
+    """(N, 3) points of a wall's side at a place across, robot frame, from its rim down to the lowest that is raised."""
+    rim = _rim(replace(wall, inner=place, outer=place), axes, wall.start, wall.end)
+    heights = np.arange(wall.height, CONFIG.raised, -CONFIG.line)
+    return np.concatenate([np.column_stack([rim[:, :2], np.full(len(rim), height)]) for height in heights])
 
 
 def _rim_level(local: Array) -> float:

@@ -76,6 +76,20 @@ def test_walls_that_go_on_beyond_the_picture_are_found() -> None:
     assert_walls_found(*found_in(walls_around((0.3, -0.8), (0.72, 0.3), 0.08)))
 
 
+def test_a_wall_is_found_of_which_the_rim_is_beyond_the_picture() -> None:
+    frame, _, owner = room.photo(room.camera(width=640, height=480), 0.0, np.concatenate([room.BOXES, np.array(BIN)]))
+    heights = robot_frame_point_map(frame, find_table(frame, np.random.default_rng(0)))[..., 2]
+    far = owner == FIRST + 3
+    cut = int(np.flatnonzero((far & (heights > 0.07)).any(axis=1))[-1]) + 1
+    camera = frame.camera.model_copy(update={"height": 480 - cut, "cy": frame.camera.cy - cut})
+    frame = RGBDFrame(frame.rgb[cut:], frame.depth[cut:], camera, frame.source)
+    owner = owner[cut:]
+    nothing = np.zeros(owner.shape, bool)
+    found = find_bin_walls(frame, find_table(frame, np.random.default_rng(0)), nothing).pixels
+    assert_walls_found(found, owner)
+    assert np.count_nonzero(found & far[cut:]) > 0.8 * np.count_nonzero(far[cut:]) > 100
+
+
 def test_without_walls_nothing_is_found() -> None:
     assert not found_in([((0.6, -0.3, 0.0), (0.7, -0.25, 0.1))])[0].any()
 
