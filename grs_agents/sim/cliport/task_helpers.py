@@ -221,27 +221,15 @@ class TaskKit:
             SimulationError: so many do not lie there side by side.
         """
         asked = _unknown.pop("num_blocks", _more[0] if _more else None)
+        piles = int(_unknown.pop("count", 1))  # LoHo-Ravens': so many piles, apart, as a list of each
         env.warn_of_unknown_arguments("task.make_piles", _unknown, TaskKit.make_piles)
-        low, side = self.bounds[:2, 0] + (0.15, 0.4), int(0.2 / _CELL)
-        count = self.num_blocks if asked is None else int(asked)
-        # A cube a cell, so that none starts inside another, of this pile or of one before.
-        cells = np.stack(np.meshgrid(np.arange(side), np.arange(side), indexing="ij"), axis=-1).reshape(-1, 2)
-        strewn = [item.pose[0][:2] for item in env.objects if item.asset == _GRAIN]
-        nearest = np.rint((np.array(strewn).reshape(-1, 2) - low) * side / 0.2 - 0.5)
-        cells = cells[np.logical_not((cells[:, None] == nearest[None]).all(axis=2).any(axis=1))]
-        if not 0 <= count <= len(cells):
-            raise SimulationError(
-                f"make_piles: num_blocks is {count}, {len(cells)} have room side by side", "ask for fewer"
-            )
-        ids: list[int] = []
-        colors = _list_colors(block_color)
-        for number, cell in enumerate(env.rng.permutation(cells)[:count]):
-            x, y = low + (cell + 0.5) * 0.2 / side
-            rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, float(env.rng.uniform(-np.pi, np.pi))))
-            ids.append(
-                env.add_object(_GRAIN, ((float(x), float(y), 0.005), rotation), color=colors[number % len(colors)])
-            )
-        return ids
+        count, colors = self.num_blocks if asked is None else int(asked), _list_colors(block_color)
+        if piles <= 1:
+            return _strew_pile(env, self.bounds[:2, 0] + (0.15, 0.4), 0.2, count, colors)
+        corners = [self.bounds[:2, 0] + 0.3 / piles * (index + 1) for index in range(piles)]
+        shades = [colors[index % len(colors)] for index in range(piles)]
+        strewn = [_strew_pile(env, low, 0.15, count, [shade]) for low, shade in zip(corners, shades, strict=True)]
+        return cast(Any, strewn)
 
     def make_ropes(
         self,
@@ -299,6 +287,26 @@ class TaskKit:
 
     get_sphere_object_points = get_box_object_points
     get_mesh_object_points = get_box_object_points
+
+
+def _strew_pile(env: Environment, low: FloatArray, width: float, count: int, colors: Sequence[Any]) -> list[int]:
+    """Strew cubes over a square patch from a corner (2,) on, each in a cell of its own, so that none starts inside
+    another, of this pile or of one before."""
+    side = int(width / _CELL)
+    cells = np.stack(np.meshgrid(np.arange(side), np.arange(side), indexing="ij"), axis=-1).reshape(-1, 2)
+    strewn = np.array([item.pose[0][:2] for item in env.objects if item.asset == _GRAIN]).reshape(-1, 2)
+    centers = low + (cells + 0.5) * width / side
+    cells = cells[(np.linalg.norm(centers[:, None] - strewn, axis=2) > _CELL).all(axis=1)]
+    if not 0 <= count <= len(cells):
+        raise SimulationError(
+            f"make_piles: num_blocks is {count}, {len(cells)} have room side by side", "ask for fewer"
+        )
+    ids: list[int] = []
+    for number, cell in enumerate(env.rng.permutation(cells)[:count]):
+        x, y = low + (cell + 0.5) * width / side
+        rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, float(env.rng.uniform(-np.pi, np.pi))))
+        ids.append(env.add_object(_GRAIN, ((float(x), float(y), 0.005), rotation), color=colors[number % len(colors)]))
+    return ids
 
 
 def _list_colors(color: Any) -> list[Any]:

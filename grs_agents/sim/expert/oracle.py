@@ -281,8 +281,8 @@ class Oracle:
         if hold.point is not None:
             return hold.point
         movable = [other for other in hold.covered_by if view.may_robot_move(other)]
-        if movable:
-            return BlockedTarget(movable[0])
+        if movable:  # off it altogether: moved about in what it covers, it would cover that again
+            return BlockedTarget(movable[0], (view.object_prism(number),))
         name = view.object_label(number)
         if hold.covered_by:
             detail = f"the top of {name} is covered by {describe_unmovables(hold.covered_by, view)}"

@@ -43,6 +43,10 @@ ROPE_SPEED: Final = 0.2
 _ROPE_CLEARANCE: Final = 0.01
 """What is tied to other things is dragged rather than carried: slowly and low, else it flings about."""
 _LOWEST: Final = 0.001
+_PRESSED: Final = 0.0005
+"""How low the tip goes, metres; and how far below what it picks it goes at least, since the 1 mm floor of a fixture,
+settled into the table, lies lower.
+"""
 _UP: Final[FloatArray] = np.array([0.0, 0.0, 1.0])
 _ABOVE_TILTED: Final = 0.05
 """From so far above a tilted place, metres, what is held goes along the tool: an upright way would hit the walls."""
@@ -128,7 +132,7 @@ class PickPlace:
         """Go down to a point and take hold of what is there."""
         physics = self.physics
         near = ToolPose((point[0], point[1], point[2] + 0.008), yaw)
-        lowest = ToolPose((point[0], point[1], max(_LOWEST, point[2] - 0.03)), yaw)
+        lowest = ToolPose((point[0], point[1], max(min(_LOWEST, point[2] - _PRESSED), point[2] - 0.03)), yaw)
         aimed, met = physics.surface_height_below(*point[:2])[1], set[int]()
         physics.cup.fit_nozzle(physics.world.nozzle_for_object(aimed))
 

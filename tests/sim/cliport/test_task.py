@@ -281,3 +281,36 @@ def test_where_nothing_else_is_free_published_programs_and_ropes_get_places_on_m
         assert task.get_random_pose(env, (0.04, 0.04, 0.04)) == (None, None)
 
     Environment(task=Scripted(own)).reset()
+
+
+class Crowded(PublishedTask):
+    """So many boxes, each drawn a place for, within a bound of 30 x 20 cm or anywhere."""
+
+    def __init__(self, count: int, side: float, bound: list[list[float]] | None = None) -> None:
+        super().__init__()
+        self.count, self.side, self.bound = count, side, bound
+
+    def reset(self, env) -> None:
+        super().reset(env)
+        box = self.fill_template(BOX, {"DIM": (self.side,) * 3, "COLOR": "red"})
+        within = {} if self.bound is None else {"bound": np.array(self.bound)}
+        numbers = [
+            env.add_object(box, self.get_random_pose(env, (self.side,) * 3, **within)) for _ in range(self.count)
+        ]
+        self.add_goal(upright(numbers[:1]))
+
+
+def test_published_programs_find_places_beyond_a_bound_that_is_full() -> None:
+    low = (0.3, -0.5)
+    env = Environment(task=Crowded(30, 0.04, [[low[0], 0.6], [low[1], -0.3], [0, 0.3]]))
+    env.reset(settle=False)
+    beyond = [item.pose[0] for item in env.objects if item.pose[0][0] > 0.6 or item.pose[0][1] > -0.3]
+    assert 0 < len(beyond) < 20
+    assert any("outside" in warning for warning in env.warnings)
+
+
+def test_where_the_table_is_full_published_programs_get_a_place_all_the_same() -> None:
+    env = Environment(task=Crowded(16, 0.2))
+    env.reset(settle=False)
+    assert len(env.objects) == 16
+    assert any("stands in other objects" in warning for warning in env.warnings)

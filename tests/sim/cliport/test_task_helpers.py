@@ -129,3 +129,14 @@ def test_ids_get_their_symmetries_unless_they_have_them() -> None:
     assert task.zip_obj_ids([3, 4], [0.5, 1.0]) == [(3, (0.5, None)), (4, (1.0, None))]
     assert task.zip_obj_ids([3], None) == [(3, (0.0, None))]
     assert task.zip_obj_ids([(3, (0.5, None))], [1.0]) == [(3, (0.5, None))]
+
+
+def test_several_piles_lie_apart_each_in_a_list_and_a_colour_of_its_own() -> None:
+    piles = []
+    env = played(lambda task, env: piles.extend(task.make_piles(env, ["red", "blue"], count=2, num_blocks=30)))
+    assert [len(pile) for pile in piles] == [30, 30]
+    places = [np.array([env.get_object_pose(number)[0][:2] for number in pile]) for pile in piles]
+    assert np.linalg.norm(places[0][:, None] - places[1], axis=2).min() > 0.01
+    assert {env.object_by_id(number).color for number in piles[0]} != {
+        env.object_by_id(number).color for number in piles[1]
+    }

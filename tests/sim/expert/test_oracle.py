@@ -228,3 +228,14 @@ def test_it_lets_things_down_upright_where_the_task_does_not_ask_for_tilt() -> N
     episode, env = run(scene)
     assert episode.strict == 1.0, episode.shortfalls
     assert utils.rotation_matrix(env.get_object_pose(1)[1])[2, 2] > 0.999
+
+
+def test_it_takes_out_of_a_fixture_what_covers_its_only_flat_place() -> None:
+    def scene(task, env) -> None:
+        fixture = env.add_object("insertion/fixture.urdf", at(0.5, -0.2, 0.02))
+        env.add_object("block/red_block.urdf", at(0.5, -0.2, 0.021))
+        zone_goal(task, [fixture], at(0.5, 0.25, 0.001), (0.25, 0.25, 0.0))
+
+    episode, _ = run(scene)
+    assert episode.outcome == "success", episode.detail
+    assert [action.asset for action in episode.actions] == ["block/red_block.urdf", "insertion/fixture.urdf"]
