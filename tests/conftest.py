@@ -1,5 +1,6 @@
 """What several test folders share: the sample scene and a small one."""
 
+import fcntl
 import json
 import os
 import sys
@@ -29,15 +30,30 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--kills", type=int, default=1, help="moments of a run at which it is killed")
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """What one run keeps for the next is shared by the session's processes, and does not go to the user's folder."""
+@pytest.fixture(scope="session")
+def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder that all processes of the session share."""
     folder = tmp_path_factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        folder = folder.parent
+    return folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _cache(shared_folder: Path) -> Iterator[None]:
+    """What one run keeps for the next is shared by the session's processes, and does not go to the user's folder."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+        patch.setenv("XDG_CACHE_HOME", str(shared_folder / "cache"))
         yield
+
+
+def made_once(folder: Path, make: Callable[[], object]) -> Path:
+    """A folder that the first process of the session makes, and those that come meanwhile wait for."""
+    folder.parent.mkdir(exist_ok=True)
+    with folder.with_name(f"{folder.name}.made").open("a") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not lock.tell():
+            make()
+            lock.write("made")
+    return folder
 
 
 @pytest.fixture(scope="session")
@@ -47,21 +63,30 @@ def sample_scene() -> Path:
 
 
 @pytest.fixture(scope="session")
-def small_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small_scene(shared_folder: Path) -> Path:
     """Three things of the library in a picture of 320 x 240: for runs that are not about what is seen."""
-    folder = tmp_path_factory.mktemp("scenes") / "small"
     recipe = Recipe(seed=3, objects=3, distractors=0, tilt=50.0, sensor="time_of_flight", width=320, height=240)
-    synthesise(recipe, Library()).write(folder)
-    return folder
+    folder = shared_folder / "scenes" / "small"
+    return made_once(folder, lambda: synthesise(recipe, Library()).write(folder))
 
 
 @pytest.fixture(scope="session")
-def known_scene(tmp_path_factory: pytest.TempPathFactory, small_scene: Path) -> Path:
+def known_scene(shared_folder: Path, small_scene: Path) -> Path:
     """That scene, comprehended once: for runs that begin with the task."""
-    folder = tmp_path_factory.mktemp("known")
-    done = grs("scene", str(small_scene), "--out", "small", folder=folder)
-    assert done.returncode == 0, done.stderr
-    return folder / "small"
+    folder = shared_folder / "known" / "small"
+
+    def comprehend() -> None:
+        done = grs("scene", str(small_scene), "--out", "small", folder=folder.parent)
+        assert done.returncode == 0, done.stderr
+
+    return made_once(folder, comprehend)
+
+
+@pytest.fixture
+def brief_films(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The film in a report has few pictures, drawn without a graphics library: for what is not about films."""
+    monkeypatch.setattr("grs_agents.views.film.rollout_film._rendering_backends", lambda: ("rays",))
+    monkeypatch.setattr("grs_agents.views.report.pictures.FILM_RATE", 0.2)
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """The documentation says what the code does: keys, verbs, options, events, assets and goals; its examples run."""
 
 import contextlib
+import functools
 import json
 import re
 import runpy
@@ -64,6 +65,7 @@ def test_every_check_of_the_audit_is_documented() -> None:
     assert {cells[0].strip("`") for cells in rows(page("audit.md"))} == made
 
 
+@functools.cache
 def commands() -> dict[str, Any]:
     """The verbs of the command line."""
     group = get_command(app)
@@ -297,12 +299,13 @@ def test_the_page_on_simulation_drives_its_program(
     assert capsys.readouterr().out.split()[:3] == ["success", "1.0", "1.0"]
 
 
-def test_the_first_run_goes_as_its_page_says(small_scene: Path, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("brief_films")
+def test_the_first_run_goes_as_its_page_says(known_scene: Path, tmp_path: Path) -> None:
     blocks = re.findall(r"```sh\n(.*?)```", page("first_run.md"), re.DOTALL)
     lines = [shlex.split(line)[1:] for block in blocks for line in block.splitlines()]
     assert lines[0][:2] == ["run", "groceries"]
     for line in lines:
-        arguments = [str(small_scene) if word == "groceries" else word for word in line]
+        arguments = [str(known_scene) if word == "groceries" else word for word in line]
         done = grs(*arguments, folder=tmp_path)
         assert done.returncode == 0, (line, done.stdout, done.stderr)
     assert (tmp_path / "mine.html").stat().st_size

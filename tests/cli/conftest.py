@@ -15,6 +15,11 @@ from grs_agents.models import make_chat_model
 from tests.chat_server import Answer, Json, chat_server, completion
 
 
+@pytest.fixture(autouse=True)
+def _brief_films(brief_films: None) -> None:
+    """What a film shows is told by its own tests."""
+
+
 @dataclass
 class ScriptedServer:
     """What the server was asked.

@@ -23,11 +23,10 @@ def approving(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_the_graph_with_approval_of_the_documentation(approving: Path) -> None:
+def test_the_graph_with_approval_of_the_documentation(approving: Path, known_scene: Path) -> None:
     content_folder = ("--content", str(approving))
-    asked = grs(
-        *content_folder, "run", "groceries", "--out", "r", "--set", "graph=approving", "--json", folder=approving
-    )
+    order = ("run", str(known_scene), "--out", "r", "--set", "graph=approving", "--json")
+    asked = grs(*content_folder, *order, folder=approving)
     assert asked.returncode == 4, asked.stderr
     assert json.loads(asked.stdout)["status"] == "waiting"
     assert f"to go on: grs --content {approving.resolve()} approve r --reply ..." in asked.stderr

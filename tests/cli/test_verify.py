@@ -26,9 +26,8 @@ def accepted(tmp_path_factory: pytest.TempPathFactory, known_scene: Path) -> Pat
 
 
 @pytest.fixture
-def run(accepted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of it to change; a film of it has few pictures."""
-    monkeypatch.setattr("grs_agents.views.report.pictures.FILM_RATE", 0.2)
+def run(accepted: Path, tmp_path: Path) -> Path:
+    """A copy of it to change."""
     return Path(shutil.copytree(accepted, tmp_path / "run"))
 
 

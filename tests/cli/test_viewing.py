@@ -25,7 +25,6 @@ from grs_agents.cli import app, main
 from grs_agents.config import Config
 from grs_agents.runs import RunRecord
 from grs_agents.trace import EventLog
-from grs_agents.views.film import rollout_film
 from tests.cli.command import grs
 from tests.needs import needs
 from tests.views.browsing import page_once
@@ -37,7 +36,6 @@ KEY = "a-very-secret-key-of-mine"
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder of a made-up run."""
-    monkeypatch.setattr(rollout_film, "_rendering_backends", lambda: ("rays",))
     monkeypatch.setenv("COLUMNS", "160")
     folder = tmp_path / "run"
     folder.mkdir()

@@ -56,12 +56,13 @@ def run(
 
 @pytest.fixture(scope="module")
 def imported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, tuple[ImportOutcome, bool]]]:
-    """A mixed folder with a copy and a broken file, imported once."""
+    """A mixed folder with a bowl of too many faces, a copy of it and a broken file, imported once."""
     source, root = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("root")
     models.write_many(source)
+    models.bowl().subdivide_to_size(0.02).export(source / "bowl.ply")
     (source / "copy.ply").write_bytes((source / "bowl.ply").read_bytes())
     (source / "broken.obj").write_text("v 0 0 0\n")
-    return root, run(source, root)
+    return root, run(source, root, faces=600)
 
 
 def test_a_mixed_folder_is_imported_and_what_is_broken_is_refused(
@@ -203,14 +204,13 @@ def test_a_dae_says_its_unit_and_what_is_up(tmp_path: Path) -> None:
         assert not told[up][0].notes
 
 
-def test_with_the_real_packages_a_fine_bowl_is_made_simpler_and_stays_hollow(tmp_path: Path) -> None:
-    (tmp_path / "source").mkdir()
-    bowl = models.bowl()
-    bowl.subdivide_to_size(0.02).export(tmp_path / "source" / "bowl.ply")
-    ((outcome, _),) = run(tmp_path / "source", tmp_path / "root", faces=600).values()
+def test_with_the_real_packages_a_fine_bowl_is_made_simpler_and_stays_hollow(
+    imported: tuple[Path, dict[str, tuple[ImportOutcome, bool]]],
+) -> None:
+    outcome = imported[1]["bowl"][0]
     assert outcome.asset is not None and outcome.asset.hollow, outcome.reason
     assert any("faces became" in note for note in outcome.notes)
-    model = Library(tmp_path / "root").load_object_model(outcome.asset.name)
+    model = Library(imported[0]).load_object_model(outcome.asset.name)
     assert 4 <= len(model.colliders) <= 16
 
 
