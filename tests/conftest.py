@@ -1,6 +1,7 @@
 """What several test folders share: the sample scene and a small one."""
 
 import fcntl
+import gc
 import json
 import os
 import sys
@@ -28,6 +29,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--hostile-programs", type=int, default=25, help="programs that attack the host's readers, six messages each"
     )
     parser.addoption("--kills", type=int, default=1, help="moments of a run at which it is killed")
+
+
+def pytest_collection_finish() -> None:
+    """What was imported and collected stays to the end: no collector looks at it again, nor copies it in a fork."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

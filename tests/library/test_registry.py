@@ -130,7 +130,7 @@ def rested() -> dict[str, tuple[float, float, float]]:
     """Tilt (degrees), drift (m) and speed (m/s) of every asset after one second on a plane."""
     spec = mujoco.MjSpec()
     spec.option.timestep, spec.option.integrator = 0.002, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[9, 9, 1])
     for index, asset in enumerate(MOVING):
         model = LIBRARY.load_object_model(asset.name)

@@ -22,8 +22,9 @@ from grs_agents.models import (
     invoke_with_retries,
     make_chat_model,
 )
+from tests.needs import needs
 
-pytest.importorskip("langchain_openai")
+pytestmark = needs("langchain_openai")
 Send = Callable[[BaseHTTPRequestHandler], None]
 KEY = "sk-0123456789-of-mine"
 
