@@ -10,7 +10,7 @@ from grs_agents.library import Library, Shape, matrix_from_quaternion, read_vert
 from grs_agents.mujoco_import import mujoco
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.shapes import Collider, Hull, clip_hull_corners_to_half_space
-from grs_agents.perception.types import Array
+from grs_agents.perception.types import Array, Mask
 
 CONFIG = DEFAULT.settling.clearance
 _AROUND = 24
@@ -71,26 +71,28 @@ def clear_colliders(placed: Sequence[PlacedColliders]) -> list[tuple[Collider, .
 
     An object that would lose too much stays whole: it has to be moved.
     """
-    parts = [
-        _Part(owner, _collider_corners(collider) @ one.pose[:3, :3].T + one.pose[:3, 3])
-        for owner, one in enumerate(placed)
-        for collider in one.colliders
-    ]
+    parts = list(_parts_in_robot_frame(placed))
     whole = [part.corners for part in parts]
     ranks = [one.rank for one in placed]
     first: Array | None = None
     for _ in range(CONFIG.rounds):
         overlaps, volumes = _measure_overlaps(parts, len(placed))
         first = volumes if first is None else first
-        for owner in np.flatnonzero(volumes < CONFIG.kept * first).tolist():
-            ranks[owner] = Rank.ASSET
-            _restore_uncut_corners(parts, whole, owner)
-        if not overlaps:
+        restored = _restore_what_is_cut_too_far(parts, whole, ranks, volumes < CONFIG.kept * first)
+        if not overlaps and not restored:
             break
+        if restored:  # others give way to it
+            overlaps, _ = _measure_overlaps(parts, len(placed))
         for overlap in overlaps:
             _cut_parts_apart(parts, overlap, ranks)
     pairs = iter(parts)
     return [tuple(_cut_colliders(one, [next(pairs) for _ in one.colliders])) for one in placed]
+
+
+def _parts_in_robot_frame(placed: Sequence[PlacedColliders]) -> Iterator[_Part]:
+    for owner, one in enumerate(placed):
+        for collider in one.colliders:
+            yield _Part(owner, _collider_corners(collider) @ one.pose[:3, :3].T + one.pose[:3, 3])
 
 
 def _collider_corners(collider: Collider) -> Array:
@@ -153,10 +155,17 @@ def _least_extent_of_hull(corners: Array) -> float:
     return float(np.ptp(centered @ np.linalg.svd(centered, full_matrices=False)[2][2]))
 
 
-def _restore_uncut_corners(parts: Sequence[_Part], whole: Sequence[Array], owner: int) -> None:
+def _restore_what_is_cut_too_far(
+    parts: Sequence[_Part], whole: Sequence[Array], ranks: list[Rank], too_small: Mask
+) -> bool:
+    """Make whole what is ``too_small`` (owners,) now, and cut it no more; whether there is any."""
+    owners = [owner for owner in np.flatnonzero(too_small).tolist() if ranks[owner] < Rank.ASSET]
+    for owner in owners:
+        ranks[owner] = Rank.ASSET
     for part, corners in zip(parts, whole, strict=True):
-        if part.owner == owner:
+        if part.owner in owners:
             part.corners, part.cut = corners, False
+    return bool(owners)
 
 
 def _cut_colliders(placed: PlacedColliders, parts: Sequence[_Part]) -> Iterator[Collider]:

@@ -94,11 +94,12 @@ def _hull_of_protruding_handle(vertices: Array, walls: Array, axis: Array) -> tu
 def _wall_profile_about_center(body: "_Body", middle: Array) -> Array:
     """Walls (N, 3) as in `ObjectShape` that are as wide as a body about its ``middle`` (2,), m."""
     walls: list[tuple[float, float, float]] = []
-    edges, top = body.edges, float(body.vertices[:, 2].max())
+    edges, bottom, top = body.edges, float(body.vertices[:, 2].min()), float(body.vertices[:, 2].max())
     for height in np.linspace(CONFIG.wall, top, CONFIG.levels).tolist():
-        crossing = (edges[..., 2].min(axis=1) <= height) & (edges[..., 2].max(axis=1) >= height)
+        seen = max(height, bottom)  # a shape may begin above what it stands on
+        crossing = (edges[..., 2].min(axis=1) <= seen) & (edges[..., 2].max(axis=1) >= seen)
         start, end = edges[crossing].transpose(1, 0, 2)
-        share = (height - start[:, 2]) / np.where(end[:, 2] == start[:, 2], np.inf, end[:, 2] - start[:, 2])
+        share = (seen - start[:, 2]) / np.where(end[:, 2] == start[:, 2], np.inf, end[:, 2] - start[:, 2])
         level = start + share[:, None] * (end - start)
         radius = float(np.percentile(np.linalg.norm(level[:, :2] - middle, axis=1), CONFIG.outermost))
         walls.append((max(radius - CONFIG.wall, CONFIG.wall), max(radius, 2 * CONFIG.wall), height))

@@ -62,12 +62,19 @@ def test_what_is_not_to_be_cut_stays_whole(rank: Rank) -> None:
     assert corners(cut, poses[1])[:, 0].min() == pytest.approx(0.05, abs=2e-4)
 
 
-def test_what_would_lose_more_than_half_is_not_cut() -> None:
+def test_what_would_lose_too_much_is_not_cut() -> None:
     small = Shape(kind="box", size=(0.04, 0.04, 0.04), position=(0.0, 0.0, 0.02))
     _, kept = clear_colliders(
         [PlacedColliders([BLOCK], at(0.0, 0.0), Rank.ASSET), PlacedColliders([small], at(0.04, 0.0))]
     )
     assert kept == (small,)
+
+
+def test_to_what_would_lose_too_much_its_neighbour_gives_way_alone() -> None:
+    small, poses = Shape(kind="box", size=(0.04, 0.04, 0.2), position=(0.0, 0.0, 0.1)), [at(0.0, 0.0), at(0.02, 0.0)]
+    gives_way, kept = clear_colliders([PlacedColliders([BLOCK], poses[0]), PlacedColliders([small], poses[1])])
+    assert kept == (small,)
+    assert corners(gives_way, poses[0])[:, 0].max() == pytest.approx(0.0, abs=2e-4)
 
 
 def test_an_asset_s_colliders_are_where_its_model_has_them() -> None:

@@ -1,5 +1,7 @@
 """Known solids get simple colliders that are as large as they are, stand flat and have a top to hold on to."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -140,6 +142,14 @@ def test_what_is_known_to_be_hollow_is_so_though_its_shape_is_full(solid: str) -
     colliders = fit_colliders(shape_of(mesh), "box" if solid == "box" else "cylinder", hollow=True)
     assert not held_by(colliders, np.array([(0.0, 0.0, 0.03), (0.04, 0.0, 0.05)])).any()
     assert held_by(colliders, np.array([(0.0, 0.0, 0.001)])).all()
+
+
+def test_walls_of_a_hollow_shape_that_begins_above_its_support_reach_down_to_it() -> None:
+    shape = shape_of(trimesh.creation.cylinder(0.06, 0.06))
+    raised = replace(shape, mesh=replace(shape.mesh, vertices=np.add(shape.mesh.vertices, (0.0, 0.0, 0.03))))
+    colliders = fit_colliders(raised, "cylinder", hollow=True)
+    assert held_by(colliders, np.array([(0.0, 0.0, 0.001), (0.059, 0.0, 0.015), (0.059, 0.0, 0.08)])).all()
+    assert not held_by(colliders, np.array([(0.0, 0.0, 0.015), (0.0, 0.0, 0.06)])).any()
 
 
 @settings(max_examples=50, deadline=None)
