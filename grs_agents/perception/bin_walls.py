@@ -215,6 +215,8 @@ def _find_walls(cells: Array, axes: Array, view: _View) -> tuple[list[_Wall], Ar
         axes = axes_from_yaws(np.array([_turn(walls, local)]))[0] @ axes
         local = cells @ _widened(axes)
         walls = _straight_walls(local, axes, view)
+    rims = {number: _slid_to_rim(_cornered(wall, walls), axes, view) for number, wall in walls.items()}
+    walls = {number: wall for number, wall in walls.items() if _is_all_along(rims[number], axes, view)}
     if len(walls) < CONFIG.fewest_walls:
         return [], axes
     joined = _joined_walls(walls | _hidden_walls(walls, local, axes, view), axes, view)
@@ -396,13 +398,15 @@ def _cornered(wall: _Wall, walls: dict[int, _Wall]) -> _Wall:
 
 def _are_all_around(walls: Sequence[_Wall], local: Array, axes: Array, view: _View) -> bool:
     """Whether the walls are seen wherever they are not hidden, and hardly anything that rises is beyond them."""
-    total = 0
-    for wall in walls:
-        seen, past, _ = view.look(_rim(wall, axes, wall.start, wall.end))
-        total += int(seen.sum())
-        if past.sum() > CONFIG.few and seen.sum() < CONFIG.seen * (seen | past).sum():
-            return False
-    return total * CONFIG.line > CONFIG.long and _beyond(walls, local[:, :2]).mean() < CONFIG.outside
+    total = sum(int(view.look(_rim(wall, axes, wall.start, wall.end))[0].sum()) for wall in walls)
+    around = all(_is_all_along(wall, axes, view) for wall in walls) and total * CONFIG.line > CONFIG.long
+    return around and _beyond(walls, local[:, :2]).mean() < CONFIG.outside
+
+
+def _is_all_along(wall: _Wall, axes: Array, view: _View) -> bool:
+    """Whether a rim is seen wherever it is not hidden."""
+    seen, past, _ = view.look(_rim(wall, axes, wall.start, wall.end))
+    return bool(past.sum() <= CONFIG.few or seen.sum() >= CONFIG.seen * (seen | past).sum())
 
 
 def _beyond(walls: Sequence[_Wall], local: Array) -> Mask:

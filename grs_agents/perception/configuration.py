@@ -446,9 +446,11 @@ class Scenery:
     beyond: float = 0.25  # what has its middle farther from the workspace than this is in no task's way
     meets: int = 8  # pixels: what is so near to the robot is beside it
     widest: int = 20  # pixels: its blurred edge is narrower
-    longer: float = 4.0  # times as long as wide: its blurred edge is longer
-    fades: float = 0.025  # m: the far third of its blurred edge is lower, for it fades into the table
-    mixed: float = 0.7  # of a segment: more of it mixes robot and wall, or it is an object that the robot hides
+    low: float = 0.025  # m: most of its blurred edge over the table is lower
+    fades: float = 0.015  # m: and most of its far third, for it fades into the table
+    falls: float = 0.003  # m: by more its near third is higher than that; a pen beside it is level
+    mixed: float = 0.5  # of a segment: more of it mixes robot and wall, or it is an object that the robot hides
+    level: float = 0.005  # m: what mixes both has no level top, of which half is within this
 
 
 @dataclass(frozen=True)
@@ -461,6 +463,8 @@ class CoverageMeasuring:
     enclosed: float = 0.7  # of its border: what rises encloses a piece with more than this
     floor: float = 0.0028  # what it encloses and is higher on average is the floor of a box: cardboard is thicker, and
     # the table between things of a heap seems up to 2.7 mm high
+    cut: float = 0.2  # of its border, where the robot or a shadow makes up the rest: so much rises beside a floor
+    cut_floor: float = 0.004  # and it is higher on average: the table beside the robot is not
     floor_pixels: float = 0.0004  # of the picture: of less the average says nothing
     listed: float = 0.005  # of what rises: a smaller region is counted, but not listed
     most: float = 0.5  # of a region: what holds of more than this share of it is the reason

@@ -16,6 +16,7 @@ import numpy as np
 from grs_agents.perception.annotated_pictures import draw_numbered_regions
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (
+    Labels,
     compute_percentiles,
     label_connected_components,
     pixels_by_label,
@@ -86,12 +87,15 @@ def _drop_sensor_noise(above: Mask, height: Array, table: TableFrame) -> Mask:
 
 def _enclosed_floors(above: Mask, height: Array, known: Mask) -> Mask:
     """(H, W) the pieces of the ``known`` pixels that ``above`` encloses and that lie over the table on average, though
-    by less than the noise of a pixel: the floors of boxes and plates. ``height`` (H, W) in m."""
+    by less than the noise of a pixel: the floors of boxes and plates. ``height`` (H, W) in m. The robot or a shadow may
+    cut a floor that is higher."""
     pieces = label_connected_components((known & ~above).astype(np.uint8), int(CONFIG.floor_pixels * above.size))
-    enclosed = _fill_enclosed_pixels(above, pieces > 0)
+    beside, around = _share_of_borders(pieces, above), _share_of_borders(pieces, above | ~known)
     floors = np.zeros(above.shape, np.bool_)
-    for pixels in pixels_by_label(pieces):
-        if enclosed.take(pixels).mean() > 0.5 and np.nanmedian(height.take(pixels)) > CONFIG.floor:
+    for label, pixels in enumerate(pixels_by_label(pieces), 1):
+        cut = around[label] > CONFIG.enclosed and beside[label] > CONFIG.cut
+        lowest = CONFIG.floor if beside[label] > CONFIG.enclosed else CONFIG.cut_floor if cut else np.inf
+        if np.nanmedian(height.take(pixels)) > lowest:
             floors.put(pixels, True)
     return floors
 
@@ -99,14 +103,19 @@ def _enclosed_floors(above: Mask, height: Array, known: Mask) -> Mask:
 def _fill_enclosed_pixels(above: Mask, maybe: Mask) -> Mask:
     """``above`` (H, W) with the pieces of ``maybe`` that it encloses: a plate's bottom, a shiny side without depth."""
     pieces = label_connected_components((maybe & ~above).astype(np.uint8), 1)
+    filled = _share_of_borders(pieces, above) > CONFIG.enclosed
+    return above | filled[pieces] & (pieces > 0)
+
+
+def _share_of_borders(pieces: Labels, mask: Mask) -> Array:
+    """(N + 1,) which share of the border of each piece, from 1 in ``pieces`` (H, W), is with the ``mask`` (H, W)."""
     border, enclosed = np.zeros((2, int(pieces.max()) + 1))
     for one, other in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
         for inner, outer in ((one, other), (other, one)):
             edge = (pieces[inner] > 0) & (pieces[outer] != pieces[inner])
             border += np.bincount(pieces[inner][edge], minlength=len(border))
-            enclosed += np.bincount(pieces[inner][edge & above[outer]], minlength=len(border))
-    filled = enclosed > CONFIG.enclosed * border
-    return above | filled[pieces] & (pieces > 0)
+            enclosed += np.bincount(pieces[inner][edge & mask[outer]], minlength=len(border))
+    return np.asarray(enclosed / np.maximum(border, 1), np.float64)
 
 
 def measure_coverage(

@@ -11,7 +11,7 @@ from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.coverage import measure_coverage, raised_pixel_mask
 from grs_agents.perception.segmentation import is_segment_entering_view
 from grs_agents.perception.table_finding import robot_frame_point_map
-from grs_agents.perception.types import Array, Candidate, Mask, RGBDFrame, TableFrame, X, Y
+from grs_agents.perception.types import Array, Camera, Candidate, Mask, RGBDFrame, TableFrame, X, Y
 from grs_agents.perception.working_resolution import downscale_frame, downscale_mask, repeat_cells
 
 CONFIG = DEFAULT.scenery
@@ -48,14 +48,14 @@ def separate_scenery_from_objects(
     known = robot | walls.pixels
     reduced = [replace(one, mask=downscale_mask(one.mask, factor)) for one in candidates]
     scenery = [downscale_mask(mask, factor) for mask in (robot, walls.mixed)]
-    why = _explain_scenery_by_number(reduced, scenery[0], scenery[1], points, table)
+    why = _explain_scenery_by_number(reduced, scenery[0], scenery[1], points, small.camera, table)
     kept = [one for one in candidates if one.id not in why]
     left_out = _unite_mask_with_candidates(known, [one for one in candidates if one.id in why])
     owned = _unite_mask_with_candidates(left_out, kept)
     reasons = [*([ROBOT] if robot.any() else []), *([WALL] if walls.pixels.any() else []), *why.values()]
     above = raised_pixel_mask(small, table, downscale_mask(left_out, factor))
     for mask, _ in measure_coverage(small, table, above, downscale_mask(owned, factor)).regions:
-        if is_segment_entering_view(mask, points, DEFAULT.segmentation):
+        if is_segment_entering_view(mask, points, frame.camera, DEFAULT.segmentation):
             reasons.append(ENTERING)
             left_out |= repeat_cells(mask, frame, factor) & ~owned
     numbered = tuple(replace(one, id=number) for number, one in enumerate(kept, 1))
@@ -63,16 +63,16 @@ def separate_scenery_from_objects(
 
 
 def _explain_scenery_by_number(
-    candidates: Sequence[Candidate], robot: Mask, mixed: Mask, points: Array, table: TableFrame
+    candidates: Sequence[Candidate], robot: Mask, mixed: Mask, points: Array, camera: Camera, table: TableFrame
 ) -> dict[int, str]:
     """Why segments, by number, are no objects; those that may be objects, or were given as such, are not in it."""
     candidates = [one for one in candidates if not one.given]
     away = np.asarray(cv2.distanceTransform((~robot).astype(np.uint8), cv2.DIST_L2, 5), np.float64)
-    why = {one.id: _explain_scenery_by_position(one, points, table) for one in candidates}
+    why = {one.id: _explain_scenery_by_position(one, points, camera, table) for one in candidates}
     why |= {
         one.id: ROBOT for one in candidates if robot.any() and _is_blurred_edge(away[one.mask], points[one.mask, 2])
     }
-    why |= {one.id: WALL for one in candidates if mixed[one.mask].sum() > CONFIG.mixed * one.mask.sum()}
+    why |= {one.id: WALL for one in candidates if _mixes_robot_and_wall(mixed[one.mask], points[one.mask, 2])}
     return {number: reason for number, reason in why.items() if reason}
 
 
@@ -89,15 +89,26 @@ def _is_blurred_edge(away: Array, heights: Array) -> bool:
     if not len(away):  # a speck of a large photo
         return False
     width = float(np.percentile(away, 98))
-    if away.min() >= CONFIG.meets or width >= CONFIG.widest or len(away) <= CONFIG.longer * width**2:
+    if away.min() >= CONFIG.meets or width >= CONFIG.widest:
         return False
-    far = heights[away > width * 2 / 3]
-    return not np.nanmedian(far) >= CONFIG.fades  # also where nothing was measured
+    parts = (heights[away < width / 3], heights, heights[away > width * 2 / 3])
+    near, middle, far = (float(np.nanmedian(part)) if np.isfinite(part).any() else 0.0 for part in parts)
+    return middle < CONFIG.low and far < CONFIG.fades and near - far > CONFIG.falls
 
 
-def _explain_scenery_by_position(candidate: Candidate, points: Array, table: TableFrame) -> str:
+def _mixes_robot_and_wall(mixed: Mask, heights: Array) -> bool:
+    """Whether a segment is made of depth that mixes the robot with a wall; ``mixed`` (N,) says which of its pixels may
+    be, ``heights`` (N,) how high they are, m."""
+    known = heights[np.isfinite(heights)]
+    if mixed.sum() <= CONFIG.mixed * len(mixed) or not len(known):
+        return False
+    middle, top = np.percentile(known, (50, 98))
+    return bool(top - middle > CONFIG.level)
+
+
+def _explain_scenery_by_position(candidate: Candidate, points: Array, camera: Camera, table: TableFrame) -> str:
     """Why a segment is no object, by where it is; empty if it may be one."""
-    if is_segment_entering_view(candidate.mask, points, DEFAULT.segmentation):
+    if is_segment_entering_view(candidate.mask, points, camera, DEFAULT.segmentation):
         return ENTERING
     if table.origin != "calibrated":
         return ""

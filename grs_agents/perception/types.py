@@ -57,6 +57,11 @@ class Camera(Intrinsics):
     joints: tuple[Finite, ...] | None = None
 
     @property
+    def arm_is_known(self) -> bool:
+        """Whether it is told where the arm is in the photo."""
+        return self.joints is not None and self.T_robot_cam is not None
+
+    @property
     def intrinsics(self) -> Intrinsics:
         """Focal lengths, principal point and size alone."""
         return Intrinsics.model_validate({name: getattr(self, name) for name in Intrinsics.model_fields})

@@ -142,10 +142,10 @@ def test_only_a_strip_that_fades_into_the_table_is_the_blurred_edge_of_the_robot
     columns = np.cumsum(box[:, ::-1], axis=1)[:, ::-1]  # of the box, from its right edge on
     strip = box & (columns <= 7)
     depth = frame.depth.copy()
-    if fades:  # from the box to where the ray meets the table
+    if fades:  # from not high over the table to where the ray meets it
         height, camera = robot_frame_point_map(frame, table)[..., 2], np.asarray(table.T_robot_cam)[2, 3]
         behind = depth * camera / (camera - height)
-        depth = np.where(strip, depth + (behind - depth) * (8 - columns) / 8, depth).astype(np.float32)
+        depth = np.where(strip, behind + (depth - behind) * 0.3 * columns / 8, depth).astype(np.float32)
     seen = RGBDFrame(frame.rgb, depth, frame.camera, frame.source)
     parts = measure_candidates(seen, table, strip.astype(np.int32))
     nowhere = np.zeros(owner.shape, bool)

@@ -26,7 +26,7 @@ from grs_agents.perception.segmentation.patch_cutting import (
     smooth_frame_depth,
 )
 from grs_agents.perception.table_finding import robot_frame_point_map
-from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
+from grs_agents.perception.types import Array, Camera, Mask, RGBDFrame, TableFrame
 from grs_agents.perception.working_resolution import downscale_frame, upscale_labels
 
 
@@ -58,7 +58,7 @@ def filter_object_segments(
     if "flying_pixels" in config.rules:
         kept = sorted(set(kept) - _find_flying_pixel_labels(smooth, segments, 4 * smallest, config.filter.flying))
     if "entering" in config.rules:
-        kept = [label for label in kept if not is_segment_entering_view(labels == label, points, config)]
+        kept = [label for label in kept if not is_segment_entering_view(labels == label, points, smooth.camera, config)]
     numbers = np.zeros(len(heights) + 1, np.int32)
     numbers[kept] = np.arange(1, len(kept) + 1)
     labels = numbers[labels]
@@ -67,7 +67,7 @@ def filter_object_segments(
     return _add_hollow_floors(labels, points, config)
 
 
-def is_segment_entering_view(mask: Mask, points: Array, config: Segmentation) -> bool:
+def is_segment_entering_view(mask: Mask, points: Array, camera: Camera, config: Segmentation) -> bool:
     """Whether a segment, (H, W), comes in from above or from beyond the picture; ``points`` are as in `foreground`."""
     bounds = config.filter
     whole = _drop_unknown_points(points[mask][::5])
@@ -78,7 +78,8 @@ def is_segment_entering_view(mask: Mask, points: Array, config: Segmentation) ->
         return True
     sides = np.ones_like(mask)
     sides[bounds.border :, bounds.border : -bounds.border] = False
-    if lowest > bounds.clear and len(_drop_unknown_points(points[mask & sides])) >= bounds.fewest:
+    footless = lowest > bounds.clear and not camera.arm_is_known  # things hide feet too: it takes an arm to suspect
+    if footless and len(_drop_unknown_points(points[mask & sides])) >= bounds.fewest:
         return True  # only below the picture could it have a foot
     sides[-bounds.border :] = True
     cut = _drop_unknown_points(points[mask & sides])
