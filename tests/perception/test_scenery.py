@@ -111,14 +111,14 @@ def test_walls_of_a_bin_are_no_object(parts: list[tuple[int, ...]], factor: int)
 def test_a_segment_that_mixes_the_robot_with_a_wall_is_no_object() -> None:
     frame, owner = room_photo(room.BOXES.tobytes(), 1)
     table, nothing = find_table(frame, np.random.default_rng(0)), np.zeros(owner.shape, bool)
+    top = (owner == 4) & (robot_frame_point_map(frame, table)[..., 2] > 0.117)
     found = {}
-    for share in (0.5, 1.0):
-        own = owner == 4
+    for share, own in ((0.4, owner == 4), (1.0, owner == 4), (0.9, top)):
         mixed = own & (np.cumsum(own.ravel()).reshape(own.shape) <= share * np.count_nonzero(own))
         labels = np.where(own, 1, np.where(owner == 5, 2, 0)).astype(np.int32)
         parts = measure_candidates(frame, table, labels)
         found[share] = separate_scenery_from_objects(parts, nothing, SeenWalls(mixed, mixed), frame, table)
-    assert [len(one.objects) for one in found.values()] == [2, 1]
+    assert [len(one.objects) for one in found.values()] == [2, 1, 2]  # a level top is a thing's
     assert found[1.0].left_out[owner == 4].all() and "bin" in found[1.0].reasons[0]
 
 

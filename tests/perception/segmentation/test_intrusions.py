@@ -1,4 +1,4 @@
-"""Arms are no objects; objects that the picture cuts are."""
+"""Arms are no objects; objects that the picture cuts are, and whatever it cuts where the arm is known."""
 
 from dataclasses import replace
 
@@ -40,3 +40,9 @@ def test_a_box_that_the_picture_cuts_is_an_object() -> None:
     labels = _segment(scene.frame)
     assert labels.max() == len(THINGS) + 1
     assert np.unique(labels[cut & (labels > 0)]).size == 1
+
+
+def test_where_the_arm_is_known_what_hides_its_foot_at_the_border_is_a_thing(rendered: Rendered) -> None:
+    frame = _with_bar(rendered, slice(0, 60), slice(210, 250), 1.05, 1.05)
+    told = replace(frame, camera=frame.camera.model_copy(update={"joints": (0.0,) * 6}))
+    assert [_segment(one).max() - len(THINGS) for one in (frame, told)] == [0, 1]
