@@ -69,7 +69,7 @@ class _Overlap:
 def clear_colliders(placed: Sequence[PlacedColliders]) -> list[tuple[Collider, ...]]:
     """The colliders of each object, cut back to planes half way where they are in each other, or to what stays.
 
-    An object that would lose too much stays whole: it has to be moved.
+    An object that would lose too much stays whole, and the others give way. Where they would too, one has to be moved.
     """
     parts = list(_parts_in_robot_frame(placed))
     whole = [part.corners for part in parts]
