@@ -14,7 +14,12 @@ from evals.benchmark.types import RunFigures
 from grs_agents.base import Pose
 from grs_agents.library import Library, matrix_from_quaternion
 from grs_agents.perception import Array, Labels, Mask, SceneObject, Tree, asset_surface_at_pose, find_asset_symmetry
+from grs_agents.sim.instance import InstanceObject
+from grs_agents.sim.motion import find_grasp
+from grs_agents.sim.world import Budget, Physics, build_world, object_prism_at_pose
 
+_FREE = (0.5, 0.0)
+"""Metres: in front of the robot."""
 _SAMPLES = 400
 """Of an asset's points, that tell its diameter."""
 
@@ -71,7 +76,9 @@ def twin_figures(scene: LabelledScene, run: SceneRun, library: Library) -> dict[
             "right": right,
             "confidence": item.match.confidence if item.matched and item.match is not None else None,
             "drift": item.drift,
+            "lean": _lean(item),
             "held": item.held,
+            "seat": None if item.matched else _has_seat(item.asset, run.library),
             **_looks(item.id, scene, label, run, depth),
         }
         if right and calibrated:
@@ -84,6 +91,22 @@ def _is_right(item: SceneObject, one: TrueObject, looks: Mapping[str, str]) -> b
     if not item.matched or not (one.asset or one.absent):
         return None
     return bool(one.asset) and looks.get(item.asset, item.asset) == looks.get(one.asset, one.asset)
+
+
+def _lean(item: SceneObject) -> float | None:
+    """How far what stands for an object tilts until it rests, degrees."""
+    if item.settled is None:
+        return None
+    before, after = (matrix_from_quaternion(turn)[:, 2] for turn in (item.orientation, item.settled[1]))
+    return float(np.rad2deg(np.arccos(min(before @ after, 1.0))))
+
+
+def _has_seat(asset: str, library: Library) -> bool:
+    """Whether the suction cup finds a place to hold an object that stands by itself."""
+    model = library.load_object_model(asset)
+    alone = [InstanceObject(id=0, asset=asset, pose=((*_FREE, -model.bounds[0][2]), (0.0, 0.0, 0.0, 1.0)))]
+    physics = Physics(build_world(alone, library), Budget(), alone)
+    return find_grasp(physics, 0, object_prism_at_pose(model, alone[0].pose, 0)).point is not None
 
 
 def _true_depth(scene: LabelledScene) -> Array:

@@ -381,6 +381,7 @@ class ColliderClearance:
     thinnest: float = 0.001  # what is left of a collider is left out if it is thinner
     upright: float = 0.5  # a plane between two things that rises more steeply than by 60 degrees is made upright, so
     # that each can be lifted out beside the other
+    level: float = 0.98  # one that rises by less than 11 degrees is made level
     hovers: float = 0.01  # what seems to end so little above its support stands on it: boxes are cut on a grid of 8 mm
     moved: float = 0.005  # an object that moves farther until it rests has the colliders of its box instead,
     tilted: float = math.radians(3)  # so has one that tilts by more

@@ -1,7 +1,7 @@
 """Colliders that reach into those of other objects are cut back to planes between them, so that nothing need move."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -14,6 +14,8 @@ from grs_agents.perception.types import Array, Mask
 
 CONFIG = DEFAULT.settling.clearance
 _AROUND = 24
+_ANGLES = np.arange(_AROUND) * 2 * np.pi / _AROUND
+_SIDEWAYS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES), np.zeros(_AROUND)])
 
 
 class Rank(IntEnum):
@@ -84,7 +86,8 @@ def clear_colliders(placed: Sequence[PlacedColliders]) -> list[tuple[Collider, .
         if restored:  # others give way to it
             overlaps, _ = _measure_overlaps(parts, len(placed))
         for overlap in overlaps:
-            _cut_parts_apart(parts, overlap, ranks)
+            if all(len(parts[number].corners) for number in overlap.parts):  # else nothing is left of one by now
+                _cut_parts_apart(parts, _beside_rather_than_above(parts, overlap), ranks)
     pairs = iter(parts)
     return [tuple(_cut_colliders(one, [next(pairs) for _ in one.colliders])) for one in placed]
 
@@ -103,8 +106,7 @@ def _collider_corners(collider: Collider) -> Array:
         local = (np.indices((2, 2, 2)).reshape(3, -1).T - 0.5) * collider.size
     else:
         radius, length = collider.size[0], collider.size[1] if collider.kind == "cylinder" else 2 * collider.size[0]
-        angles = np.arange(_AROUND) * 2 * np.pi / _AROUND
-        ring = np.column_stack([np.cos(angles), np.sin(angles)]) * radius
+        ring = _SIDEWAYS[:, :2] * radius
         local = np.concatenate([np.column_stack([ring, np.full(_AROUND, side * length / 2)]) for side in (-1, 1)])
     return local @ matrix_from_quaternion(collider.quaternion).T + collider.position
 
@@ -134,19 +136,49 @@ def _measure_overlaps(parts: Sequence[_Part], count: int) -> tuple[list[_Overlap
     return sorted(found.values(), key=lambda overlap: -overlap.depth), np.asarray(model.body_mass[1:], np.float64)
 
 
+def _beside_rather_than_above(parts: Sequence[_Part], overlap: _Overlap) -> _Overlap:
+    """An overlap as it is, or sideways where neither object lies on the other.
+
+    The shortest way out of a thin floor is up. What stands as low as that floor, its middle beside it, would lose its
+    underside to it, and fall.
+    """
+    up = 1 if overlap.normal[2] > 0 else -1
+    below, above = (parts[number] for number in overlap.parts[::up])
+    lies_on = above.corners[:, 2].min() > below.corners[:, 2].min() + CONFIG.deep
+    if abs(overlap.normal[2]) < CONFIG.upright or lies_on or _is_over(above.owner, below.owner, parts):
+        return overlap
+    reach = (below.corners @ _SIDEWAYS.T).max(axis=0) - (above.corners @ _SIDEWAYS.T).min(axis=0)
+    best = int(reach.argmin())
+    middle = (below.corners @ _SIDEWAYS[best]).max() - reach[best] / 2
+    return replace(overlap, depth=float(reach[best]), point=middle * _SIDEWAYS[best], normal=up * _SIDEWAYS[best])
+
+
+def _is_over(above: int, below: int, parts: Sequence[_Part]) -> bool:
+    """Whether the middle of an object is over the outline of another."""
+    one, other = (np.concatenate([part.corners for part in parts if part.owner == owner]) for owner in (above, below))
+    return bool((_SIDEWAYS @ one.mean(axis=0) <= (other @ _SIDEWAYS.T).max(axis=0)).all())
+
+
 def _cut_parts_apart(parts: Sequence[_Part], overlap: _Overlap, ranks: Sequence[Rank]) -> None:
     """Cut two parts to either side of a plane, or the one of the lower rank."""
     one, other = (parts[number] for number in overlap.parts)
     first, second = ranks[one.owner], ranks[other.owner]
     normal, shift = overlap.normal, overlap.depth / 2 * ((second < first) - (first < second))
-    if first == second and abs(normal[2]) < CONFIG.upright:
-        normal = normal * (1, 1, 0) / np.linalg.norm(normal[:2])
+    if first == second:
+        normal = _upright_or_level(normal)
     place = float(normal @ overlap.point) + shift  # towards the one that gives way
     for part, side, gives_way in ((one, 1, first <= second), (other, -1, second <= first)):
         if gives_way and ranks[part.owner] < Rank.ASSET:
             left = clip_hull_corners_to_half_space(part.corners, side * normal, side * place)
             thick = len(left) > 3 and _least_extent_of_hull(left) > CONFIG.thinnest
             part.corners, part.cut = left if thick else left[:0], True
+
+
+def _upright_or_level(normal: Array) -> Array:
+    """The normal (3,) of a plane, made upright or level if it nearly is: what lies on a level one does not tilt."""
+    if abs(normal[2]) < CONFIG.upright:
+        return normal * (1, 1, 0) / np.linalg.norm(normal[:2])
+    return np.sign(normal) * (0, 0, 1) if abs(normal[2]) > CONFIG.level else normal
 
 
 def _least_extent_of_hull(corners: Array) -> float:

@@ -77,6 +77,25 @@ def test_to_what_would_lose_too_much_its_neighbour_gives_way_alone() -> None:
     assert corners(gives_way, poses[0])[:, 0].max() == pytest.approx(0.0, abs=2e-4)
 
 
+def test_what_stands_beside_a_thin_floor_keeps_its_underside_and_what_lies_on_it_does_not() -> None:
+    floor = Shape(kind="box", size=(0.2, 0.2, 0.004), position=(0.0, 0.0, 0.002))
+    beside, on = at(0.145, 0.0), at(0.02, 0.0)
+    for pose, lowest in ((beside, 0.0), (on, 0.004)):
+        _, cut = clear_colliders([PlacedColliders([floor], at(0.0, 0.0), Rank.HOLLOW), PlacedColliders([BLOCK], pose)])
+        assert corners(cut, pose)[:, 2].min() == pytest.approx(lowest, abs=2e-4)
+    _, cut = clear_colliders([PlacedColliders([floor], at(0.0, 0.0), Rank.HOLLOW), PlacedColliders([BLOCK], beside)])
+    assert corners(cut, beside)[:, 0].min() == pytest.approx(0.1, abs=2e-4)
+
+
+def test_what_lies_on_something_nearly_level_is_cut_level() -> None:
+    sides = [(x, y) for x in (-0.1, 0.1) for y in (-0.1, 0.1)]
+    below = Hull(np.array([(x, y, z) for x, y in sides for z in (0.0, 0.06 + 0.08 * x)]))
+    above = Hull(np.array([(x, y, z) for x, y in sides for z in (0.05 + 0.08 * x, 0.2)]))
+    _, cut = clear_colliders([PlacedColliders([one], at(0.0, 0.0)) for one in (below, above)])
+    underside = np.sort(corners(cut, at(0.0, 0.0))[:, 2])[:4]
+    assert np.ptp(underside) < 4e-4
+
+
 def test_an_asset_s_colliders_are_where_its_model_has_them() -> None:
     model = LIBRARY.load_object_model(MILK)
     ends = [
