@@ -46,6 +46,7 @@ def warm_up(settings: Settings) -> None:
             getattr(loaded, function)()
     for folder in settings.overlays:
         content.add_overlay_folder(folder)
+    content.installed_content_folders()  # kept: it reads the entry points of every installed package
     for name in settings.tools:
         content.load_module("tools", name)
     if settings.layers:
