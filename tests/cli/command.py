@@ -4,13 +4,19 @@ import contextlib
 import io
 import sys
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from unittest.mock import patch
+
+import typer.main
 
 from grs_agents import content
 from grs_agents.cli import main
 from grs_agents.runs import open_sandbox
 from tests.kept_sandbox import lend_sandbox
+
+_build_command = cache(typer.main.get_command)
+"""Typer builds its thirty commands anew each time that it is called, which a process of its own does once."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +38,7 @@ def grs(*arguments: str, folder: Path, own_sandbox: bool = False) -> Done:
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(err),
         patch.object(sys, "argv", ["grs", *arguments]),
+        patch.object(typer.main, "get_command", _build_command),
         patch.object(content, "_overlays", list(content._overlays)),
         patch("grs_agents.runs.execution.open_sandbox", lend),
         patch("grs_agents.runs.program_check.open_sandbox", lend),
