@@ -27,8 +27,8 @@ def hull_half_spaces(vertices: FloatArray) -> FloatArray:
         if not seen.any():
             continue
         edges = np.sort(np.vstack([faces[seen][:, pair] for pair in ([0, 1], [1, 2], [0, 2])]), axis=1)
-        unique, counts = np.unique(edges, axis=0, return_counts=True)
-        horizon = unique[counts == 1]
+        unique, counts = np.unique(edges[:, 0] * len(points) + edges[:, 1], return_counts=True)
+        horizon = np.column_stack(np.divmod(unique[counts == 1], len(points)))
         fresh = np.column_stack([horizon, np.full(len(horizon), index)])
         faces = np.vstack([faces[~seen], fresh])
         planes = np.vstack([planes[~seen], _triangle_planes(points, fresh, center)])

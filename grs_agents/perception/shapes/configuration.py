@@ -100,7 +100,8 @@ class ShapeHandle:
 class ShapeMirrors:
     """Upright planes of symmetry."""
 
-    points: int = 500  # are mirrored
+    points: int = 500  # are mirrored,
+    first: int = 4  # one in so many of them first: most planes are out after those
     angles: int = 20
     offsets: int = 19
     tolerance: float = 0.004  # on the surface, or 2.5 deviations of the noise

@@ -29,11 +29,19 @@ class _Work:
     # (V, 10) squared distance from the planes around a vertex, as factors of xx, yy, zz, xy, xz, yz, x, y, z and 1
     quadrics: Array
     refused: Faces  # edges that may not collapse, as start * V + end, sorted
+    costs: Array  # (F, 3) of collapsing the edge from each corner to the next, where that has the higher number
 
-    def edges(self) -> Faces:
-        """(E, 2) each edge once, the lower number first."""
-        halves = self.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-        return halves[halves[:, 0] < halves[:, 1]]
+    def half_edges(self) -> tuple[Faces, Faces]:
+        """(3 F,) where the edges along the faces start and end: each edge of the mesh once in each direction."""
+        return self.faces.ravel(), self.faces[:, [1, 2, 0]].ravel()
+
+    def middles(self, edges: Faces) -> Array:
+        """(E, 3) of edges (E, 2)."""
+        return (self.vertices[edges[:, 0]] + self.vertices[edges[:, 1]]) / 2
+
+    def quadrics_of(self, edges: Faces) -> Array:
+        """(E, 10) of both ends of edges (E, 2)."""
+        return self.quadrics[edges[:, 0]] + self.quadrics[edges[:, 1]]
 
     def keys(self, edges: Faces) -> Faces:
         """(E,) one number for each edge (E, 2)."""
@@ -42,7 +50,9 @@ class _Work:
 
 def simplify_closed_mesh(vertices: Array, faces: Faces, most: int) -> tuple[Array, Faces]:
     """The closed mesh with at most about ``most`` faces, or as few as keep it closed."""
-    work = _Work(vertices.copy(), faces, _quadric_error_matrices(vertices, faces), np.zeros(0, np.int64))
+    quadrics = _quadric_error_matrices(vertices, faces)
+    work = _Work(vertices.copy(), faces, quadrics, np.zeros(0, np.int64), np.full(faces.shape, np.inf))
+    _update_costs(work, np.ones(len(vertices), np.bool_))
     for _ in range(_ROUNDS):
         spare = (len(work.faces) - most + 1) // 2
         if spare <= 0 or not _collapse_cheapest_edges(work, spare):
@@ -73,26 +83,36 @@ def _least_error_positions(quadrics: Array, middles: Array) -> Array:
     return np.asarray(np.linalg.solve(stiff, right[:, :, None]), np.float64)[:, :, 0]
 
 
-def _collapse_cheapest_edges(work: _Work, spare: int) -> bool:
-    """Collapse the cheapest edges that are far enough apart, at most ``spare``; whether there were any."""
-    edges = work.edges()
-    a, b = edges.T
-    middles = (work.vertices[a] + work.vertices[b]) / 2
-    quadrics = work.quadrics[a] + work.quadrics[b]
+def _update_costs(work: _Work, moved: Mask) -> None:
+    """Tell the costs of the edges of vertices that have ``moved`` (V,); those of the others stay."""
+    starts, ends = work.half_edges()
+    fresh = np.flatnonzero((moved[starts] | moved[ends]) & (starts < ends))
+    edges = np.stack([starts[fresh], ends[fresh]], axis=1)
+    middles = work.middles(edges)
     x, y, z = middles.T
     powers = np.stack([x * x, y * y, z * z, x * y, x * z, y * z, x, y, z, np.ones(len(x))], axis=1)
-    costs = np.einsum("ij,ij->i", quadrics, powers)
-    costs += 1e-9 * ((work.vertices[a] - work.vertices[b]) ** 2).sum(axis=1)  # of equals the shortest
+    costs = np.einsum("ij,ij->i", work.quadrics_of(edges), powers)
+    along = work.vertices[edges[:, 0]] - work.vertices[edges[:, 1]]
+    costs += 1e-9 * (along**2).sum(axis=1)  # of equals the shortest
     costs[_membership_mask(work.refused, work.keys(edges))] = np.inf
-    chosen = _select_independent_edges(len(work.vertices), edges, costs, max(_CHEAPEST * len(edges), 4 * spare))[:spare]
+    work.costs.reshape(-1)[fresh] = costs
+
+
+def _collapse_cheapest_edges(work: _Work, spare: int) -> bool:
+    """Collapse the cheapest edges that are far enough apart, at most ``spare``; whether there were any."""
+    starts, ends = work.half_edges()
+    once = np.flatnonzero(starts < ends)
+    edges, costs = np.stack([starts[once], ends[once]], axis=1), work.costs.reshape(-1)
+    looked_at = max(_CHEAPEST * len(edges), 4 * spare)
+    chosen = _select_independent_edges(len(work.vertices), edges, costs[once], looked_at)[:spare]
     if not len(chosen):
         return False
-    places = _least_error_positions(quadrics[chosen], middles[chosen])
-    good = _collapse_keeps_manifold_mask(work, edges, chosen) & _collapse_keeps_faces_upright_mask(
-        work, edges[chosen], places
-    )
-    work.refused = np.sort(np.concatenate([work.refused, work.keys(edges[chosen[~good]])]))
-    _collapse_edges(work, edges[chosen[good]], places[good])
+    picked = edges[chosen]
+    places = _least_error_positions(work.quadrics_of(picked), work.middles(picked))
+    good = _collapse_keeps_manifold_mask(work, picked) & _collapse_keeps_faces_upright_mask(work, picked, places)
+    work.refused = np.sort(np.concatenate([work.refused, work.keys(picked[~good])]))
+    costs[once[chosen[~good]]] = np.inf
+    _collapse_edges(work, picked[good], places[good])
     return True
 
 
@@ -108,33 +128,29 @@ def _select_independent_edges(count: int, edges: Faces, costs: Array, most: floa
     neighbours cost about the same and few would be cheaper than all others around."""
     cheap = np.argsort(costs, kind="stable")[: int(most)]
     cheap = cheap[np.isfinite(costs[cheap])]
-    rank = np.full(len(edges), _LAST)
-    rank[cheap] = (np.arange(len(cheap)) * _MIXER) % _LAST
+    rank = (np.arange(len(cheap)) * _MIXER) % _LAST
     least = np.full(count, _LAST)
-    for end in edges.T:
+    for end in edges[cheap].T:
         np.minimum.at(least, end, rank)
     around = least.copy()
     for end, other in (edges.T, edges.T[::-1]):
         np.minimum.at(around, end, least[other])
-    return cheap[rank[cheap] == np.minimum(around[edges[cheap, 0]], around[edges[cheap, 1]])]
+    return cheap[rank == np.minimum(around[edges[cheap, 0]], around[edges[cheap, 1]])]
 
 
-def _collapse_keeps_manifold_mask(work: _Work, edges: Faces, chosen: Faces) -> Mask:
-    """(C,) which chosen edges have ends with exactly two neighbours in common."""
-    owner, neighbors = _vertex_neighbor_lists(edges, len(work.vertices), edges[chosen, 0])
-    far = edges[chosen, 1][owner]
-    pairs = np.stack([np.minimum(neighbors, far), np.maximum(neighbors, far)], axis=1)
-    common = _membership_mask(np.sort(work.keys(edges)), work.keys(pairs))
-    return np.asarray(np.bincount(owner[common], minlength=len(chosen)) == 2)
-
-
-def _vertex_neighbor_lists(edges: Faces, count: int, vertices: Faces) -> tuple[Faces, Faces]:
-    """The neighbours of vertices (N,), one after the other, and to which of those each belongs."""
-    wanted = np.full(count, -1)
-    wanted[vertices] = np.arange(len(vertices))
-    both = np.concatenate([edges, edges[:, ::-1]])
-    mine = both[wanted[both[:, 0]] >= 0]
-    return wanted[mine[:, 0]], mine[:, 1]
+def _collapse_keeps_manifold_mask(work: _Work, edges: Faces) -> Mask:
+    """(C,) which edges (C, 2), no two of which have an end in common, have ends with exactly two neighbours in
+    common."""
+    starts, ends = work.half_edges()
+    neighbors: list[Faces] = []
+    for end in edges.T:
+        owner = np.full(len(work.vertices), -1)
+        owner[end] = np.arange(len(edges))
+        mine = owner[starts]
+        near = np.flatnonzero(mine >= 0)
+        neighbors.append(mine[near] * len(work.vertices) + ends[near])
+    common = neighbors[0][_membership_mask(np.sort(neighbors[1]), neighbors[0])]
+    return np.asarray(np.bincount(common // len(work.vertices), minlength=len(edges)) == 2)
 
 
 def _collapse_keeps_faces_upright_mask(work: _Work, edges: Faces, places: Array) -> Mask:
@@ -161,4 +177,8 @@ def _collapse_edges(work: _Work, edges: Faces, places: Array) -> None:
     number[gone] = kept
     faces = number[work.faces]
     a, b, c = faces.T
-    work.faces = faces[(a != b) & (b != c) & (c != a)]
+    stay = (a != b) & (b != c) & (c != a)
+    work.faces, work.costs = faces[stay], work.costs[stay]
+    moved = np.zeros(len(number), np.bool_)
+    moved[kept] = True
+    _update_costs(work, moved)

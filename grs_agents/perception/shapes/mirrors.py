@@ -36,20 +36,31 @@ def find_symmetry_planes(seen: Observation) -> list[Mirror]:
 
 
 def _score_symmetry_planes(seen: Observation) -> list[Mirror]:
-    """Planes at many angles and places, each with what speaks for it and against it."""
+    """Planes at many angles and places, each with what speaks for it and against it, without those against which
+    enough is said by the first points that are mirrored."""
     points = seen.points[:: max(1, len(seen.points) // CONFIG.points)]
     tolerance = max(CONFIG.tolerance, CONFIG.tolerance_deviations * seen.noise)
     planes: list[Mirror] = []
     for angle in np.arange(CONFIG.angles) * np.pi / CONFIG.angles:
         normal = np.array([np.cos(angle), np.sin(angle), 0.0])
         along = points @ normal
-        low, high = float(np.percentile(along, 1)), float(np.percentile(along, 99))
-        offsets = np.linspace(low, high, CONFIG.offsets)
-        images = points[None] - 2 * (along[None] - offsets[:, None])[..., None] * normal
-        free = seen.free_distance(images.reshape(-1, 3)).reshape(len(offsets), -1)
+        low, high = (float(end) for end in np.percentile(along, (1, 99)))
+        offsets: Array = np.linspace(low, high, CONFIG.offsets)
+        few = slice(None, None, CONFIG.first)
+        free = _free_distance_of_images(seen, points[few], along[few], offsets, normal)
+        offsets = offsets[(free > tolerance).sum(axis=1) / len(points) < CONFIG.breach]
+        if not len(offsets):
+            continue
+        free = _free_distance_of_images(seen, points, along, offsets, normal)
         support, breach = (np.abs(free) < tolerance).mean(axis=1), (free > tolerance).mean(axis=1)  # NaN is neither
         planes += [
             Mirror(normal, float(offset), float(s), float(b))
             for offset, s, b in zip(offsets, support, breach, strict=True)
         ]
     return planes
+
+
+def _free_distance_of_images(seen: Observation, points: Array, along: Array, offsets: Array, normal: Array) -> Array:
+    """(O, N) how far the images of points (N, 3), ``along`` the normal, in planes at ``offsets`` lie in free space."""
+    images = points[None] - 2 * (along[None] - offsets[:, None])[..., None] * normal
+    return seen.free_distance(images.reshape(-1, 3)).reshape(len(offsets), len(points))

@@ -7,7 +7,7 @@ from grs_agents.library import encode_png
 from grs_agents.perception.shapes.configuration import DEFAULT
 from grs_agents.perception.shapes.drawing import draw_depth
 from grs_agents.perception.shapes.observation import Observation, fill_from_nearest, sample
-from grs_agents.perception.shapes.surface_nets import Faces
+from grs_agents.perception.shapes.surface_nets import Faces, edges_of_mesh
 from grs_agents.perception.shapes.types import TexturedMesh
 from grs_agents.perception.types import Array, Image, Mask
 
@@ -64,7 +64,7 @@ def _extend_texture_coordinates(places: Array, shown: Mask, creased: Mask, faces
     """(V, 2) places of all vertices, from those of the vertices that are ``shown``: a harmonic function on the mesh,
     within its smooth parts rather than over its creases. Found by conjugate gradients."""
     hidden = ~shown
-    edges = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    edges = edges_of_mesh(faces)
     one, two = np.concatenate([edges, edges[:, ::-1]]).T
     weight = np.where(creased[one] | creased[two], CONFIG.across_crease, 1.0)
     count = np.bincount(one, weights=weight, minlength=len(places))[:, None] + 1e-6
