@@ -131,6 +131,13 @@ class ShapeTexture:
 
     inset: float = 2.0  # pixels inside the mask: nearer to its edge, pixels mix with what is behind
     fewest: int = 50  # such pixels
+    level: float = 0.01  # what was measured beside the mask so near to the support's height, or within two deviations
+    # of the noise, shows the support,
+    around: int = 15  # pixels: its colour is the mean over a square of so many
+    alike: float = 12.0  # in CIELAB, lightness counting half as shadows differ in it: as near is the same colour
+    own: float = 0.03  # of the middle of the mask has that colour: it is the object's own
+    bled: tuple[float, float] = (0.25, 0.5)  # least share of the mask's edge, and most of the mask, that is support
+    island: float = 0.05  # of the object's pixels: smaller pieces of what is then left are stray
     beside: float = 0.7  # pixels beside the mask: what lies farther out is not shown
     hidden: float = 0.004  # behind what is drawn nearest
     crease: float = 0.82  # cosine between a face and the mean of all faces of a vertex on a crease

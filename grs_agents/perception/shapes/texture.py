@@ -6,7 +6,13 @@ import numpy as np
 from grs_agents.library import encode_png
 from grs_agents.perception.shapes.configuration import DEFAULT
 from grs_agents.perception.shapes.drawing import draw_depth
-from grs_agents.perception.shapes.observation import Observation, fill_from_nearest, sample
+from grs_agents.perception.shapes.observation import (
+    Observation,
+    connected_pieces,
+    fill_from_nearest,
+    sample,
+    signed_edge_distance,
+)
 from grs_agents.perception.shapes.surface_nets import Faces, edges_of_mesh
 from grs_agents.perception.shapes.types import TexturedMesh
 from grs_agents.perception.types import Array, Image, Mask
@@ -93,10 +99,36 @@ def _crop_photo_around_object(seen: Observation) -> tuple[Image, tuple[int, int]
     inner = seen.edge < -CONFIG.inset
     if inner.sum() < CONFIG.fewest:
         inner = seen.mask
+    support = _support_in_mask(seen)
+    if support.any():
+        pieces = connected_pieces(inner & (signed_edge_distance(~support) < -1), CONFIG.fewest)
+        inner = np.any([piece for piece in pieces if piece.sum() > CONFIG.island * inner.sum()] or [inner], axis=0)
     filled = np.asarray(fill_from_nearest(seen.rgb, inner), np.uint8)
     left, top, width, height = cv2.boundingRect(seen.mask.astype(np.uint8))
     left, top = max(left - 2, 0), max(top - 2, 0)
     return filled[top : top + height + 4, left : left + width + 4], (left, top)
+
+
+def _support_in_mask(seen: Observation) -> Mask:
+    """(h, w) the mask's pixels that show what the object stands on, where depth reached beyond the object: they have
+    its colour and are in one piece with the mask's edge. None where the object itself has that colour."""
+    nothing = np.zeros_like(seen.mask)
+    off = np.abs(seen.lift(seen.measured)[..., 2])
+    support = ~seen.mask & (seen.measured > 0) & (off < max(CONFIG.level, 2 * seen.noise))
+    if support.sum() < CONFIG.fewest:
+        return nothing
+    colors = cv2.cvtColor(cv2.medianBlur(seen.rgb, 3).astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
+    around = (CONFIG.around, CONFIG.around)
+    weight = np.maximum(cv2.blur(support.astype(np.float32), around), 1e-6)
+    means = cv2.blur(colors * support[..., None], around) / weight[..., None]
+    differences = (colors - fill_from_nearest(means, support)) * (0.5, 1.0, 1.0)
+    alike = seen.mask & (np.linalg.norm(differences, axis=-1) < CONFIG.alike)
+    middle, edge = seen.mask & (seen.edge < seen.edge.min() / 2), seen.mask & (seen.edge > -CONFIG.inset)
+    pieces = np.asarray(cv2.connectedComponents(alike.astype(np.uint8), connectivity=4)[1], np.int32)
+    found = alike & np.isin(pieces, pieces[edge & alike])
+    least, most = CONFIG.bled
+    bled = alike[edge].mean() > least and found.sum() < most * seen.mask.sum()
+    return found if bled and alike[middle].mean() < CONFIG.own else nothing
 
 
 def _shrink_to_file_size(picture: Image) -> Image:

@@ -29,6 +29,13 @@ def depth_of(mesh, pose):
     return np.where(buffer.triangle >= 0, 1 / np.where(buffer.triangle >= 0, buffer.nearness, 1), np.inf)
 
 
+def depth_of_table(pose):
+    """(H, W) depth of the table top, z = 0, alone."""
+    rows, columns = np.indices((CAMERA.height, CAMERA.width))
+    across, down = (columns - CAMERA.cx) / CAMERA.fx, (rows - CAMERA.cy) / CAMERA.fy
+    return -pose[2, 3] / (np.stack([across, down, np.ones_like(across)], axis=-1) @ pose[2, :3])
+
+
 def photograph(mesh, tilt=0.7, distance=0.6, noise=0.0, before=None, rng=None):
     """The view of a solid on a wooden table; ``before`` is a solid that hides part of it."""
     pose = pose_looking_down(tilt, distance)
