@@ -152,7 +152,7 @@ class ShapeTexture:
 class ShapeChoice:
     """Which kind of shape stands for an object."""
 
-    least_measured: float = 0.5  # of the mask has depth, else a primitive stays
+    least_measured: float = 0.3  # of the mask has depth, else a primitive stays
     measured: float = 0.7  # of the mask: of less the box stays, if it is no better,
     likely_box: float = 0.8  # where its silhouette agrees so well with the mask: part of a surface carves no corners
     box_overlap: float = 0.85  # silhouette of the measured box with the mask: it is a box

@@ -33,9 +33,11 @@ def reconstruct_shape(view: ObjectView) -> ObjectShape | None:
     box = compare_mesh_with_photo(seen, *box_mesh(view.size, (0.0, 0.0, view.size[2] / 2)))
     if _is_measured_box_confirmed(box, seen):
         return None
-    if turned is None and seen.measured_share < CONFIG.measured and box.overlap >= CONFIG.likely_box:
+    little = turned is None and seen.measured_share < CONFIG.measured
+    if little and box.overlap >= CONFIG.likely_box:
         return None
-    return turned or _reconstruct_by_carving(seen)
+    shape = turned or _reconstruct_by_carving(seen)
+    return None if little and shape is not None and shape.silhouette_iou < box.overlap else shape
 
 
 def _is_measured_box_confirmed(found: Agreement, seen: Observation) -> bool:

@@ -1,3 +1,6 @@
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 import trimesh
@@ -5,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grs_agents.perception.shapes import reconstruct_shape
-from tests.perception.shapes.photo import cup, on_table, photograph
+from tests.perception.shapes.photo import cup, depth_of_table, on_table, photograph
 
 
 def solid_of(shape):
@@ -39,11 +42,15 @@ def test_a_cup_of_which_little_was_measured_is_still_round():
     assert shape.hollow
 
 
-def test_no_box_stands_for_what_is_no_box_where_little_was_measured():
+def l_shape():
     low, high = trimesh.creation.box((0.05, 0.16, 0.03)), trimesh.creation.box((0.05, 0.04, 0.14))
     low.apply_translation((0, 0, 0.015))
     high.apply_translation((0, 0.06, 0.07))
-    view = photograph(trimesh.util.concatenate([low, high]))
+    return trimesh.util.concatenate([low, high])
+
+
+def test_no_box_stands_for_what_is_no_box_where_little_was_measured():
+    view = photograph(l_shape())
     rows, columns = np.nonzero(view.mask)
     left = columns < np.percentile(columns, 35)
     view.depth[rows[left], columns[left]] = 0
@@ -52,6 +59,25 @@ def test_no_box_stands_for_what_is_no_box_where_little_was_measured():
 
     assert shape is not None
     assert shape.silhouette_iou > 0.75
+
+
+def test_a_mesh_stands_for_what_is_no_box_where_most_depth_is_missing_all_over():
+    view = photograph(l_shape())
+    view.depth[np.random.default_rng(0).random(view.depth.shape) < 0.55] = 0
+
+    shape = reconstruct_shape(view)
+
+    assert shape is not None
+    assert shape.silhouette_iou > 0.9
+
+
+def test_the_box_stands_for_a_thing_half_of_which_was_not_measured():
+    view = photograph(l_shape())
+    rows, columns = np.nonzero(view.mask)
+    left = columns < np.percentile(columns, 55)
+    view.depth[rows[left], columns[left]] = 0
+
+    assert reconstruct_shape(view) is None
 
 
 @settings(max_examples=4, deadline=None)
@@ -111,6 +137,33 @@ def test_texture_shows_no_table():
     assert (shape.mesh.texture.reshape(-1, 3) == (30, 60, 200)).all()
     assert shape.mesh.uvs.min() >= 0
     assert shape.mesh.uvs.max() <= 1
+
+
+def test_texture_shows_no_table_where_depth_reached_beyond_the_object():
+    view = photograph(on_table(trimesh.creation.icosphere(radius=0.05)))
+    wide = cv2.dilate(view.mask.astype(np.uint8), np.ones((13, 13), np.uint8)) > 0
+    beyond = np.where(wide, np.median(view.depth[view.mask]), depth_of_table(view.T_object_cam))
+
+    shape = reconstruct_shape(
+        replace(view, mask=wide, depth=np.where(view.mask, view.depth, beyond).astype(np.float32))
+    )
+
+    assert shape is not None
+    assert shape.mesh.vertices[:, 1].max() > 0.053
+    assert (shape.mesh.texture.reshape(-1, 3) == (30, 60, 200)).all()
+
+
+def test_texture_keeps_what_has_the_colour_of_the_table():
+    view = photograph(on_table(trimesh.creation.icosphere(radius=0.05)))
+    rows, columns = np.nonzero(view.mask)
+    upper = rows < np.percentile(rows, 60)
+    view.rgb[rows[upper], columns[upper]] = (140, 90, 60)
+    depth = np.where(view.mask, view.depth, depth_of_table(view.T_object_cam)).astype(np.float32)
+
+    shape = reconstruct_shape(replace(view, depth=depth))
+
+    assert shape is not None
+    assert (shape.mesh.texture == (140, 90, 60)).all(axis=2).mean() > 0.4
 
 
 def test_what_something_nearer_hides_is_not_cut_away():
