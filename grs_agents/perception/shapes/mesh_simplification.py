@@ -110,8 +110,9 @@ def _collapse_cheapest_edges(work: _Work, spare: int) -> bool:
     picked = edges[chosen]
     places = _least_error_positions(work.quadrics_of(picked), work.middles(picked))
     good = _collapse_keeps_manifold_mask(work, picked) & _collapse_keeps_faces_upright_mask(work, picked, places)
-    work.refused = np.sort(np.concatenate([work.refused, work.keys(picked[~good])]))
-    costs[once[chosen[~good]]] = np.inf
+    refused = np.sort(work.keys(picked[~good]))
+    work.refused = np.sort(np.concatenate([work.refused, refused]))
+    costs[once[_membership_mask(refused, work.keys(edges))]] = np.inf
     _collapse_edges(work, picked[good], places[good])
     return True
 
