@@ -11,10 +11,8 @@ from grs_agents.perception.shapes.mirrors import find_symmetry_planes
 from grs_agents.perception.shapes.observation import Observation, observe_object
 from grs_agents.perception.shapes.revolution import Axis, fit_revolution_axis
 from grs_agents.perception.shapes.solid import carve_solid
-from grs_agents.perception.shapes.surface_nets import Faces
 from grs_agents.perception.shapes.texture import paint_mesh
-from grs_agents.perception.shapes.types import ObjectShape, ObjectView, ShapeMethod
-from grs_agents.perception.types import Array
+from grs_agents.perception.shapes.types import ObjectShape, ObjectView
 
 CONFIG = DEFAULT.choice
 
@@ -33,11 +31,13 @@ def reconstruct_shape(view: ObjectView) -> ObjectShape | None:
     box = compare_mesh_with_photo(seen, *box_mesh(view.size, (0.0, 0.0, view.size[2] / 2)))
     if _is_measured_box_confirmed(box, seen):
         return None
-    little = turned is None and seen.measured_share < CONFIG.measured
+    if turned is not None:
+        return turned
+    little = seen.measured_share < CONFIG.measured
     if little and box.overlap >= CONFIG.likely_box:
         return None
-    shape = turned or _reconstruct_by_carving(seen)
-    return None if little and shape is not None and shape.silhouette_iou < box.overlap else shape
+    carved = _reconstruct_by_carving(seen)
+    return None if little and carved is not None and carved.silhouette_iou < box.overlap else carved
 
 
 def _is_measured_box_confirmed(found: Agreement, seen: Observation) -> bool:
@@ -58,9 +58,11 @@ def _reconstruct_turned_solid(seen: Observation) -> ObjectShape | None:
     if handle is not None:
         faces = np.concatenate([faces, handle[1] + len(vertices)])
         vertices = np.concatenate([vertices, handle[0]])
-    if not _is_turned_solid_confirmed(compare_mesh_with_photo(seen, vertices, faces), axis, turned.walls is not None):
+    found = compare_mesh_with_photo(seen, vertices, faces)
+    if not _is_turned_solid_confirmed(found, axis, turned.walls is not None):
         return None
-    return _paint_and_compare_with_view(seen, vertices, faces, "lathe", turned.walls)
+    mesh = paint_mesh(seen, vertices, faces)
+    return ObjectShape(mesh, "lathe", turned.walls is not None, turned.walls, found.overlap, found.raw_error)
 
 
 def _is_turned_solid_confirmed(found: Agreement, axis: Axis, hollow: bool) -> bool:
@@ -77,12 +79,6 @@ def _reconstruct_by_carving(seen: Observation) -> ObjectShape | None:
     mesh = carve_solid(seen, mirrors, CONFIG.faces)
     if mesh is None:
         return None
-    return _paint_and_compare_with_view(seen, *mesh, "mirror" if mirrors else "voxels", None)
-
-
-def _paint_and_compare_with_view(
-    seen: Observation, vertices: Array, faces: Faces, method: ShapeMethod, walls: Array | None
-) -> ObjectShape:
-    found = compare_mesh_with_photo(seen, vertices, faces)
-    mesh = paint_mesh(seen, vertices, faces)
-    return ObjectShape(mesh, method, walls is not None, walls, found.overlap, found.raw_error)
+    found = compare_mesh_with_photo(seen, *mesh)
+    method = "mirror" if mirrors else "voxels"
+    return ObjectShape(paint_mesh(seen, *mesh), method, False, None, found.overlap, found.raw_error)
