@@ -155,6 +155,8 @@ class ShapeChoice:
     least_measured: float = 0.3  # of the mask has depth, else a primitive stays
     measured: float = 0.7  # of the mask: of less the box stays, if it is no better,
     likely_box: float = 0.8  # where its silhouette agrees so well with the mask: part of a surface carves no corners
+    noisy: float = 0.003  # m: where there is more noise the box stays likewise, as noise carves no sides,
+    noisy_deviations: float = 4.0  # if it is off in depth by less than so many deviations, 90th percentile
     box_overlap: float = 0.85  # silhouette of the measured box with the mask: it is a box
     box_depth: float = 0.01  # and off in depth by less, 90th percentile, or by this many deviations of the noise
     deviations: float = 3.0

@@ -31,18 +31,22 @@ def reconstruct_shape(view: ObjectView) -> ObjectShape | None:
     box = compare_mesh_with_photo(seen, *box_mesh(view.size, (0.0, 0.0, view.size[2] / 2)))
     if _is_measured_box_confirmed(box, seen):
         return None
-    if turned is not None:
-        return turned
-    little = seen.measured_share < CONFIG.measured
-    if little and box.overlap >= CONFIG.likely_box:
-        return None
-    carved = _reconstruct_by_carving(seen)
-    return None if little and carved is not None and carved.silhouette_iou < box.overlap else carved
+    return turned or _carve_unless_box_is_as_good(seen, box)
 
 
 def _is_measured_box_confirmed(found: Agreement, seen: Observation) -> bool:
     """Whether the measured box looks like the object from the camera."""
     return found.overlap >= CONFIG.box_overlap and found.error < max(CONFIG.box_depth, CONFIG.deviations * seen.noise)
+
+
+def _carve_unless_box_is_as_good(seen: Observation, box: Agreement) -> ObjectShape | None:
+    """The carved solid; ``None`` where little or noisy depth carves nothing better than the measured box."""
+    little = seen.measured_share < CONFIG.measured
+    noisy = seen.noise > CONFIG.noisy and box.error < CONFIG.noisy_deviations * seen.noise
+    if (little or noisy) and box.overlap >= CONFIG.likely_box:
+        return None
+    carved = _reconstruct_by_carving(seen)
+    return None if little and carved is not None and carved.silhouette_iou < box.overlap else carved
 
 
 def _reconstruct_turned_solid(seen: Observation) -> ObjectShape | None:

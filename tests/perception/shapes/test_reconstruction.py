@@ -80,6 +80,16 @@ def test_the_box_stands_for_a_thing_half_of_which_was_not_measured():
     assert reconstruct_shape(view) is None
 
 
+@pytest.mark.parametrize("noise", [0.004, 0.0025])
+def test_a_box_of_about_the_right_size_stays_only_where_there_is_much_noise(noise):
+    box = on_table(trimesh.creation.box((0.08, 0.06, 0.05)))
+    view = photograph(box, noise=noise, rng=np.random.default_rng(0))
+
+    shape = reconstruct_shape(replace(view, size=(0.096, 0.072, 0.05)))
+
+    assert (shape is None) == (noise > 0.003)
+
+
 @settings(max_examples=4, deadline=None)
 @given(radius=st.floats(0.03, 0.05), height=st.floats(0.07, 0.12), seed=st.integers(0, 99))
 def test_one_can_put_something_into_a_cup(radius, height, seed):
