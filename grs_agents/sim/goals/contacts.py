@@ -66,7 +66,8 @@ def _measure_noncolliding_overlaps(table: Tabletop) -> Iterator[tuple[int, int, 
     fixed = [prism for prism in table.collider_prisms() if not table.is_object_movable(prism.owner)]
     for one, other in combinations(fixed, 2):
         upwards = min(one.high, other.high) - max(one.low, other.low)
-        yield one.owner, other.owner, min(upwards, _horizontal_overlap_depth(one, other))
+        if one.owner != other.owner and upwards > 0:  # most are parts of one bowl or tray
+            yield one.owner, other.owner, min(upwards, _horizontal_overlap_depth(one, other))
     marks = [item.id for item in table.objects if not table.object_model(item.id).colliders]
     for mark, prism in product(map(table.object_prism, marks), _bystander_prisms_on_table(table) if marks else ()):
         yield mark.owner, prism.owner, _horizontal_overlap_depth(mark, prism)
