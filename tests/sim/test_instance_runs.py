@@ -57,3 +57,15 @@ def test_an_instance_out_of_range_is_refused() -> None:
 def test_a_program_without_a_task_is_named() -> None:
     with pytest.raises(SimulationError, match="Task"):
         find_task_class(ModuleType("empty"))
+
+
+def test_fixed_things_that_reach_into_each_other_are_told_and_parts_of_one_are_not() -> None:
+    def shelves(task, env) -> None:
+        packing(task, env)
+        for y in (0.0, 0.03):
+            env.add_object("bowl/bowl.urdf", at(0.35, y, 0.0), "fixed")
+
+    instance = instantiate(Scripted(shelves), 0)
+    bowls = {item.id for item in instance.objects if item.asset == "bowl/bowl.urdf"}
+    (overlap,) = rollout(instance).overlaps
+    assert {overlap.first, overlap.second} == bowls and overlap.depth > 0.01
