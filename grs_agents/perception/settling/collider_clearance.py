@@ -86,8 +86,7 @@ def clear_colliders(placed: Sequence[PlacedColliders]) -> list[tuple[Collider, .
         if restored:  # others give way to it
             overlaps, _ = _measure_overlaps(parts, len(placed))
         for overlap in overlaps:
-            if all(len(parts[number].corners) for number in overlap.parts):  # else nothing is left of one by now
-                _cut_parts_apart(parts, _beside_rather_than_above(parts, overlap), ranks)
+            _cut_parts_apart(parts, overlap, ranks)
     pairs = iter(parts)
     return [tuple(_cut_colliders(one, [next(pairs) for _ in one.colliders])) for one in placed]
 
@@ -162,6 +161,9 @@ def _is_over(above: int, below: int, parts: Sequence[_Part]) -> bool:
 def _cut_parts_apart(parts: Sequence[_Part], overlap: _Overlap, ranks: Sequence[Rank]) -> None:
     """Cut two parts to either side of a plane, or the one of the lower rank."""
     one, other = (parts[number] for number in overlap.parts)
+    if not (len(one.corners) and len(other.corners)):  # nothing is left of one by now
+        return
+    overlap = _beside_rather_than_above(parts, overlap)
     first, second = ranks[one.owner], ranks[other.owner]
     normal, shift = overlap.normal, overlap.depth / 2 * ((second < first) - (first < second))
     if first == second:
