@@ -24,7 +24,8 @@ class BinWalls:
 
     raised: float = 0.02  # walls are higher; lower is the floor
     highest: float = 0.3  # what is higher is no wall to reach over
-    blurred: int = 8  # pixels around the robot are blurred by it
+    blurred: int = 8  # pixels around the robot are blurred by it,
+    edge: int = 2  # by some sensors only so many
     cell: float = 0.005  # of the table seen from above
     fewest: int = 100  # cells: fewer are no walls
     turn: float = 2.0  # degrees: so far apart are the yaws that are tried first
@@ -115,6 +116,14 @@ class _View:
         return seen, past, inside & ~seen & ~past
 
 
+@dataclass(frozen=True)
+class _Sight:
+    """What is seen so far from the robot that its depth is not mixed in."""
+
+    cells: Array  # (N, 3) as `_raised_cells` makes them
+    view: _View
+
+
 def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> SeenWalls:
     """Where the walls of a bin around the things are seen.
 
@@ -126,17 +135,19 @@ def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> SeenWall
     small, factor = downscale_frame(replace(frame, depth=np.where(robot, np.float32(0), frame.depth)))
     smooth = smooth_frame_depth(small)
     points, pose = robot_frame_point_map(smooth, table), np.asarray(table.T_robot_cam)
-    blurred = cv2.dilate(robot.astype(np.uint8), np.ones((2 * CONFIG.blurred + 1,) * 2, np.uint8)) > 0
-    clear = ~downscale_mask(blurred, factor)
     # The table is seen up to the robot: without the strip beside it, what stands there may be over no table.
-    above = foreground_pixel_mask(points, smooth.depth, pose[:3, 3]) & clear
-    cells = _raised_cells(values_in_mask(points, above))
-    nowhere = np.zeros(frame.depth.shape, np.bool_)
+    above = foreground_pixel_mask(points, smooth.depth, pose[:3, 3])
+    sights: list[_Sight] = []
+    for pixels in (CONFIG.blurred, CONFIG.edge):
+        near = cv2.dilate(robot.astype(np.uint8), np.ones((2 * pixels + 1,) * 2, np.uint8)) > 0
+        clear = ~downscale_mask(near, factor)
+        view = _View(small.camera, np.where(clear, small.depth, 0).astype(np.float64), pose)
+        sights.append(_Sight(_raised_cells(values_in_mask(points, above & clear)), view))
+    cells, nowhere = sights[0].cells, np.zeros(frame.depth.shape, np.bool_)
     if len(cells) < CONFIG.fewest:
         return SeenWalls(nowhere, nowhere)
-    view = _View(small.camera, np.where(clear, small.depth, 0).astype(np.float64), pose)
     for likely in _likely_axes(cells):
-        walls, axes = _find_walls(cells, likely, view)
+        walls, axes = _find_walls(sights, likely)
         if walls and _holds_things(walls, axes, cells):
             break
     else:
@@ -205,8 +216,10 @@ def _longest_line(local: Array, axis: int, sign: float) -> tuple[float, int]:
     return float(places[best]), int(held[best])
 
 
-def _find_walls(cells: Array, axes: Array, view: _View) -> tuple[list[_Wall], Array]:
-    """The walls of a bin, none where they do not make one; and the directions across them, (2, 2)."""
+def _find_walls(sights: Sequence[_Sight], axes: Array) -> tuple[list[_Wall], Array]:
+    """The walls of a bin, none where they do not make one; and the directions across them, (2, 2). In the later sights,
+    nearer to the robot, hidden walls are looked for."""
+    cells, view = sights[0].cells, sights[0].view
     local = cells @ _widened(axes)
     walls = _straight_walls(local, axes, view)
     for _ in range(CONFIG.rounds):
@@ -215,11 +228,13 @@ def _find_walls(cells: Array, axes: Array, view: _View) -> tuple[list[_Wall], Ar
         axes = axes_from_yaws(np.array([_turn(walls, local)]))[0] @ axes
         local = cells @ _widened(axes)
         walls = _straight_walls(local, axes, view)
-    rims = {number: _slid_to_rim(_cornered(wall, walls), axes, view) for number, wall in walls.items()}
+    rims = {number: _slid_to_rim(_to_corners(wall, walls, axes, view), axes, view) for number, wall in walls.items()}
     walls = {number: wall for number, wall in walls.items() if _is_all_along(rims[number], axes, view)}
     if len(walls) < CONFIG.fewest_walls:
         return [], axes
-    joined = _joined_walls(walls | _hidden_walls(walls, local, axes, view), axes, view)
+    for sight in sights:
+        walls |= _hidden_walls(walls, sight.cells @ _widened(axes), axes, sight.view)
+    joined = _joined_walls(walls, axes, view)
     joined = [_slid_to_rim(wall, axes, view) for wall in joined]
     return (joined if _are_all_around(joined, local, axes, view) else []), axes
 
@@ -243,7 +258,7 @@ def _possible_places(local: Array, number: int, level: float) -> list[float]:
         return []
     axis, sign = SIDES[number]
     places, held, _ = _straight_lines(rim, axis, sign)
-    limit = np.quantile(sign * local[:, axis], 1 - CONFIG.outside) - CONFIG.strip
+    limit = np.quantile(sign * local[local[:, 2] > level / 2, axis], 1 - CONFIG.outside) - CONFIG.strip
     peaks = held == np.asarray(cv2.dilate(held.astype(np.float32), np.ones((5, 5), np.uint8))).ravel()
     return [float(place) for place in places[peaks & (held * CONFIG.line > CONFIG.short) & (places > limit)]]
 
@@ -366,7 +381,7 @@ def _joined_walls(walls: dict[int, _Wall], axes: Array, view: _View) -> list[_Wa
             if other not in walls and _ends_in_sight(wall, end, sign, axes, view):
                 thick = wall.outer - wall.inner
                 walls[other] = _Wall(other, sign * end - thick, sign * end, 0.0, 0.0, wall.height)
-    return [_cornered(wall, walls) for wall in walls.values()]
+    return [_to_corners(wall, walls, axes, view) for wall in walls.values()]
 
 
 def _slid_to_rim(wall: _Wall, axes: Array, view: _View) -> _Wall:
@@ -396,11 +411,33 @@ def _cornered(wall: _Wall, walls: dict[int, _Wall]) -> _Wall:
     return _Wall(wall.side, wall.inner, wall.outer, start, end, wall.height)
 
 
+def _to_corners(wall: _Wall, walls: dict[int, _Wall], axes: Array, view: _View) -> _Wall:
+    """A wall that reaches to those that it meets; where none is found, to where the camera looks past it: it ends
+    there, or behind what hides its corner."""
+    whole = _cornered(wall, walls)
+    if wall.start == wall.end:  # it is not measured
+        return whole
+    start, end = _reach_along(-1, -whole.start, wall, axes, view), _reach_along(1, whole.end, wall, axes, view)
+    return replace(whole, start=-start, end=end)
+
+
+def _reach_along(sign: int, far: float, wall: _Wall, axes: Array, view: _View) -> float:
+    """How far along it, m the way ``sign`` points, a wall is not seen past: at most ``far``."""
+    near = wall.end if sign > 0 else -wall.start
+    if far < near + CONFIG.open:  # another one is there
+        return far
+    rim = _rim(wall, axes, *((near, far) if sign > 0 else (-far, -near)))[::sign]
+    _, past, _ = view.look(rim)
+    return near + int(past.argmax()) * CONFIG.line if past.any() else far
+
+
 def _are_all_around(walls: Sequence[_Wall], local: Array, axes: Array, view: _View) -> bool:
-    """Whether the walls are seen wherever they are not hidden, and hardly anything that rises is beyond them."""
+    """Whether the walls are seen wherever they are not hidden, and hardly anything that rises to half their height is
+    beyond them: what is lower may be the robot's blurred edge."""
     total = sum(int(view.look(_rim(wall, axes, wall.start, wall.end))[0].sum()) for wall in walls)
     around = all(_is_all_along(wall, axes, view) for wall in walls) and total * CONFIG.line > CONFIG.long
-    return around and _beyond(walls, local[:, :2]).mean() < CONFIG.outside
+    tall = local[local[:, 2] > walls[0].height / 2]
+    return around and _beyond(walls, tall[:, :2]).mean() < CONFIG.outside
 
 
 def _is_all_along(wall: _Wall, axes: Array, view: _View) -> bool:

@@ -72,6 +72,26 @@ def test_walls_are_found_where_the_robot_hides_most_of_the_longest_rim() -> None
     assert_walls_found(found, np.where(arm, -1, owner))
 
 
+def test_three_walls_are_found_where_the_robot_hides_the_fourth_with_its_corners() -> None:
+    owner = room.photo(room.camera(width=640, height=480), boxes=np.concatenate([room.BOXES, np.array(BIN)]))[2]
+    arm = cv2.dilate((owner == FIRST).astype(np.uint8), np.ones((25, 25))) > 0
+    assert (owner[arm] < FIRST).any()
+    found, owner = found_in(BIN, hidden=arm)
+    assert_walls_found(found, np.where(arm, -1, owner))
+
+
+def test_a_wall_is_found_of_which_the_robot_leaves_a_narrow_strip() -> None:
+    frame, _, owner = room.photo(room.camera(width=640, height=480), 0.0, np.concatenate([room.BOXES, np.array(BIN)]))
+    heights = robot_frame_point_map(frame, find_table(frame, np.random.default_rng(0)))[..., 2]
+    far = owner == FIRST + 3
+    arm = cv2.dilate((far & (heights > 0.038)).astype(np.uint8), np.ones((25, 1))) > 0
+    arm &= ~far | (heights > 0.038)
+    strip = far & ~arm
+    assert strip.any(axis=0).any() and strip.sum(axis=0).max() <= 14
+    found, _ = found_in(BIN, hidden=arm)
+    assert np.count_nonzero(found & strip) > 0.8 * np.count_nonzero(strip) > 100
+
+
 def test_walls_that_go_on_beyond_the_picture_are_found() -> None:
     assert_walls_found(*found_in(walls_around((0.3, -0.8), (0.72, 0.3), 0.08)))
 
