@@ -131,9 +131,9 @@ def _runs(scenes: Sequence[SceneFigures]) -> list[RunFigures]:
 
 
 def _moves(objects: Sequence[ObjectFigures]) -> list[float]:
-    """How far each moves until it rests: the larger of its drift over 5 mm and what it tilts over 3 degrees."""
-    both = [(one.drift, one.lean) for one in objects]
-    return [max(drift / 0.005, lean / 3) for drift, lean in both if drift is not None and lean is not None]
+    """How far each drifts or tilts until it rests, whichever is more, in units of 5 mm and of 3 degrees."""
+    both = [(one.drift, one.tilt) for one in objects]
+    return [max(drift / 0.005, tilt / 3) for drift, tilt in both if drift is not None and tilt is not None]
 
 
 def _of_runs(runs: Sequence[RunFigures]) -> list[Figure]:

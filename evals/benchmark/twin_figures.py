@@ -76,7 +76,7 @@ def twin_figures(scene: LabelledScene, run: SceneRun, library: Library) -> dict[
             "right": right,
             "confidence": item.match.confidence if item.matched and item.match is not None else None,
             "drift": item.drift,
-            "lean": _lean(item),
+            "tilt": _tilt(item),
             "held": item.held,
             "seat": None if item.matched else _has_seat(item.asset, run.library),
             **_looks(item.id, scene, label, run, depth),
@@ -93,7 +93,7 @@ def _is_right(item: SceneObject, one: TrueObject, looks: Mapping[str, str]) -> b
     return bool(one.asset) and looks.get(item.asset, item.asset) == looks.get(one.asset, one.asset)
 
 
-def _lean(item: SceneObject) -> float | None:
+def _tilt(item: SceneObject) -> float | None:
     """How far what stands for an object tilts until it rests, degrees."""
     if item.settled is None:
         return None

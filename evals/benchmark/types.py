@@ -32,7 +32,7 @@ class ObjectFigures(Frozen):
         position, angle: error of the pose at which the right asset rests; the angle up to the asset's symmetry.
         symmetric: any turn about some axis leaves the asset as it is.
         adds: of the right asset, mean distance of the true surface to the placed one, as a share of the diameter.
-        drift, lean: how far what stands for it moves, and how far it tilts (degrees), until the twin is at rest.
+        drift, tilt: how far what stands for it moves, and how far it tilts (degrees), until the twin is at rest.
         seat: the suction cup finds a place to hold the shape, alone on the table.
         held: it would have fallen, and may stand on something that the photo does not show: in the twin it stays.
     """
@@ -55,7 +55,7 @@ class ObjectFigures(Frozen):
     symmetric: bool | None = None
     adds: float | None = None
     drift: float | None = None
-    lean: float | None = None
+    tilt: float | None = None
     seat: bool | None = None
     held: bool | None = None
 

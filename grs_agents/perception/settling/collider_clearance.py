@@ -135,8 +135,8 @@ def _measure_overlaps(parts: Sequence[_Part], count: int) -> tuple[list[_Overlap
     return sorted(found.values(), key=lambda overlap: -overlap.depth), np.asarray(model.body_mass[1:], np.float64)
 
 
-def _beside_rather_than_above(parts: Sequence[_Part], overlap: _Overlap) -> _Overlap:
-    """An overlap as it is, or sideways where neither object lies on the other.
+def _sideways_if_beside(parts: Sequence[_Part], overlap: _Overlap) -> _Overlap:
+    """The overlap as it is, or measured sideways where neither object lies on the other.
 
     The shortest way out of a thin floor is up. What stands as low as that floor, its middle beside it, would lose its
     underside to it, and fall.
@@ -163,7 +163,7 @@ def _cut_parts_apart(parts: Sequence[_Part], overlap: _Overlap, ranks: Sequence[
     one, other = (parts[number] for number in overlap.parts)
     if not (len(one.corners) and len(other.corners)):  # nothing is left of one by now
         return
-    overlap = _beside_rather_than_above(parts, overlap)
+    overlap = _sideways_if_beside(parts, overlap)
     first, second = ranks[one.owner], ranks[other.owner]
     normal, shift = overlap.normal, overlap.depth / 2 * ((second < first) - (first < second))
     if first == second:
