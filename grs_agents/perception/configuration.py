@@ -3,11 +3,9 @@ Functions of a stage take the part that they need; `DEFAULT` is what all of them
 angles radians, areas shares of the picture, unless a comment says otherwise."""
 
 import math
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass, field
 
-from grs_agents.errors import UnknownNameError
-from grs_agents.perception.segmentation import RULES
+from grs_agents.perception.segmentation import Measuring, Segmentation
 
 
 @dataclass(frozen=True)
@@ -66,197 +64,6 @@ class WorkingResolution:
     pixels: int = 640 * 480  # photos of many more are reduced: the size that all other values were chosen at
     color: float = 24.0  # of 255: a difference that counts as much as a depth off by its tolerance
     cells: float = 1.0  # a distance that counts as much
-
-
-@dataclass(frozen=True)
-class Foreground:
-    """What stands on the table."""
-
-    lowest: float = 0.006  # what is lower is the noise of the table
-    tallest: float = 0.6  # what rises higher is not an object on it
-    most_seen_through: float = 0.1  # of what lies between two pieces of plane may show something lower: one table
-    lower: float = 0.05  # what is so much lower than the table top is seen beside it, not on it
-    beyond_table: float = 0.15  # from its visible part, objects stand on its near part that is out of the picture
-
-
-@dataclass(frozen=True)
-class PatchCutting:
-    """Smooth patches of the foreground. Bends are sagitta over chord."""
-
-    bend: float = 0.037  # patches are first cut here: a concave bend of about 8 degrees, often mere noise
-    crease: float = 0.19  # the mean over a border above which two patches stay apart
-    jump: float = 0.3  # what a depth jump counts in that mean, and the most that a bend counts
-    reach: float = 0.010  # along the surface, over which a bend is measured
-    shortest: int = 6  # pixels: shorter borders say nothing
-    fold: float = 0.25  # a mean below this bounds no object that another encloses: it is a fold, a print or noise
-    enclosed: float = 2.5  # sides of a square of a fragment's pixels: its border with what encloses it is longer
-    fragment: float = 0.5  # of the pixels of what encloses it: a fragment has fewer
-
-
-@dataclass(frozen=True)
-class HollowShape:
-    """When points are an object open at the top, and when the top of a solid one."""
-
-    rim: float = 0.015  # how high and wide a rim is
-    deep: float = 0.015  # the floor lies at least this far below the rim
-    shallow: float = 0.35  # less than this share of the inside is as high as the rim
-    surrounded: float = 0.6  # the rim encloses at least this share of the footprint
-    cells: int = 8  # a side of a square as large as the footprint: it is looked at cell by cell
-    filled: float = 0.75  # at least this share of a solid object's footprint is seen
-    sag: float = 0.005  # its middle is no more than this below its border
-    raised: float = 0.02  # its top lies at least this high above the table: it is no floor
-
-
-@dataclass(frozen=True)
-class RimVisibility:
-    """When one part is the inside of a hollow object seen over the edge of another."""
-
-    end: float = 0.2  # this share of an edge's columns is its end
-    risen: float = 0.5  # at both ends the inside comes up to at least this share of the rim's height
-    closed: float = 0.6  # and there the sides are nearer to each other than this share of the rim's width
-    span: float = 0.5  # the edge spans at least this share of the narrower part's columns
-    fewest: int = 8  # columns: an edge of fewer says nothing
-
-
-@dataclass(frozen=True)
-class PartMerging:
-    """When two patches are parts of one object."""
-
-    touching: float = 0.012  # parts nearer than this touch
-    rim_level: float = 0.02  # rims within this height of each other are one rim
-    beside: float = 0.02  # walls nearer than this are one beside the other
-    rim_gap: float = 0.05  # ends of one rim are nearer than this
-    overlap: float = 0.5  # of its points over the footprint of another: it lies in or on it, and is not its near wall
-    interior_overlap: float = 0.7  # of its points over the walls' footprint: it is the inside of what they surround
-    below_rim: float = 0.008  # the inside reaches no higher than this above the walls
-    thickest_wall: float = 0.04  # what is thicker is no wall, however a bad sensor blurs it
-    smaller: float = 0.4  # of the other's pixels: an attached part has fewer
-    tiny: float = 0.2  # of the other's pixels: a tab or a ridge has fewer
-    tab: tuple[float, float] = (0.025, 0.065)  # what is thinner and shorter, and sticks out of something higher
-    on_top: float = 0.03  # what begins no lower than this below the top of another may be its cap or ridge
-    covered: float = 0.5  # of the points of a cap or ridge lie over what it is on
-    cap: float = 0.045  # what is smaller across and lower, on top of something larger, is its cap
-    ridge: float = 0.1  # along the top of something larger, as thin as a tab, and at most so long
-    unsupported: float = 0.02  # what hangs higher above the table wants a support
-    carrier_distance: float = 0.025  # what carries a part ends within this of the part's underside
-    carried: float = 0.25  # of the part's points lie over what carries it
-    handle: tuple[float, float] = (0.044, 0.12)  # what is thinner and shorter may be a handle: other objects are wider
-    shortest: int = 6  # pixels: parts with a shorter border do not go over into each other
-
-
-@dataclass(frozen=True)
-class OccludedPieces:
-    """When two pieces are one flat object that others in front of it separate."""
-
-    level: float = 0.01  # tops of two pieces are within this height of each other
-    flat: float = 0.45  # at least this share of a piece lies within `level` of its top
-    hue: float = 0.05  # distance of the shares of red, green and blue: colours of one object are this near
-    brightness: float = 1.6  # the brighter piece is at most this many times as bright
-    same_level: float = 0.005  # where tops are this near, as no sensor's noise moves them by more,
-    rectangle: float = 0.9  # and the footprint of both fills so much of its rectangle,
-    printed: tuple[float, float] = (0.15, 2.5)  # colours may differ by this hue and brightness: by print or light
-    between: float = 0.6  # at least this share of the shortest way between them lies on objects that hide them
-    longest: float = 0.4  # a joined object is at most this long
-
-
-@dataclass(frozen=True)
-class SegmentFilter:
-    """Which segments are no objects, and what of the table belongs to a hollow one."""
-
-    smallest: float = 0.0004  # of the picture: an object covers at least so much
-    flattest: tuple[float, float] = (0.007, 0.012)  # what is lower, from a good sensor and from a bad one, is no object
-    deviations: float = 5.0  # in between, so many standard deviations of the table's points
-    flying: float = 2.0  # sides of a square of its pixels: flying pixels are deeper than so many
-    border: int = 3  # pixels: what is within so many of the picture's border is cut by it
-    fewest: int = 10  # pixels: fewer at the border say nothing
-    clear: float = 0.05  # at the border an arm is higher than this above the table
-    round: float = 0.02  # the heights of the flat top of an object that the border cuts differ by less than this
-    long: float = 0.15  # an arm reaches in by more than this along the table
-    floor: float = 0.015  # the floor of a hollow object lies within this height of the table
-    floor_margin: float = 0.005  # and this far inside its footprint
-
-
-@dataclass(frozen=True)
-class RoundFootprint:
-    """The unseen back of round objects: half ellipses fitted to slices of the side that is seen."""
-
-    slices: int = 6  # an object's height is cut into so many
-    fewest: int = 40  # points: a slice of fewer says nothing
-    fewest_slices: int = 2  # so many must be half ellipses
-    widest: float = 0.93  # of the widest: slices at least this wide say how deep the object is
-    error: float = 0.06  # of the half width: an ellipse may be off its slice by this
-    better: float = 0.5  # and by this share of what a rectangle is off
-    round: float = 0.7  # depth over width above which an ellipse is a circle
-    depths: tuple[float, float] = (0.4, 1.8)  # over the width: what is flatter is a face, what is deeper is no fit
-    seen: float = 0.97  # of the width: the outermost points are mixed with what is behind them
-
-
-@dataclass(frozen=True)
-class RimFootprint:
-    """The circle of a bowl's rim, whatever of its side is hidden."""
-
-    flat: float = 0.6  # what is higher than this share of its width is a cup: its side and handle tell more
-    high: float = 0.012  # points lower than this below the top are not of the rim
-    fewest: int = 60  # points: fewer tell of no circle
-    rounds: int = 5  # of fitting the circle to the points near it
-    near: float = 0.004  # points nearer than this to the circle always count
-    better: float = 0.8  # a round rim is off a circle by less than this share of what it is off a rectangle, on average
-    sectors: int = 24  # the circle is cut into so many
-    seen: float = 0.6  # in this share of them points must lie
-    wide: float = 1.24  # radii: what reaches farther is a handle
-    low: float = 0.5  # of the height: what reaches farther but is lower are stray points
-    handle: float = 0.02  # what has a handle of more than this share of the points is not round
-
-
-@dataclass(frozen=True)
-class Measuring:
-    """Boxes, shapes and crops of segments."""
-
-    largest: float = 0.5  # a longer segment is not an object that the arm could move
-    fewest: int = 30  # points: a segment of fewer is not measured
-    samples: int = 3000  # points: a footprint is measured from about so many
-    overhang: float = 0.12  # of the diameter: points beyond a round footprint by more tell of more than that
-    outliers: float = 0.4  # percent of the points at each end of each axis that are left out of a footprint
-    gap: float = 0.05  # along the view: points farther from all others are another surface's
-    few: float = 0.1  # of the points: if they are so few
-    workspace_center: tuple[float, float] = (0.5, 0.0)  # where the objects' middle lies in a frame laid on the table
-    round: RoundFootprint = RoundFootprint()
-    rim: RimFootprint = RimFootprint()
-
-
-@dataclass(frozen=True)
-class MaskProposals:
-    """Which masks of a model are used, and how they are joined."""
-
-    alike: float = 0.7  # of masks whose intersection over union is larger only the one with the best score is kept
-    standing: float = 0.5  # of a mask's measured pixels stand on the table: it is neither table nor background
-    seen: float = 0.2  # and of all its pixels
-    spill: int = 3  # pixels: masks may spill so far over the table around what stands on it
-    blur: int = 2  # pixels: a mask's edge may be so far off the edge in the depth
-    covered: float = 0.8  # of a part: a mask that holds at least this much covers it
-
-
-@dataclass(frozen=True)
-class Segmentation:
-    """From the photo and its table to segments; ``rules`` are those of `RULES` that are on."""
-
-    rules: frozenset[str] = frozenset(RULES)
-    foreground: Foreground = Foreground()
-    patches: PatchCutting = PatchCutting()
-    hollow: HollowShape = HollowShape()
-    rim: RimVisibility = RimVisibility()
-    merging: PartMerging = PartMerging()
-    occluded: OccludedPieces = OccludedPieces()
-    filter: SegmentFilter = SegmentFilter()
-    proposals: MaskProposals = MaskProposals()
-
-    def without_rules(self, *rules: str) -> Self:
-        """The same with some rules off.
-        Raises UnknownNameError: there is no such rule."""
-        for rule in rules:
-            if rule not in RULES:
-                raise UnknownNameError("segmentation rule", rule, RULES)
-        return replace(self, rules=self.rules - frozenset(rules))
 
 
 @dataclass(frozen=True)
@@ -483,8 +290,8 @@ class Perception:
     table: TableFinding = TableFinding()
     robot: RobotPixels = RobotPixels()
     resolution: WorkingResolution = WorkingResolution()
-    segmentation: Segmentation = Segmentation()
-    measuring: Measuring = Measuring()
+    segmentation: Segmentation = field(default_factory=Segmentation)
+    measuring: Measuring = field(default_factory=Measuring)
     background: BackgroundReconstruction = BackgroundReconstruction()
     matching: Matching = Matching()
     registration: Registration = Registration()

@@ -3,13 +3,14 @@
 import cv2
 import numpy as np
 
-from grs_agents.perception.configuration import DEFAULT, HollowShape
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (
     compute_percentiles,
     convex_footprint_hull,
     points_in_box_mask,
     points_in_hull_mask,
 )
+from grs_agents.perception.segmentation.configuration import HollowShape
 from grs_agents.perception.types import Array
 
 HOLLOW = DEFAULT.segmentation.hollow

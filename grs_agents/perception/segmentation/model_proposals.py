@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from grs_agents.perception.configuration import DEFAULT, MaskProposals, Segmentation
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import Labels, label_connected_components
+from grs_agents.perception.segmentation.configuration import MaskProposals, Segmentation
 from grs_agents.perception.segmentation.part_merging import merge_parts
 from grs_agents.perception.segmentation.patch_cutting import (
     compute_concavity_map,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from grs_agents.perception.configuration import DEFAULT, OccludedPieces
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (
     Labels,
     compute_percentiles,
@@ -13,6 +13,7 @@ from grs_agents.perception.image_geometry import (
     mask_outline_pixels,
     values_in_mask,
 )
+from grs_agents.perception.segmentation.configuration import OccludedPieces
 from grs_agents.perception.segmentation.patch_cutting import Depth
 from grs_agents.perception.types import Array, Mask, RGBDFrame
 

@@ -5,8 +5,9 @@ near wall meets the far one. An object behind an object stays as deep, or goes o
 
 import numpy as np
 
-from grs_agents.perception.configuration import DEFAULT, Segmentation
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import Index, Labels
+from grs_agents.perception.segmentation.configuration import Segmentation
 from grs_agents.perception.types import Array
 
 NOWHERE: Index = np.zeros(0, np.intp)

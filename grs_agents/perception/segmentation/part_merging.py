@@ -8,7 +8,7 @@ from operator import sub
 import cv2
 import numpy as np
 
-from grs_agents.perception.configuration import DEFAULT, Segmentation
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (
     Labels,
     compute_percentiles,
@@ -17,6 +17,7 @@ from grs_agents.perception.image_geometry import (
     points_in_box_mask,
     points_in_hull_mask,
 )
+from grs_agents.perception.segmentation.configuration import Segmentation
 from grs_agents.perception.segmentation.hollow_shapes import is_open_at_top, is_solid_object
 from grs_agents.perception.segmentation.occlusion_edges import OcclusionEdges
 from grs_agents.perception.types import Array

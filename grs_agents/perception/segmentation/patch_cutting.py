@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.perception.configuration import DEFAULT, Foreground, PatchCutting
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (
     Labels,
     convex_footprint_hull,
@@ -19,6 +19,7 @@ from grs_agents.perception.image_geometry import (
     points_in_hull_mask,
     values_in_mask,
 )
+from grs_agents.perception.segmentation.configuration import Foreground, PatchCutting
 from grs_agents.perception.table_finding import depth_tolerance
 from grs_agents.perception.types import Array, Mask, RGBDFrame
 

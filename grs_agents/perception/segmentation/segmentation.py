@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from grs_agents.perception.configuration import DEFAULT, Segmentation
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (
     Index,
     Labels,
@@ -17,6 +17,7 @@ from grs_agents.perception.image_geometry import (
     points_in_hull_mask,
     values_in_mask,
 )
+from grs_agents.perception.segmentation.configuration import Segmentation
 from grs_agents.perception.segmentation.hollow_shapes import is_open_at_top
 from grs_agents.perception.segmentation.occluded_pieces import join_occluded_pieces
 from grs_agents.perception.segmentation.part_merging import merge_parts
