@@ -269,11 +269,6 @@ class CoverageMeasuring:
     deviations: float = 1.5  # and what is lower than so many standard deviations of the table's points
     foot: int = 4  # pixels: a foot reaches so far from what clearly rises
     enclosed: float = 0.7  # of its border: what rises encloses a piece with more than this
-    floor: float = 0.0028  # what it encloses and is higher on average is the floor of a box: cardboard is thicker, and
-    # the table between things of a heap seems up to 2.7 mm high
-    cut: float = 0.2  # of its border, where the robot or a shadow makes up the rest: so much rises beside a floor
-    cut_floor: float = 0.004  # and it is higher on average: the table beside the robot is not
-    floor_pixels: float = 0.0004  # of the picture: of less the average says nothing
     listed: float = 0.005  # of what rises: a smaller region is counted, but not listed
     most: float = 0.5  # of a region: what holds of more than this share of it is the reason
     thin: int = 5  # pixels: what is thinner is an edge

@@ -16,13 +16,18 @@ import numpy as np
 from grs_agents.perception.annotated_pictures import draw_numbered_regions
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (
-    Labels,
     compute_percentiles,
     label_connected_components,
     pixels_by_label,
     pixels_in_mask,
 )
-from grs_agents.perception.segmentation import foreground_pixel_mask, is_sensor_noise, smooth_frame_depth
+from grs_agents.perception.segmentation import (
+    find_enclosed_floors,
+    foreground_pixel_mask,
+    is_sensor_noise,
+    share_of_borders,
+    smooth_frame_depth,
+)
 from grs_agents.perception.table_finding import pixels_to_robot_frame, robot_frame_point_map
 from grs_agents.perception.types import Aabb, Array, Coverage, Mask, RGBDFrame, TableFrame, UnownedRegion
 from grs_agents.perception.working_resolution import downscale_frame, repeat_cells
@@ -65,7 +70,7 @@ def raised_pixel_mask(frame: RGBDFrame, table: TableFrame, left_out: Mask | None
     blind = smooth.depth <= 0
     above = _fill_enclosed_pixels(above & ~scenery, low | blind)
     above |= _fill_enclosed_pixels(above | scenery | blind, low) & low & ~scenery
-    above |= _enclosed_floors(above, points[..., 2], ~scenery & ~blind)
+    above |= find_enclosed_floors(above, points[..., 2], ~scenery & ~blind, small, table) > 0
     for _ in range(CONFIG.foot):
         above = above | (np.asarray(cv2.dilate(above.astype(np.uint8), KERNEL), np.bool_) & low)
     full = repeat_cells(above, frame, factor)
@@ -85,37 +90,11 @@ def _drop_sensor_noise(above: Mask, height: Array, table: TableFrame) -> Mask:
     return np.asarray(kept, np.bool_)[labels]
 
 
-def _enclosed_floors(above: Mask, height: Array, known: Mask) -> Mask:
-    """(H, W) the pieces of the ``known`` pixels that ``above`` encloses and that lie over the table on average, though
-    by less than the noise of a pixel: the floors of boxes and plates. ``height`` (H, W) in m. The robot or a shadow may
-    cut a floor that is higher."""
-    pieces = label_connected_components((known & ~above).astype(np.uint8), int(CONFIG.floor_pixels * above.size))
-    beside, around = _share_of_borders(pieces, above), _share_of_borders(pieces, above | ~known)
-    floors = np.zeros(above.shape, np.bool_)
-    for label, pixels in enumerate(pixels_by_label(pieces), 1):
-        cut = around[label] > CONFIG.enclosed and beside[label] > CONFIG.cut
-        lowest = CONFIG.floor if beside[label] > CONFIG.enclosed else CONFIG.cut_floor if cut else np.inf
-        if np.nanmedian(height.take(pixels)) > lowest:
-            floors.put(pixels, True)
-    return floors
-
-
 def _fill_enclosed_pixels(above: Mask, maybe: Mask) -> Mask:
     """``above`` (H, W) with the pieces of ``maybe`` that it encloses: a plate's bottom, a shiny side without depth."""
     pieces = label_connected_components((maybe & ~above).astype(np.uint8), 1)
-    filled = _share_of_borders(pieces, above) > CONFIG.enclosed
+    filled = share_of_borders(pieces, above) > CONFIG.enclosed
     return above | filled[pieces] & (pieces > 0)
-
-
-def _share_of_borders(pieces: Labels, mask: Mask) -> Array:
-    """(N + 1,) which share of the border of each piece, from 1 in ``pieces`` (H, W), is with the ``mask`` (H, W)."""
-    border, enclosed = np.zeros((2, int(pieces.max()) + 1))
-    for one, other in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
-        for inner, outer in ((one, other), (other, one)):
-            edge = (pieces[inner] > 0) & (pieces[outer] != pieces[inner])
-            border += np.bincount(pieces[inner][edge], minlength=len(border))
-            enclosed += np.bincount(pieces[inner][edge & mask[outer]], minlength=len(border))
-    return np.asarray(enclosed / np.maximum(border, 1), np.float64)
 
 
 def measure_coverage(

@@ -14,6 +14,6 @@ RULES: Final = {
     "sensor_noise": "what is as flat as the sensor's noise is no object",
     "flying_pixels": "what is small and much deeper than it looks large is mixed of two surfaces, and no object",
     "entering": "what comes in from above, or from beyond the picture high over the table, is an arm, and no object",
-    "hollow_floor": "the table seen inside a hollow object is its floor",
+    "hollow_floor": "what is low inside a hollow object is its floor, also where the robot or a shadow cuts its walls",
 }
 """The rules by which segments are merged, dropped and filled, by name."""

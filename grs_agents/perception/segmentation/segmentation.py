@@ -18,6 +18,7 @@ from grs_agents.perception.image_geometry import (
     values_in_mask,
 )
 from grs_agents.perception.segmentation.configuration import Segmentation
+from grs_agents.perception.segmentation.enclosed_floors import add_enclosed_floors, find_enclosed_floors
 from grs_agents.perception.segmentation.hollow_shapes import is_open_at_top
 from grs_agents.perception.segmentation.occluded_pieces import join_occluded_pieces
 from grs_agents.perception.segmentation.part_merging import merge_parts
@@ -41,6 +42,9 @@ def segment_objects_on_table(
     above = foreground_pixel_mask(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3], config.foreground)
     labels = merge_parts(cut_smooth_patches(smooth, above, config.patches), points, config)
     labels = filter_object_segments(labels, smooth, points, table, config)
+    if "hollow_floor" in config.rules:
+        floors = find_enclosed_floors(labels > 0, points[..., 2], smooth.depth > 0, small, table, config.floors)
+        labels = add_enclosed_floors(labels, floors, config.floors)
     return labels if factor == 1 else upscale_labels(labels, small, frame, factor)
 
 

@@ -1,0 +1,69 @@
+"""The floors of boxes, trays and plates: lower than the noise of a pixel, but enclosed by what rises."""
+
+import cv2
+import numpy as np
+
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.image_geometry import Labels, label_connected_components, pixels_by_label
+from grs_agents.perception.segmentation.configuration import EnclosedFloors
+from grs_agents.perception.table_finding import robot_frame_point_map
+from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
+
+KERNEL = np.ones((3, 3), np.uint8)
+
+
+def find_enclosed_floors(
+    above: Mask,
+    height: Array,
+    known: Mask,
+    frame: RGBDFrame,
+    table: TableFrame,
+    config: EnclosedFloors = DEFAULT.segmentation.floors,
+) -> Labels:
+    """(H, W) the pieces, from 1, of the ``known`` pixels that ``above`` encloses, and that lie over the table on
+    average, though by less than the noise of a pixel. The robot or a shadow may cut a floor that is higher.
+
+    Args:
+        above: (H, W) what rises above the table.
+        height: (H, W) m, smoothed.
+        known: (H, W) where the height is known, but for what is no object.
+        frame: the photo as it was measured: smoothing removes walls that are thinner than three pixels.
+        table: the table in it.
+    """
+    tall = robot_frame_point_map(frame, table)[..., 2] > config.wall
+    walls = cv2.morphologyEx((tall | (frame.depth <= 0)).astype(np.uint8), cv2.MORPH_CLOSE, KERNEL) > 0
+    low = known & ~above & ~walls
+    pieces = label_connected_components(low.astype(np.uint8), int(config.pixels * above.size))
+    beside = share_of_borders(pieces, above | tall)
+    floors = np.zeros_like(pieces)
+    for label, pixels in enumerate(pixels_by_label(pieces), 1):
+        lowest = config.floor if beside[label] > config.enclosed else config.cut_floor
+        if beside[label] > config.cut and np.nanmedian(height.take(pixels)) > lowest:
+            floors.put(pixels, label)
+    return floors
+
+
+def add_enclosed_floors(labels: Labels, floors: Labels, config: EnclosedFloors) -> Labels:
+    """The labels, with each of the ``floors`` (H, W) given to the segment that most of its border is with."""
+    result = labels.copy()
+    around = np.ones((2 * config.gap + 1,) * 2, np.uint8)
+    for pixels in pixels_by_label(floors):
+        own = np.zeros(labels.shape, np.uint8)
+        own.put(pixels, 1)
+        ring = np.asarray(cv2.dilate(own, around) > own, np.bool_)
+        beside = np.bincount(labels[ring], minlength=1)
+        beside[0] = 0
+        if beside.max() > config.owned * np.count_nonzero(ring):
+            result.put(pixels, np.argmax(beside))
+    return result
+
+
+def share_of_borders(pieces: Labels, mask: Mask) -> Array:
+    """(N + 1,) which share of the border of each piece, from 1 in ``pieces`` (H, W), is with the ``mask`` (H, W)."""
+    border, enclosed = np.zeros((2, int(pieces.max()) + 1))
+    for one, other in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
+        for inner, outer in ((one, other), (other, one)):
+            edge = (pieces[inner] > 0) & (pieces[outer] != pieces[inner])
+            border += np.bincount(pieces[inner][edge], minlength=len(border))
+            enclosed += np.bincount(pieces[inner][edge & mask[outer]], minlength=len(border))
+    return np.asarray(enclosed / np.maximum(border, 1), np.float64)
