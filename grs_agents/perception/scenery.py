@@ -99,10 +99,10 @@ def _is_blurred_edge(away: Array, heights: Array) -> bool:
 def _mixes_robot_and_wall(mixed: Mask, heights: Array) -> bool:
     """Whether a segment is made of depth that mixes the robot with a wall; ``mixed`` (N,) says which of its pixels may
     be, ``heights`` (N,) how high they are, m."""
-    known = heights[np.isfinite(heights)]
-    if mixed.sum() <= CONFIG.mixed * len(mixed) or not len(known):
+    known = np.isfinite(heights)
+    if mixed[known].sum() <= CONFIG.mixed * known.sum() or not known.any():
         return False
-    middle, top = np.percentile(known, (50, 98))
+    middle, top = np.percentile(heights[known], (50, 98))
     return bool(top - middle > CONFIG.level)
 
 

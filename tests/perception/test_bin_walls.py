@@ -96,11 +96,12 @@ def test_walls_that_go_on_beyond_the_picture_are_found() -> None:
     assert_walls_found(*found_in(walls_around((0.3, -0.8), (0.72, 0.3), 0.08)))
 
 
-def test_a_wall_is_found_of_which_the_rim_is_beyond_the_picture() -> None:
+@pytest.mark.parametrize("left", [0.07, 0.03])
+def test_a_wall_is_found_of_which_only_what_is_low_is_in_the_picture(left: float) -> None:
     frame, _, owner = room.photo(room.camera(width=640, height=480), 0.0, np.concatenate([room.BOXES, np.array(BIN)]))
     heights = robot_frame_point_map(frame, find_table(frame, np.random.default_rng(0)))[..., 2]
     far = owner == FIRST + 3
-    cut = int(np.flatnonzero((far & (heights > 0.07)).any(axis=1))[-1]) + 1
+    cut = int(np.flatnonzero((far & (heights > left)).any(axis=1))[-1]) + 1
     camera = frame.camera.model_copy(update={"height": 480 - cut, "cy": frame.camera.cy - cut})
     frame = RGBDFrame(frame.rgb[cut:], frame.depth[cut:], camera, frame.source)
     owner = owner[cut:]
@@ -108,6 +109,30 @@ def test_a_wall_is_found_of_which_the_rim_is_beyond_the_picture() -> None:
     found = find_bin_walls(frame, find_table(frame, np.random.default_rng(0)), nothing).pixels
     assert_walls_found(found, owner)
     assert np.count_nonzero(found & far[cut:]) > 0.8 * np.count_nonzero(far[cut:]) > 100
+
+
+def test_a_small_piece_of_wall_at_the_border_is_found() -> None:
+    boxes = np.concatenate([room.BOXES, np.array(BIN)])
+    frame, _, owner = room.photo(room.camera(yaw=0.3, width=640, height=480), 0.0, boxes)
+    heights = robot_frame_point_map(frame, find_table(frame, np.random.default_rng(0)))[..., 2]
+    cut = int(np.flatnonzero((owner == FIRST + 3).any(axis=1))[-1]) - 10
+    camera = frame.camera.model_copy(update={"height": 480 - cut, "cy": frame.camera.cy - cut})
+    frame = RGBDFrame(frame.rgb[cut:], frame.depth[cut:], camera, frame.source)
+    piece = ((owner == FIRST + 3) & (heights > 0.01))[cut:]
+    found = find_bin_walls(frame, find_table(frame, np.random.default_rng(0)), np.zeros(piece.shape, bool)).pixels
+    assert np.count_nonzero(found & piece) > 0.8 * np.count_nonzero(piece) > 100
+
+
+def test_walls_are_found_where_the_depth_behind_a_rim_is_mixed() -> None:
+    frame, _, owner = room.photo(room.camera(width=640, height=480), 0.0, np.concatenate([room.BOXES, np.array(BIN)]))
+    far = (owner == FIRST + 3).astype(np.uint8)
+    behind = (cv2.dilate(far, np.ones((5, 1), np.uint8), anchor=(0, 0)) > 0) & (owner < 4)
+    rim = cv2.erode(np.where(far > 0, frame.depth, np.float32(9)), np.ones((6, 1)), anchor=(0, 0))
+    mixed = np.where(behind & (rim < 9), (rim + frame.depth) / 2, frame.depth).astype(np.float32)
+    assert np.count_nonzero(mixed != frame.depth) > 500
+    frame = RGBDFrame(frame.rgb, mixed, frame.camera, frame.source)
+    nothing = np.zeros(owner.shape, bool)
+    assert_walls_found(find_bin_walls(frame, find_table(frame, np.random.default_rng(0)), nothing).pixels, owner)
 
 
 def test_without_walls_nothing_is_found() -> None:

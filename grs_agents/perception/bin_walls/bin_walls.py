@@ -4,6 +4,7 @@ Seen from above they are the sides of a rectangle, of which the robot, things an
 It is checked against the photo: where the camera looks past a rim that should be there, there is no wall.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -12,13 +13,13 @@ import numpy as np
 from grs_agents.perception.bin_walls.configuration import CONFIG
 from grs_agents.perception.bin_walls.straight_lines import likely_axes, raised_cells
 from grs_agents.perception.bin_walls.view import Sight, View
-from grs_agents.perception.bin_walls.wall import pixels_near_walls
+from grs_agents.perception.bin_walls.wall import SIDES, Wall, pixels_near_walls
 from grs_agents.perception.bin_walls.wall_search import find_walls, holds_things
-from grs_agents.perception.image_geometry import values_in_mask
+from grs_agents.perception.image_geometry import label_connected_components, values_in_mask
 from grs_agents.perception.segmentation import foreground_pixel_mask, smooth_frame_depth
 from grs_agents.perception.table_finding import robot_frame_point_map
-from grs_agents.perception.types import Mask, RGBDFrame, TableFrame
-from grs_agents.perception.working_resolution import downscale_frame, downscale_mask
+from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
+from grs_agents.perception.working_resolution import downscale_frame, downscale_mask, repeat_cells
 
 
 @dataclass(frozen=True)
@@ -58,8 +59,39 @@ def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> SeenWall
     else:
         return SeenWalls(nowhere, nowhere)
     full, low = robot_frame_point_map(frame, table), max(CONFIG.lowest, CONFIG.deviations * table.residual)
-    own = pixels_near_walls(walls, axes, full, low, (CONFIG.margin, CONFIG.level))
-    own = np.asarray(cv2.morphologyEx(own.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)), np.bool_)
     beside = cv2.distanceTransform((~robot).astype(np.uint8), cv2.DIST_L2, 5) < CONFIG.beside
-    mixed = pixels_near_walls(walls, axes, full, low, (CONFIG.mixed, CONFIG.mixed)) & beside
-    return SeenWalls(own & ~robot, mixed & ~robot)
+    own = pixels_near_walls(walls, axes, full, low, (CONFIG.margin, CONFIG.level))
+    own |= pixels_near_walls(walls, axes, full, low, (CONFIG.margin, CONFIG.mixed)) & beside
+    own = np.asarray(cv2.morphologyEx(own.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)), np.bool_)
+    own |= repeat_cells(_pieces_at_border(walls, axes, points, above, downscale_mask(own, factor)), frame, factor)
+    # What mixes robot and wall lies on a ray that meets the wall.
+    height = walls[0].height
+    down = _lowered_along_rays(full, pose[:3, 3], height)
+    mixed = pixels_near_walls(walls, axes, down, low, (CONFIG.blur, CONFIG.level)) & beside
+    return SeenWalls(own & ~robot, mixed & (full[..., 2] < height + CONFIG.mixed) & ~robot)
+
+
+def _pieces_at_border(walls: Sequence[Wall], axes: Array, points: Array, above: Mask, own: Mask) -> Mask:
+    """(H, W) what the picture's border leaves of further walls: thin pieces of what is ``above`` (H, W) the table, at
+    the border and at a wall that is found, with nothing beyond. ``own`` (H, W) are the walls' pixels."""
+    beside = cv2.dilate(own.astype(np.uint8), np.ones((2 * CONFIG.edge + 1,) * 2, np.uint8)) > 0
+    border = np.ones(own.shape, np.bool_)
+    border[CONFIG.edge : -CONFIG.edge, CONFIG.edge : -CONFIG.edge] = False
+    rest, found = above & ~own, np.zeros(own.shape, np.bool_)
+    labels = label_connected_components(rest.astype(np.uint8), 1)
+    both = set(np.unique(labels[beside & rest])) & set(np.unique(labels[border & rest]))
+    for side in set(range(len(SIDES))) - {wall.side for wall in walls}:
+        axis, sign = SIDES[side]
+        across = sign * (points[..., :2] @ axes.T)[..., axis]
+        for label in both:
+            piece = labels == label
+            low, high = np.nanpercentile(across[piece], (2, 98))
+            if high - low < CONFIG.thick and (across[rest & ~piece] > low).mean() < CONFIG.stray:
+                found |= piece
+    return found
+
+
+def _lowered_along_rays(points: Array, eye: Array, height: float) -> Array:
+    """The ``points`` (H, W, 3), those higher than ``height`` moved away from the ``eye`` (3,) down to it."""
+    drop = np.maximum((eye[2] - height) / np.maximum(eye[2] - points[..., 2:], 1e-6), 1)
+    return np.asarray(eye + (points - eye) * drop, np.float64)

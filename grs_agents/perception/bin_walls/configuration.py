@@ -26,7 +26,8 @@ class BinWalls:
     apart: float = 0.015  # m along the ray: closer to where a rim should be is the rim, farther is seen past it
     seen: float = 0.75  # of what is not hidden of a rim: more is there
     few: int = 4  # cm of a rim: so little is seen or missing by chance
-    fewest_walls: int = 2  # with a rim that is seen
+    rims: int = 2  # are seen,
+    sides: int = 3  # or one rim, and so many walls at their sides
     stray: float = 0.02  # of what rises below the rims: less lies beyond a wall whose rim is hidden
     columns: int = 2  # cm: a shorter line is no wall
     face: int = 6  # square centimetres of such a wall's side are seen
@@ -39,7 +40,8 @@ class BinWalls:
     thing: int = 4  # square centimetres: fewer are no thing
     margin: float = 0.01  # around walls: what is nearer is theirs
     beside: int = 20  # pixels: so near to the robot a sensor mixes its depth with that of walls
-    mixed: float = 0.05  # and there their points are off by less
+    blur: float = 0.035  # beside these, seen along the ray,
+    mixed: float = 0.05  # and over them points are off by less
     lowest: float = 0.004  # what is lower is the floor
     deviations: float = 1.5  # and what is lower than so many standard deviations of the table's points
 

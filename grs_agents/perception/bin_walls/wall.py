@@ -53,12 +53,17 @@ def extend_to_corners(wall: Wall, walls: dict[int, Wall]) -> Wall:
     return Wall(wall.side, wall.inner, wall.outer, start, end, wall.height)
 
 
-def outside_mask(walls: Sequence[Wall], local: Array) -> Mask:
-    """(...,) which of the (..., 2) points in the bin's axes are outside of a wall."""
-    out = np.zeros(local.shape[:-1], np.bool_)
+def outside_mask(walls: Sequence[Wall], local: Array, eye: Array) -> Mask:
+    """(N,) which of the (N, 3) points in the bin's axes are outside of a wall, but for those that the ``eye`` (3,) sees
+    along its rim: their depth is mixed with the rim's."""
+    out = np.zeros(len(local), np.bool_)
     for wall in walls:
         axis, sign = SIDES[wall.side]
-        out |= sign * local[..., axis] > wall.outer + CONFIG.strip
+        across, near = sign * local[:, axis], sign * eye[axis]
+        beyond = across > wall.outer + CONFIG.strip
+        share = (wall.middle - near) / np.where(beyond, across - near, np.inf)
+        crossing = eye[2] + share * (local[:, 2] - eye[2])
+        out |= beyond & ~((share > 0) & (np.abs(crossing - wall.height) < CONFIG.level))
     return out
 
 

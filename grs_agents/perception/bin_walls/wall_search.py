@@ -32,7 +32,7 @@ def find_walls(sights: Sequence[Sight], axes: Array) -> tuple[list[Wall], Array]
     local = cells @ rotation_to_axes(axes)
     walls = _straight_walls(local, axes, view)
     for _ in range(CONFIG.rounds):
-        if len(walls) < CONFIG.fewest_walls:
+        if not walls:
             return [], axes
         axes = axes_from_yaws(np.array([_turn(walls, local)]))[0] @ axes
         local = cells @ rotation_to_axes(axes)
@@ -42,13 +42,14 @@ def find_walls(sights: Sequence[Sight], axes: Array) -> tuple[list[Wall], Array]
         for number, wall in walls.items()
     }
     walls = {number: wall for number, wall in walls.items() if is_seen_all_along(rims[number], axes, view)}
-    if len(walls) < CONFIG.fewest_walls:
+    if not walls:
         return [], axes
+    are_long = _are_rims_long if len(walls) >= CONFIG.rims else _are_sides_long
     for sight in sights:
         walls |= _hidden_walls(walls, sight.cells @ rotation_to_axes(axes), axes, sight.view)
     joined = _joined_walls(walls, axes, view)
     joined = [slide_to_rim(wall, axes, view) for wall in joined]
-    return (joined if _are_all_around(joined, local, axes, view) else []), axes
+    return (joined if _are_all_around(joined, local, axes, view) and are_long(joined, axes, view) else []), axes
 
 
 def _straight_walls(local: Array, axes: Array, view: View) -> dict[int, Wall]:
@@ -136,10 +137,24 @@ def _joined_walls(walls: dict[int, Wall], axes: Array, view: View) -> list[Wall]
 def _are_all_around(walls: Sequence[Wall], local: Array, axes: Array, view: View) -> bool:
     """Whether the walls are seen wherever they are not hidden, and hardly anything that rises to half their height is
     beyond them: what is lower may be the robot's blurred edge."""
-    total = sum(int(view.look(rim_points(wall, axes, wall.start, wall.end))[0].sum()) for wall in walls)
-    around = all(is_seen_all_along(wall, axes, view) for wall in walls) and total * CONFIG.line > CONFIG.long
+    around = all(is_seen_all_along(wall, axes, view) for wall in walls)
     tall = local[local[:, 2] > walls[0].height / 2]
-    return around and outside_mask(walls, tall[:, :2]).mean() < CONFIG.outside
+    return around and outside_mask(walls, tall, view.pose[:3, 3] @ rotation_to_axes(axes)).mean() < CONFIG.outside
+
+
+def _are_rims_long(walls: Sequence[Wall], axes: Array, view: View) -> bool:
+    """Whether enough of the rims is seen."""
+    lengths = [int(view.look(rim_points(wall, axes, wall.start, wall.end))[0].sum()) for wall in walls]
+    return sum(lengths) * CONFIG.line > CONFIG.long
+
+
+def _are_sides_long(walls: Sequence[Wall], axes: Array, view: View) -> bool:
+    """Whether enough of the sides of several walls is seen: the rims of most may be beyond the picture."""
+    sides = [view.look(side_points(wall, wall.inner, axes))[0] for wall in walls]
+    counts = [len(rim_points(wall, axes, wall.start, wall.end)) for wall in walls]
+    lengths = [int(side.reshape(-1, count).any(axis=0).sum()) for side, count in zip(sides, counts, strict=True)]
+    several = sum(length > CONFIG.few for length in lengths) >= CONFIG.sides
+    return several and sum(lengths) * CONFIG.line > CONFIG.long
 
 
 def holds_things(walls: Sequence[Wall], axes: Array, cells: Array) -> bool:
