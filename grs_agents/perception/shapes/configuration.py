@@ -109,6 +109,10 @@ class ShapeMirrors:
     breach: float = 0.06  # of the mirrored points may lie in space seen free
     support: float = 0.35  # of them lie on the surface
     breach_weight: float = 3.0  # against support
+    alike: float = 0.1  # planes of which that differs by less agree as well
+    hidden_support: float = 0.1  # of the images where most are hidden,
+    unbreached: float = 0.005  # with fewer in free space,
+    across: float = 0.01  # cosine with the first plane: at a right angle to it
     right_angle: float = 0.17  # cosine between two planes at a right angle
 
 

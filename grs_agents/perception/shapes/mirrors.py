@@ -27,12 +27,33 @@ class Mirror:
 
 def find_symmetry_planes(seen: Observation) -> list[Mirror]:
     """The best plane, and the best at a right angle to it; none where no mirror image agrees with the view."""
-    good = [one for one in _score_symmetry_planes(seen) if one.breach < CONFIG.breach and one.support > CONFIG.support]
-    good.sort(key=lambda one: CONFIG.breach_weight * one.breach - one.support)
+    planes = _score_symmetry_planes(seen)
+    good = [one for one in planes if one.breach < CONFIG.breach and one.support > CONFIG.support]
     if not good:
         return []
-    across = [one for one in good if abs(float(one.normal @ good[0].normal)) < CONFIG.right_angle]
-    return [good[0], *across[:1]]
+    best = _nearest_to_middle(good)
+    across = [one for one in good if abs(float(one.normal @ best.normal)) < CONFIG.right_angle]
+    return [best, _nearest_to_middle(across)] if across else [best, *_plane_of_hidden_images(planes, best, seen)]
+
+
+def _nearest_to_middle(planes: list[Mirror]) -> Mirror:
+    """Of the planes in the best direction that agree nearly as well with the view, the nearest to the middle of the
+    measured box: what lies behind the object nothing speaks against."""
+
+    def score(one: Mirror) -> float:
+        return one.support - CONFIG.breach_weight * one.breach
+
+    best = max(planes, key=score)
+    alike = [one for one in planes if (one.normal == best.normal).all() and score(one) >= score(best) - CONFIG.alike]
+    return min(alike, key=lambda one: abs(one.offset))
+
+
+def _plane_of_hidden_images(planes: list[Mirror], best: Mirror, seen: Observation) -> list[Mirror]:
+    """Where a face is seen from the front its images are hidden, and only what is on top tells where the plane across
+    ``best`` is: the nearest to the camera that none of them breaches. At most one."""
+    likely = [one for one in planes if one.breach < CONFIG.unbreached and one.support > CONFIG.hidden_support]
+    across = [one for one in likely if abs(float(one.normal @ best.normal)) < CONFIG.across]
+    return sorted(across, key=lambda one: abs(float(seen.eye @ one.normal) - one.offset))[:1]
 
 
 def _score_symmetry_planes(seen: Observation) -> list[Mirror]:
