@@ -168,3 +168,11 @@ def test_things_that_hide_each_other_in_the_picture_are_several_things_in_a_bin(
     found = find_bin_walls(frame, find_table(frame, np.random.default_rng(0)), np.zeros(owner.shape, bool)).pixels
     walls = owner >= FIRST
     assert np.count_nonzero(found & walls) > 0.9 * np.count_nonzero(walls) > 1000
+
+
+def test_walls_that_are_farther_apart_than_those_of_a_box_are_a_bin_with_one_thing() -> None:
+    boxes = np.concatenate([room.BOXES[:5], np.array(BIN)])
+    frame, _, owner = room.photo(room.camera(width=640, height=480), boxes=boxes)
+    found = find_bin_walls(frame, find_table(frame, np.random.default_rng(0)), np.zeros(owner.shape, bool)).pixels
+    walls = owner >= 5
+    assert np.count_nonzero(found & walls) > 0.9 * np.count_nonzero(walls) > 1000

@@ -21,6 +21,7 @@ from grs_agents.perception.bin_walls.view import (
     slide_to_rim,
 )
 from grs_agents.perception.bin_walls.wall import SIDES, Wall, extend_to_corners, outside_mask, rim_points, side_points
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import axes_from_yaws, label_connected_components
 from grs_agents.perception.types import Array, Mask
 
@@ -44,12 +45,13 @@ def find_walls(sights: Sequence[Sight], axes: Array) -> tuple[list[Wall], Array]
     walls = {number: wall for number, wall in walls.items() if is_seen_all_along(rims[number], axes, view)}
     if not walls:
         return [], axes
-    are_long = _are_rims_long if len(walls) >= CONFIG.rims else _are_sides_long
+    rims = len(walls)
     for sight in sights:
         walls |= _hidden_walls(walls, sight.cells @ rotation_to_axes(axes), axes, sight.view)
     joined = _joined_walls(walls, axes, view)
     joined = [slide_to_rim(wall, axes, view) for wall in joined]
-    return (joined if _are_all_around(joined, local, axes, view) and are_long(joined, axes, view) else []), axes
+    long = (rims >= CONFIG.rims and _are_rims_long(joined, axes, view)) or _are_sides_long(joined, axes, view)
+    return (joined if long and _are_all_around(joined, local, axes, view) else []), axes
 
 
 def _straight_walls(local: Array, axes: Array, view: View) -> dict[int, Wall]:
@@ -158,7 +160,12 @@ def _are_sides_long(walls: Sequence[Wall], axes: Array, view: View) -> bool:
 
 
 def holds_things(walls: Sequence[Wall], axes: Array, cells: Array) -> bool:
-    """Whether several things stand apart between the walls, seen from above: a box with one in it is an object."""
+    """Whether several things stand apart between the walls, seen from above, or the walls are farther apart than those
+    of an object: a box with one thing in it is an object."""
+    inner = {wall.side: wall.inner for wall in walls}
+    spans = [inner[side] + inner[side + 1] for side in (0, 2) if side in inner and side + 1 in inner]
+    if max(spans, default=0.0) > DEFAULT.measuring.largest:
+        return True
     local = cells[:, :2] @ axes.T
     inside = np.ones(len(cells), np.bool_)
     for wall in walls:
