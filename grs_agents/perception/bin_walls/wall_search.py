@@ -50,8 +50,8 @@ def find_walls(sights: Sequence[Sight], axes: Array) -> tuple[list[Wall], Array]
         walls |= _hidden_walls(walls, sight.cells @ rotation_to_axes(axes), axes, sight.view)
     joined = _joined_walls(walls, axes, view)
     joined = [slide_to_rim(wall, axes, view) for wall in joined]
-    long = (rims >= CONFIG.rims and _are_rims_long(joined, axes, view)) or _are_sides_long(joined, axes, view)
-    return (joined if long and _are_all_around(joined, local, axes, view) else []), axes
+    certain = _are_all_around(joined, local, axes, view) and _are_long(joined, rims, axes, view)
+    return (joined if certain else []), axes
 
 
 def _straight_walls(local: Array, axes: Array, view: View) -> dict[int, Wall]:
@@ -144,10 +144,12 @@ def _are_all_around(walls: Sequence[Wall], local: Array, axes: Array, view: View
     return around and outside_mask(walls, tall, view.pose[:3, 3] @ rotation_to_axes(axes)).mean() < CONFIG.outside
 
 
-def _are_rims_long(walls: Sequence[Wall], axes: Array, view: View) -> bool:
-    """Whether enough of the rims is seen."""
+def _are_long(walls: Sequence[Wall], rims: int, axes: Array, view: View) -> bool:
+    """Whether enough of the ``rims`` is seen, if there are several, or of the sides."""
     lengths = [int(view.look(rim_points(wall, axes, wall.start, wall.end))[0].sum()) for wall in walls]
-    return sum(lengths) * CONFIG.line > CONFIG.long
+    if rims >= CONFIG.rims and sum(lengths) * CONFIG.line > CONFIG.long:
+        return True
+    return _are_sides_long(walls, axes, view)
 
 
 def _are_sides_long(walls: Sequence[Wall], axes: Array, view: View) -> bool:
