@@ -20,12 +20,12 @@ from grs_agents.perception.image_geometry import (
     label_connected_components,
     pixels_by_label,
     pixels_in_mask,
+    share_of_borders,
 )
 from grs_agents.perception.segmentation import (
     find_enclosed_floors,
     foreground_pixel_mask,
     is_sensor_noise,
-    share_of_borders,
     smooth_frame_depth,
 )
 from grs_agents.perception.table_finding import pixels_to_robot_frame, robot_frame_point_map

@@ -144,3 +144,14 @@ def fit_smallest_rectangle(cloud: Array) -> tuple[tuple[float, float], tuple[flo
     best = int(np.where(areas <= ALIKE * areas.min(), np.abs(off).mean(axis=0), np.inf).argmin())
     x, y = (low[best] + high[best]) / 2 @ axes[best]
     return (float(x), float(y)), (float(sides[best, 0]), float(sides[best, 1])), float(yaws[best])
+
+
+def share_of_borders(pieces: Labels, mask: Mask) -> Array:
+    """(N + 1,) which share of the border of each piece, from 1 in ``pieces`` (H, W), is with the ``mask`` (H, W)."""
+    border, enclosed = np.zeros((2, int(pieces.max()) + 1))
+    for one, other in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
+        for inner, outer in ((one, other), (other, one)):
+            edge = (pieces[inner] > 0) & (pieces[outer] != pieces[inner])
+            border += np.bincount(pieces[inner][edge], minlength=len(border))
+            enclosed += np.bincount(pieces[inner][edge & mask[outer]], minlength=len(border))
+    return np.asarray(enclosed / np.maximum(border, 1), np.float64)

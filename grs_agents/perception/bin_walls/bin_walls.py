@@ -86,7 +86,8 @@ def _pieces_at_border(walls: Sequence[Wall], axes: Array, points: Array, above: 
         for label in both:
             piece = labels == label
             low, high = np.nanpercentile(across[piece], (2, 98))
-            if high - low < CONFIG.thick and (across[rest & ~piece] > low).mean() < CONFIG.stray:
+            beyond = rest & ~piece & (across > low)
+            if high - low < CONFIG.thick and beyond.sum() <= CONFIG.stray * rest.sum():
                 found |= piece
     return found
 

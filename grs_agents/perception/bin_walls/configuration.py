@@ -26,8 +26,8 @@ class BinWalls:
     apart: float = 0.015  # m along the ray: closer to where a rim should be is the rim, farther is seen past it
     seen: float = 0.75  # of what is not hidden of a rim: more is there
     few: int = 4  # cm of a rim: so little is seen or missing by chance
-    rims: int = 2  # are seen,
-    sides: int = 3  # or one rim, and so many walls at their sides
+    rims: int = 2  # are seen, long enough together,
+    sides: int = 3  # or the sides of so many walls are
     stray: float = 0.02  # of what rises below the rims: less lies beyond a wall whose rim is hidden
     columns: int = 2  # cm: a shorter line is no wall
     face: int = 6  # square centimetres of such a wall's side are seen
@@ -35,7 +35,7 @@ class BinWalls:
     gap: float = 0.03  # corners may be blurred away
     free: float = 0.04  # what is seen past so far beyond the gap is where a wall ends
     open: float = 1.0  # a wall of which no end is seen may go on so far
-    long: float = 0.5  # the rims seen are longer together
+    long: float = 0.5  # the rims seen, or the sides, are longer together
     things: int = 2  # a bin holds at least so many: a box with fewer is an object with its content
     thing: int = 4  # square centimetres: fewer are no thing
     margin: float = 0.01  # around walls: what is nearer is theirs

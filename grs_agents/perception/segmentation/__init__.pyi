@@ -3,7 +3,6 @@ from .candidates import measure_candidates as measure_candidates
 from .configuration import Measuring as Measuring
 from .configuration import Segmentation as Segmentation
 from .enclosed_floors import find_enclosed_floors as find_enclosed_floors
-from .enclosed_floors import share_of_borders as share_of_borders
 from .hollow_shapes import is_open_at_top as is_open_at_top
 from .hollow_shapes import is_solid_object as is_solid_object
 from .model_proposals import suppress_duplicate_masks as suppress_duplicate_masks

@@ -4,7 +4,12 @@ import cv2
 import numpy as np
 
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.image_geometry import Labels, label_connected_components, pixels_by_label
+from grs_agents.perception.image_geometry import (
+    Labels,
+    label_connected_components,
+    pixels_by_label,
+    share_of_borders,
+)
 from grs_agents.perception.segmentation.configuration import EnclosedFloors
 from grs_agents.perception.table_finding import robot_frame_point_map
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
@@ -56,14 +61,3 @@ def add_enclosed_floors(labels: Labels, floors: Labels, config: EnclosedFloors) 
         if beside.max() > config.owned * np.count_nonzero(ring):
             result.put(pixels, np.argmax(beside))
     return result
-
-
-def share_of_borders(pieces: Labels, mask: Mask) -> Array:
-    """(N + 1,) which share of the border of each piece, from 1 in ``pieces`` (H, W), is with the ``mask`` (H, W)."""
-    border, enclosed = np.zeros((2, int(pieces.max()) + 1))
-    for one, other in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
-        for inner, outer in ((one, other), (other, one)):
-            edge = (pieces[inner] > 0) & (pieces[outer] != pieces[inner])
-            border += np.bincount(pieces[inner][edge], minlength=len(border))
-            enclosed += np.bincount(pieces[inner][edge & mask[outer]], minlength=len(border))
-    return np.asarray(enclosed / np.maximum(border, 1), np.float64)
