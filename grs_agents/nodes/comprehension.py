@@ -53,11 +53,14 @@ from grs_agents.perception import (
     load_mask,
     measure_coverage,
     measure_depth_noise,
+    measure_stray_light,
     measure_table_color,
     raised_pixel_mask,
     read_scene,
     reconstruct_background,
     register_objects,
+    remove_stray_light,
+    render_robot_depth,
     require_joints_within_limits,
     robot_pixel_mask,
     round_depth_as_saved,
@@ -128,7 +131,9 @@ def read_photo_into_run(state: RunState, services: Services) -> Update:
     frame = read_scene(source, _make_depth_estimator(services), services.config.depth.field_of_view)
     noise = measure_depth_noise(frame)
     frame = smooth_depth_noise(frame, noise)
-    notes = [*frame.notes, *describe_depth_shift(frame), *_check_robot_joints(frame, services)]
+    doubts = [*describe_depth_shift(frame), *_check_robot_joints(frame, services)]
+    frame = _take_out_stray_light(frame, services)
+    notes = [*frame.notes, *doubts]
     files = save_frame(frame, services.folder)
     services.cache_photo(round_depth_as_saved(frame, state["scene_path"]))
     camera = frame.camera.model_dump(mode="json")
@@ -438,6 +443,16 @@ def _check_robot_joints(frame: RGBDFrame, services: Services) -> list[str]:
     require_joints_within_limits(joints, services.robot_name_or_path)
     lacks = "camera.json: joints is not used: where the robot is seen is not known without T_robot_cam"
     return [lacks] if frame.camera.T_robot_cam is None else []
+
+
+def _take_out_stray_light(frame: RGBDFrame, services: Services) -> RGBDFrame:
+    """The frame without the light that a known robot scatters into the depth of what is beside it."""
+    arm = render_robot_depth(frame, services.robot_name_or_path, services.library)
+    if not np.isfinite(arm).any():
+        return frame
+    table = table_in(frame, np.random.default_rng(services.config.seed), services.config.scene.table)
+    stray = measure_stray_light(frame, table, arm)
+    return frame if stray is None else remove_stray_light(frame, arm, stray)
 
 
 def _make_depth_estimator(services: Services) -> Estimator:

@@ -77,6 +77,7 @@ from .registration.size_check import upright_box_from_aabb as upright_box_from_a
 from .registration.unexplained_segments import ResidualCandidates as ResidualCandidates
 from .registration.unexplained_segments import find_residual_candidates as find_residual_candidates
 from .registration.unexplained_segments import match_pieces_to_objects as match_pieces_to_objects
+from .robot_pixels import render_robot_depth as render_robot_depth
 from .robot_pixels import require_joints_within_limits as require_joints_within_limits
 from .robot_pixels import robot_pixel_mask as robot_pixel_mask
 from .scenery import SortedCandidates as SortedCandidates
@@ -97,6 +98,9 @@ from .segmentation.sam2_models import load_sam2 as load_sam2
 from .segmentation.segmentation import segment_objects_on_table as segment_objects_on_table
 from .settling.support_relations import body_from_asset as body_from_asset
 from .settling.support_relations import find_spatial_relations as find_spatial_relations
+from .stray_light import StrayLight as StrayLight
+from .stray_light import measure_stray_light as measure_stray_light
+from .stray_light import remove_stray_light as remove_stray_light
 from .table_color import measure_table_color as measure_table_color
 from .table_finding import describe_table_doubts as describe_table_doubts
 from .table_finding import find_table as find_table

@@ -53,8 +53,24 @@ class RobotPixels:
 
     margin: float = 0.025  # hand-eye calibrations, and the arms' models, are better than that
     rays: int = 20_000  # the arm is drawn with about so many
+    layer: float = 1.25  # times the depth: so much of the arm at a time
     over_table: float = 0.002  # what a ray meets lower is the table
     slack: float = 0.01  # rad: encoders may say so much beyond a limit
+
+
+@dataclass(frozen=True)
+class StrayLightFit:
+    """How the robot's light in the depth of what is beside it is measured."""
+
+    near: float = 40.0  # pixels from the robot, at the working size: farther its light does not count
+    plane: float = 0.004  # m: what is closer to the table's plane lies in it
+    lifted: float = 0.1  # m: what is higher was not lifted by light alone
+    widths: tuple[float, ...] = (7.0, 10.0, 14.0, 20.0)  # pixels at the working size, of the light's spread
+    shares: tuple[float, ...] = (0.002, 0.004, 0.006, 0.008, 0.011, 0.015, 0.02, 0.03, 0.04)  # of the light around
+    gain: float = 0.03  # of the pixels beside the robot must come to lie in the plane, or nothing is corrected
+    nearest: float = 0.2  # m: nearer no camera measures
+    darkest: float = 0.02  # of 1: darker pixels return as little light as these
+    most: float = 0.5  # of a pixel's light may be that of others
 
 
 @dataclass(frozen=True)
@@ -284,6 +300,7 @@ class Perception:
     depth_alignment: DepthAlignment = DepthAlignment()
     table: TableFinding = TableFinding()
     robot: RobotPixels = RobotPixels()
+    stray_light: StrayLightFit = StrayLightFit()
     resolution: WorkingResolution = WorkingResolution()
     segmentation: Segmentation = field(default_factory=Segmentation)
     measuring: Measuring = field(default_factory=Measuring)

@@ -8,7 +8,7 @@ import numpy as np
 from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.types import Array, Camera, Mask, RGBDFrame
+from grs_agents.perception.types import Array, Mask, RGBDFrame
 from grs_agents.sim.arms import get_arm
 from grs_agents.sim.rendering import VisibleScene, render_along_rays
 
@@ -33,6 +33,17 @@ def require_joints_within_limits(joints: Sequence[float], robot: str) -> None:
             )
 
 
+def render_robot_depth(frame: RGBDFrame, robot: str, library: Library) -> Array:
+    """(H, W) the depth, m, of an arm alone, by name or path, at the joints that the frame's camera tells; infinite
+    where it is not seen, and everywhere where the camera is not calibrated, or the joints are not given.
+
+    Raises:
+        InputError: the arm cannot be at these joints.
+    """
+    seen, _ = _render_arm_depth(frame, robot, library)
+    return _enlarge(seen, frame)
+
+
 def robot_pixel_mask(frame: RGBDFrame, robot: str, library: Library) -> Mask:
     """(H, W) the pixels that show an arm, by name or path, at the joints that the frame's camera tells.
 
@@ -42,33 +53,48 @@ def robot_pixel_mask(frame: RGBDFrame, robot: str, library: Library) -> Mask:
     Raises:
         InputError: the arm cannot be at these joints.
     """
-    camera = frame.camera
-    if camera.joints is None or camera.T_robot_cam is None:
-        return np.zeros(frame.depth.shape, np.bool_)
-    require_joints_within_limits(camera.joints, robot)
-    step = max(1, round((frame.depth.size / CONFIG.rays) ** 0.5))
-    seen = _render_arm_depth(camera, np.asarray(camera.joints, np.float64), robot, library, step)
+    seen, step = _render_arm_depth(frame, robot, library)
+    on_arm = np.isfinite(_enlarge(seen, frame)) & (frame.depth <= 0)
     if not np.isfinite(seen).any():
-        return np.zeros(frame.depth.shape, np.bool_)
-    reach = CONFIG.margin * camera.fx / float(np.median(seen[np.isfinite(seen)])) / step
+        return np.asarray(on_arm, np.bool_)
+    # By layers: a margin is many pixels of a near link and few of a far one, and what lies between both is no arm.
+    start, end = float(seen.min()), float(seen[np.isfinite(seen)].max())
+    while start <= end:
+        layer = np.where((seen >= start) & (seen < start * CONFIG.layer), seen, np.inf)
+        near, far = _depths_within(layer, CONFIG.margin * frame.camera.fx / start / step)
+        low, high = _enlarge(near, frame), _enlarge(far, frame)
+        on_arm |= (frame.depth > low - CONFIG.margin) & (frame.depth < high + CONFIG.margin)
+        start *= CONFIG.layer
+    return np.asarray(on_arm, np.bool_)
+
+
+def _depths_within(seen: Array, reach: float) -> tuple[Array, Array]:
+    """(h, w) the least and the greatest depth within so many pixels of each: infinite, and minus, where none is."""
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * int(np.ceil(reach)) + 1,) * 2)
     near = cv2.erode(seen, around)
     far = cv2.dilate(np.where(np.isfinite(seen), seen, -np.inf), around)
-    size = (camera.width, camera.height)
-    low, high, own = (cv2.resize(one, size, interpolation=cv2.INTER_NEAREST) for one in (near, far, seen))
-    on_arm = (frame.depth > low - CONFIG.margin) & (frame.depth < high + CONFIG.margin)
-    return np.asarray(on_arm | (np.isfinite(own) & (frame.depth <= 0)), np.bool_)
+    return np.asarray(near, np.float64), np.asarray(far, np.float64)
 
 
-def _render_arm_depth(camera: Camera, joints: Array, robot: str, library: Library, step: int) -> Array:
-    """(h, w) depth (m) of the arm alone at every so many pixels, infinite where it is not seen."""
-    pose = np.asarray(camera.T_robot_cam, np.float64)
+def _enlarge(cells: Array, frame: RGBDFrame) -> Array:
+    """(H, W) what the (h, w) ``cells`` hold, at the frame's size."""
+    size = (frame.camera.width, frame.camera.height)
+    return np.asarray(cv2.resize(cells, size, interpolation=cv2.INTER_NEAREST), np.float64)
+
+
+def _render_arm_depth(frame: RGBDFrame, robot: str, library: Library) -> tuple[Array, int]:
+    """(h, w) depth (m) of the arm alone, infinite where it is not seen, and every how many pixels that is."""
+    camera, step = frame.camera, max(1, round((frame.depth.size / CONFIG.rays) ** 0.5))
     columns, rows = np.meshgrid(
         (np.arange(-(-camera.width // step)) + 0.5) * step - 0.5,
         (np.arange(-(-camera.height // step)) + 0.5) * step - 0.5,
     )
+    if camera.joints is None or camera.T_robot_cam is None:
+        return np.full(rows.shape, np.inf), step
+    require_joints_within_limits(camera.joints, robot)
+    joints, pose = np.asarray(camera.joints, np.float64), np.asarray(camera.T_robot_cam, np.float64)
     local = np.stack([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(rows.shape)], axis=-1)
     rays = np.asarray(local @ pose[:3, :3].T, np.float64)
     picture = render_along_rays(VisibleScene((), library, joints, get_arm(robot)), pose[:3, 3].copy(), rays)
     height = pose[2, 3] + picture.depth * rays[..., 2]
-    return np.where((picture.depth > 0) & (height > CONFIG.over_table), picture.depth, np.inf).astype(np.float64)
+    return np.where((picture.depth > 0) & (height > CONFIG.over_table), picture.depth, np.inf).astype(np.float64), step

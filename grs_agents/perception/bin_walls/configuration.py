@@ -30,7 +30,7 @@ class BinWalls:
     sides: int = 3  # or the sides of so many walls are
     stray: float = 0.02  # of what rises below the rims: less lies beyond a wall whose rim is hidden
     columns: int = 2  # cm: a shorter line is no wall
-    face: int = 6  # square centimetres of such a wall's side are seen
+    face: int = 3  # square centimetres of such a wall's side are seen
     slides: tuple[float, ...] = (0.0, -0.0025, 0.0025, -0.005, 0.005, -0.0075, 0.0075)  # so far a rim is off at most
     gap: float = 0.03  # corners may be blurred away
     free: float = 0.04  # what is seen past so far beyond the gap is where a wall ends

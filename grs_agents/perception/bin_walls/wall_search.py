@@ -45,9 +45,9 @@ def find_walls(sights: Sequence[Sight], axes: Array) -> tuple[list[Wall], Array]
     walls = {number: wall for number, wall in walls.items() if is_seen_all_along(rims[number], axes, view)}
     if not walls:
         return [], axes
-    rims = len(walls)
+    rims, measured = len(walls), dict(walls)
     for sight in sights:
-        walls |= _hidden_walls(walls, sight.cells @ rotation_to_axes(axes), axes, sight.view)
+        walls |= _hidden_walls(walls, measured, sight.cells @ rotation_to_axes(axes), axes, sight.view)
     joined = _joined_walls(walls, axes, view)
     joined = [slide_to_rim(wall, axes, view) for wall in joined]
     certain = _are_all_around(joined, local, axes, view) and _are_long(joined, rims, axes, view)
@@ -104,9 +104,11 @@ def _turn(walls: dict[int, Wall], local: Array) -> float:
     return float(np.average(turns, weights=[(wall.end - wall.start) ** 3 for wall in walls.values()]))
 
 
-def _hidden_walls(walls: dict[int, Wall], local: Array, axes: Array, view: View) -> dict[int, Wall]:
+def _hidden_walls(
+    walls: dict[int, Wall], measured: dict[int, Wall], local: Array, axes: Array, view: View
+) -> dict[int, Wall]:
     """By side, walls of which the rim is hidden or beyond the picture: straight lines of what is lower, where the side
-    that faces the camera is seen wherever nothing hides it, and no other wall is seen to go on beyond."""
+    that faces the camera is seen wherever nothing hides it, and that the ``measured`` walls may end at."""
     height = next(iter(walls.values())).height
     thick = float(np.median([wall.outer - wall.inner for wall in walls.values()]))
     low = local[local[:, 2] < height + CONFIG.level]
@@ -114,14 +116,25 @@ def _hidden_walls(walls: dict[int, Wall], local: Array, axes: Array, view: View)
     found: dict[int, Wall] = {}
     for number in set(range(len(SIDES))) - set(walls):
         axis, sign = SIDES[number]
-        ends = [sign * (one.end if sign > 0 else one.start) for one in walls.values() if SIDES[one.side][0] != axis]
-        for place in outermost_places(low, number) if ends else []:
+        ending = [one for one in measured.values() if SIDES[one.side][0] != axis]
+        for place in outermost_places(low, number) if ending else []:
             inner = place if sign * eye[axis] < place else place - thick
             wall = extend_to_corners(Wall(number, inner, inner + thick, 0.0, 0.0, height), walls)
             seen, past, _ = view.look(side_points(wall, place, axes))
-            if seen.sum() > CONFIG.face and past.sum() <= CONFIG.few and max(ends) < wall.outer + CONFIG.margin:
+            seen_alone = seen.sum() > CONFIG.face and past.sum() <= min(CONFIG.few, seen.sum() * (1 - CONFIG.seen))
+            if seen_alone and all(_may_end_at(wall, one, axes, view) for one in ending):
                 found[number] = wall
     return found
+
+
+def _may_end_at(wall: Wall, one: Wall, axes: Array, view: View) -> bool:
+    """Whether the measured wall ``one`` is seen neither beyond a ``wall`` across its end, nor past on the way to it."""
+    sign = SIDES[wall.side][1]
+    end = sign * (one.end if sign > 0 else one.start)
+    if end >= wall.outer + CONFIG.margin:
+        return False
+    _, past, _ = view.look(rim_points(one, axes, *sorted((sign * end, sign * wall.inner))))
+    return bool(past.sum() <= CONFIG.few)
 
 
 def _joined_walls(walls: dict[int, Wall], axes: Array, view: View) -> list[Wall]:

@@ -181,11 +181,9 @@ class EnclosedFloors:
     """Floors that are lower than the noise of a pixel."""
 
     wall: float = 0.02  # what is measured higher encloses them, however thin
-    enclosed: float = 0.7  # of its border: what rises encloses a piece with more than this
     floor: float = 0.0028  # a piece that is higher on average is a floor: cardboard is thicker, and the table between
     # things of a heap seems up to 2.7 mm high
-    cut: float = 0.2  # of its border, where the robot or a shadow makes up the rest: so much rises beside a floor
-    cut_floor: float = 0.004  # and it is higher on average: the table beside the robot is not
+    cut: float = 0.2  # of its border: so much rises beside a floor where the robot or a shadow makes up the rest
     pixels: float = 0.0004  # of the picture: of less the average says nothing
     gap: int = 5  # pixels: so far from its walls a floor may begin, for they shadow it
     owned: float = 0.2  # of a floor's border: the segment that more of it is with owns it

@@ -42,8 +42,7 @@ def find_enclosed_floors(
     beside = share_of_borders(pieces, above | tall)
     floors = np.zeros_like(pieces)
     for label, pixels in enumerate(pixels_by_label(pieces), 1):
-        lowest = config.floor if beside[label] > config.enclosed else config.cut_floor
-        if beside[label] > config.cut and np.nanmedian(height.take(pixels)) > lowest:
+        if beside[label] > config.cut and np.nanmedian(height.take(pixels)) > config.floor:
             floors.put(pixels, label)
     return floors
 
