@@ -24,6 +24,7 @@ from grs_agents.perception.image_geometry import (
 )
 from grs_agents.perception.segmentation import (
     find_enclosed_floors,
+    find_low_things,
     foreground_pixel_mask,
     is_sensor_noise,
     smooth_frame_depth,
@@ -71,6 +72,7 @@ def raised_pixel_mask(frame: RGBDFrame, table: TableFrame, left_out: Mask | None
     above = _fill_enclosed_pixels(above & ~scenery, low | blind)
     above |= _fill_enclosed_pixels(above | scenery | blind, low) & low & ~scenery
     above |= find_enclosed_floors(above, points[..., 2], ~scenery & ~blind, small, table) > 0
+    above |= find_low_things(small, table, above | scenery) > 0
     for _ in range(CONFIG.foot):
         above = above | (np.asarray(cv2.dilate(above.astype(np.uint8), KERNEL), np.bool_) & low)
     full = repeat_cells(above, frame, factor)

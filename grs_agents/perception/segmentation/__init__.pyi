@@ -5,6 +5,7 @@ from .configuration import Segmentation as Segmentation
 from .enclosed_floors import find_enclosed_floors as find_enclosed_floors
 from .hollow_shapes import is_open_at_top as is_open_at_top
 from .hollow_shapes import is_solid_object as is_solid_object
+from .low_things import find_low_things as find_low_things
 from .model_proposals import suppress_duplicate_masks as suppress_duplicate_masks
 from .occluded_pieces import join_occluded_pieces as join_occluded_pieces
 from .occlusion_edges import OcclusionEdges as OcclusionEdges

@@ -111,6 +111,7 @@ class SegmentFilter:
     fewest: int = 10  # pixels: fewer at the border say nothing
     clear: float = 0.05  # at the border an arm is higher than this above the table
     round: float = 0.02  # the heights of the flat top of an object that the border cuts differ by less than this
+    most: int = 90  # percent of an arm that is not the known one; what is beside that one is higher by less
     long: float = 0.15  # an arm reaches in by more than this along the table
     floor: float = 0.015  # the floor of a hollow object lies within this height of the table
     floor_margin: float = 0.005  # and this far inside its footprint
@@ -190,6 +191,22 @@ class EnclosedFloors:
 
 
 @dataclass(frozen=True)
+class LowThings:
+    """Things that lie free on the table, lower than the bound for one pixel. Pixels are those of the working size."""
+
+    highest: float = 0.02  # m: what is higher is found without
+    apart: int = 3  # pixels: so close to what rises, or is not measured, the sensor mixes both
+    gap: int = 7  # pixels: so wide is what is not measured for more than want of light
+    fine: int = 5  # pixels: the window in which a thing's height is averaged,
+    coarse: int = 61  # and the table's
+    lowest: float = 0.0035  # m over the table around it,
+    deviations: float = 5.0  # and over this many standard deviations of such averages
+    smallest: float = 0.0002  # of the picture
+    ring: int = 8  # pixels around a thing:
+    free: float = 0.6  # more of them show the table; beside the robot less do
+
+
+@dataclass(frozen=True)
 class Segmentation:
     """From the photo and its table to segments; ``rules`` are those of `RULES` that are on."""
 
@@ -202,6 +219,7 @@ class Segmentation:
     occluded: OccludedPieces = OccludedPieces()
     filter: SegmentFilter = SegmentFilter()
     floors: EnclosedFloors = EnclosedFloors()
+    low: LowThings = LowThings()
     proposals: MaskProposals = MaskProposals()
 
     def without_rules(self, *rules: str) -> Self:

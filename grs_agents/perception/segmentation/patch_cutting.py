@@ -63,7 +63,7 @@ def foreground_pixel_mask(
     ``points`` are (H, W, 3) in the robot frame, NaN where unknown; ``eye`` (3,) is where the camera is, robot frame."""
     height = points[..., 2]
     bound = depth_tolerance(depth.astype(np.float64))
-    hull = _find_table_hull(points, np.abs(height) < bound, eye, config)
+    hull = find_table_hull(points, np.abs(height) < bound, eye, config)
     if hull is None:
         return np.zeros(depth.shape, np.bool_)
     above = (height > np.maximum(bound, config.lowest)) & (height < config.tallest)
@@ -93,8 +93,11 @@ def _keep_surfaces_over_table(above: Mask, inside: Mask, depth: Depth) -> Mask:
     return keep[blobs] | inside & (blobs == 0)
 
 
-def _find_table_hull(points: Array, flat: Mask, eye: Array, config: Foreground) -> Array | None:
-    """(M, 2) corners of the visible table, over the gaps that objects make in it.
+def find_table_hull(
+    points: Array, flat: Mask, eye: Array, config: Foreground = DEFAULT.segmentation.foreground
+) -> Array | None:
+    """(M, 2) corners of the visible table, over the gaps that objects make in it, from the pixels (H, W) that lie
+    ``flat`` in its plane; None where there is none.
     The largest piece of plane is table, and so is every other piece, unless the camera sees something lower between
     them: then that one is a chair, a shelf or a floor of the same height."""
     labels = label_connected_components(cv2.erode(flat.astype(np.uint8), np.ones((5, 5), np.uint8)), 50)

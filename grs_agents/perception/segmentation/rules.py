@@ -15,5 +15,6 @@ RULES: Final = {
     "flying_pixels": "what is small and much deeper than it looks large is mixed of two surfaces, and no object",
     "entering": "what comes in from above, or from beyond the picture high over the table, is an arm, and no object",
     "hollow_floor": "what is low inside a hollow object is its floor, also where the robot or a shadow cuts its walls",
+    "low_thing": "what lies free and is higher on average than the table around it is an object, as a pen is",
 }
 """The rules by which segments are merged, dropped and filled, by name."""

@@ -20,6 +20,7 @@ from grs_agents.perception.image_geometry import (
 from grs_agents.perception.segmentation.configuration import Segmentation
 from grs_agents.perception.segmentation.enclosed_floors import add_enclosed_floors, find_enclosed_floors
 from grs_agents.perception.segmentation.hollow_shapes import is_open_at_top
+from grs_agents.perception.segmentation.low_things import find_low_things
 from grs_agents.perception.segmentation.occluded_pieces import join_occluded_pieces
 from grs_agents.perception.segmentation.part_merging import merge_parts
 from grs_agents.perception.segmentation.patch_cutting import (
@@ -45,6 +46,9 @@ def segment_objects_on_table(
     if "hollow_floor" in config.rules:
         floors = find_enclosed_floors(labels > 0, points[..., 2], smooth.depth > 0, small, table, config.floors)
         labels = add_enclosed_floors(labels, floors, config.floors)
+    if "low_thing" in config.rules:
+        low = find_low_things(small, table, above | (labels > 0), config.low)
+        labels = np.where(low > 0, low + labels.max(initial=0), labels).astype(np.int32)
     return labels if factor == 1 else upscale_labels(labels, small, frame, factor)
 
 
@@ -78,7 +82,8 @@ def is_segment_entering_view(mask: Mask, points: Array, camera: Camera, config: 
     whole = _drop_unknown_points(points[mask][::5])
     if len(whole) < bounds.fewest:
         return False
-    lowest, highest = np.percentile(whole[:, 2], (2, 99))
+    # Beside an arm that is known the sensor mixes both depths.
+    lowest, highest = np.percentile(whole[:, 2], (2, bounds.most if camera.arm_is_known else 99))
     if highest > config.foreground.tallest - bounds.round:
         return True
     sides = np.ones_like(mask)
