@@ -184,7 +184,7 @@ class EnclosedFloors:
     wall: float = 0.02  # what is measured higher encloses them, however thin
     floor: float = 0.0028  # a piece that is higher on average is a floor: cardboard is thicker, and the table between
     # things of a heap seems up to 2.7 mm high
-    cut: float = 0.2  # of its border: so much rises beside a floor where the robot or a shadow makes up the rest
+    cut: float = 0.1  # of its border: so much rises beside a floor where the robot or a shadow makes up the rest
     pixels: float = 0.0004  # of the picture: of less the average says nothing
     gap: int = 5  # pixels: so far from its walls a floor may begin, for they shadow it
     owned: float = 0.2  # of a floor's border: the segment that more of it is with owns it
