@@ -54,6 +54,7 @@ class RobotPixels:
     margin: float = 0.025  # hand-eye calibrations, and the arms' models, are better than that
     rays: int = 20_000  # the arm is drawn with about so many
     layer: float = 1.25  # times the depth: so much of the arm at a time
+    nearest: float = 0.1  # m: the margin of what is nearer is no wider, or a lens at the arm would make it the picture
     over_table: float = 0.002  # what a ray meets lower is the table
     slack: float = 0.01  # rad: encoders may say so much beyond a limit
 

@@ -58,13 +58,13 @@ def robot_pixel_mask(frame: RGBDFrame, robot: str, library: Library) -> Mask:
     if not np.isfinite(seen).any():
         return np.asarray(on_arm, np.bool_)
     # By layers: a margin is many pixels of a near link and few of a far one, and what lies between both is no arm.
-    start, end = float(seen.min()), float(seen[np.isfinite(seen)].max())
-    while start <= end:
-        layer = np.where((seen >= start) & (seen < start * CONFIG.layer), seen, np.inf)
-        near, far = _depths_within(layer, CONFIG.margin * frame.camera.fx / start / step)
+    start, end = 0.0, max(float(seen.min()), CONFIG.nearest)
+    while np.isfinite(seen[seen >= start]).any():
+        layer = np.where((seen >= start) & (seen < end * CONFIG.layer), seen, np.inf)
+        near, far = _depths_within(layer, CONFIG.margin * frame.camera.fx / end / step)
         low, high = _enlarge(near, frame), _enlarge(far, frame)
         on_arm |= (frame.depth > low - CONFIG.margin) & (frame.depth < high + CONFIG.margin)
-        start *= CONFIG.layer
+        start = end = end * CONFIG.layer
     return np.asarray(on_arm, np.bool_)
 
 
