@@ -44,8 +44,7 @@ def measure_stray_light(frame: RGBDFrame, table: TableFrame, arm: Array) -> Stra
         None where no robot is seen, or hardly anything lies better than it was measured.
     """
     small, factor = downscale_frame(frame)
-    known = np.isfinite(arm)
-    own = downscale_mask(known, factor)
+    own = downscale_mask(np.isfinite(arm), factor)
     whole = _fill_with_arm(small.depth, arm[factor // 2 :: factor, factor // 2 :: factor][: len(own), : own.shape[1]])
     away = cv2.distanceTransform((~own).astype(np.uint8), cv2.DIST_L2, 5)
     heights = robot_frame_point_map(small, table)[..., 2]

@@ -3,6 +3,7 @@
 from functools import lru_cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -152,3 +153,15 @@ def test_only_a_strip_that_fades_into_the_table_is_the_blurred_edge_of_the_robot
     found = separate_scenery_from_objects(parts, box & ~strip, SeenWalls(nowhere, nowhere), seen, table)
     assert len(parts) == 1
     assert (len(found.objects) == 0) == fades
+
+
+def test_what_lies_between_a_near_link_and_a_far_one_is_no_robot() -> None:
+    frame, arm = photo_of_arm(HOME)
+    around = np.ones((9, 9), np.uint8)
+    near = cv2.erode(np.where(arm, frame.depth, np.inf).astype(np.float32), around)
+    far = cv2.dilate(np.where(arm, frame.depth, 0).astype(np.float32), around)
+    between = arm & (far - near > 0.15)
+    assert np.count_nonzero(between) > 50
+    depth = np.where(between, (near + far) / 2, frame.depth).astype(np.float32)
+    found = robot_pixel_mask(RGBDFrame(frame.rgb, depth, frame.camera, frame.source), "ur5e", Library())
+    assert np.count_nonzero(found & between) < 0.1 * np.count_nonzero(between)

@@ -121,8 +121,8 @@ def _hidden_walls(
             inner = place if sign * eye[axis] < place else place - thick
             wall = extend_to_corners(Wall(number, inner, inner + thick, 0.0, 0.0, height), walls)
             seen, past, _ = view.look(side_points(wall, place, axes))
-            seen_alone = seen.sum() > CONFIG.face and past.sum() <= min(CONFIG.few, seen.sum() * (1 - CONFIG.seen))
-            if seen_alone and all(_may_end_at(wall, one, axes, view) for one in ending):
+            is_face_seen = seen.sum() > CONFIG.face and past.sum() <= min(CONFIG.few, seen.sum() * (1 - CONFIG.seen))
+            if is_face_seen and all(_may_end_at(wall, one, axes, view) for one in ending):
                 found[number] = wall
     return found
 

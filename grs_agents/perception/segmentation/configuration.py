@@ -111,7 +111,7 @@ class SegmentFilter:
     fewest: int = 10  # pixels: fewer at the border say nothing
     clear: float = 0.05  # at the border an arm is higher than this above the table
     round: float = 0.02  # the heights of the flat top of an object that the border cuts differ by less than this
-    most: int = 90  # percent of an arm that is not the known one; what is beside that one is higher by less
+    top_beside_arm: int = 90  # percentile of the heights that is the top, where the known arm's depth may be mixed in
     long: float = 0.15  # an arm reaches in by more than this along the table
     floor: float = 0.015  # the floor of a hollow object lies within this height of the table
     floor_margin: float = 0.005  # and this far inside its footprint

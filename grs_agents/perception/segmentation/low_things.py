@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.depth_noise import NORMAL
 from grs_agents.perception.image_geometry import (
     Index,
     Labels,
@@ -17,8 +18,6 @@ from grs_agents.perception.segmentation.configuration import LowThings
 from grs_agents.perception.segmentation.patch_cutting import find_table_hull
 from grs_agents.perception.table_finding import robot_frame_point_map
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
-
-NORMAL = 1.4826  # standard deviation of normal noise over the median of its absolute value
 
 
 def find_low_things(
@@ -52,7 +51,7 @@ def _pieces_over_their_surroundings(height: Array, flat: Mask, config: LowThings
     if not flat.any():
         return []
     relief = _average(height, flat, config.fine) - _average(height, flat, config.coarse)
-    deviation = NORMAL * float(np.median(np.abs(relief[flat])))
+    deviation = float(np.median(np.abs(relief[flat]))) / NORMAL
     raised = flat & (relief > max(config.lowest, config.deviations * deviation))
     kept: list[Index] = []
     for pixels in pixels_by_label(

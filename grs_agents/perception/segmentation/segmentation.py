@@ -82,8 +82,7 @@ def is_segment_entering_view(mask: Mask, points: Array, camera: Camera, config: 
     whole = _drop_unknown_points(points[mask][::5])
     if len(whole) < bounds.fewest:
         return False
-    # Beside an arm that is known the sensor mixes both depths.
-    lowest, highest = np.percentile(whole[:, 2], (2, bounds.most if camera.arm_is_known else 99))
+    lowest, highest = np.percentile(whole[:, 2], (2, bounds.top_beside_arm if camera.arm_is_known else 99))
     if highest > config.foreground.tallest - bounds.round:
         return True
     sides = np.ones_like(mask)
