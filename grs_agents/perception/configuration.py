@@ -51,7 +51,14 @@ class DepthAlignment:
 class RobotPixels:
     """Which pixels show the robot."""
 
-    margin: float = 0.025  # hand-eye calibrations, and the arms' models, are better than that
+    # m: what is nearer to the arm is the arm's, by the error of this photo. Hand-eye calibrations and the arms' models
+    # are better than the second; with the first, one that is 1 cm off would leave arm beside the arm.
+    margin: tuple[float, float] = (0.015, 0.025)
+    blur: float = 0.01  # m: at the edges of an arm that is where it should be its depth is mixed with that of others,
+    errors: float = 1.5  # and so many times the error in depth comes to that,
+    percentile: int = 80  # of the pixels: the rest are at steep sides
+    inset: int = 9  # pixels: a square of so many lies on the arm
+    fewest: int = 100  # such pixels: of fewer the error is not known
     rays: int = 20_000  # the arm is drawn with about so many
     layer: float = 1.25  # times the depth: so much of the arm at a time
     nearest: float = 0.1  # m: the margin of what is nearer is no wider, or a lens at the arm would make it the picture
@@ -269,6 +276,7 @@ class Scenery:
 
     base: float = 0.0  # what has its middle behind this x is behind the robot's base
     beyond: float = 0.25  # what has its middle farther from the workspace than this is in no task's way
+    robot: float = 0.5  # of its pixels: a segment of which more are the robot's is a hole in the arm's depth
     meets: int = 8  # pixels: what is so near to the robot is beside it
     widest: int = 20  # pixels: its blurred edge is narrower
     low: float = 0.025  # m: most of its blurred edge over the table is lower
@@ -289,7 +297,7 @@ class CoverageMeasuring:
     listed: float = 0.005  # of what rises: a smaller region is counted, but not listed
     most: float = 0.5  # of a region: what holds of more than this share of it is the reason
     thin: int = 5  # pixels: what is thinner is an edge
-    halo: int = 10  # pixels around what is left out: its blurred edges do not count
+    halo: int = 7  # pixels around what is left out: its blurred edges do not count
     named: int = 3  # regions are named in a warning
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from grs_agents.perception.annotated_pictures import draw_numbered_regions
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (
+    Labels,
     compute_percentiles,
     label_connected_components,
     pixels_by_label,
@@ -31,7 +32,7 @@ from grs_agents.perception.segmentation import (
 )
 from grs_agents.perception.table_finding import pixels_to_robot_frame, robot_frame_point_map
 from grs_agents.perception.types import Aabb, Array, Coverage, Mask, RGBDFrame, TableFrame, UnownedRegion
-from grs_agents.perception.working_resolution import downscale_frame, repeat_cells
+from grs_agents.perception.working_resolution import downscale_frame, downscale_mask, repeat_cells
 
 CONFIG, SMALLEST = DEFAULT.coverage, DEFAULT.segmentation.filter.smallest
 PICTURE = "scene/coverage.png"
@@ -71,14 +72,29 @@ def raised_pixel_mask(frame: RGBDFrame, table: TableFrame, left_out: Mask | None
     blind = smooth.depth <= 0
     above = _fill_enclosed_pixels(above & ~scenery, low | blind)
     above |= _fill_enclosed_pixels(above | scenery | blind, low) & low & ~scenery
-    above |= find_enclosed_floors(above, points[..., 2], ~scenery & ~blind, small, table) > 0
+    floors = find_enclosed_floors(above, points[..., 2], ~scenery & ~blind, small, table)
+    above |= floors > 0
     above |= find_low_things(small, table, above | scenery) > 0
     for _ in range(CONFIG.foot):
         above = above | (np.asarray(cv2.dilate(above.astype(np.uint8), KERNEL), np.bool_) & low)
     full = repeat_cells(above, frame, factor)
     if left_out is None:
         return full
-    return full & ~np.asarray(cv2.dilate(left_out.astype(np.uint8), KERNEL, iterations=CONFIG.halo), np.bool_)
+    blurred = np.asarray(cv2.dilate(left_out.astype(np.uint8), KERNEL, iterations=CONFIG.halo), np.bool_)
+    # A floor has one height: where that is measured beside the blur, all of it counts.
+    sure = _floors_measured_at(~downscale_mask(blurred, factor), floors, points[..., 2])
+    return full & (~blurred | repeat_cells(sure, frame, factor))
+
+
+def _floors_measured_at(clear: Mask, floors: Labels, height: Array) -> Mask:
+    """(H, W) the ``floors`` (H, W), from 1, that lie over the table where it is ``clear`` (H, W)."""
+    bounds = DEFAULT.segmentation.floors
+    found = np.zeros(floors.shape, np.bool_)
+    for pixels in pixels_by_label(floors):
+        own = pixels[clear.take(pixels)]
+        if len(own) > bounds.pixels * floors.size and np.nanmedian(height.take(own)) > bounds.floor:
+            found.put(pixels, True)
+    return found
 
 
 def _drop_sensor_noise(above: Mask, height: Array, table: TableFrame) -> Mask:

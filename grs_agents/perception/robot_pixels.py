@@ -48,7 +48,8 @@ def robot_pixel_mask(frame: RGBDFrame, robot: str, library: Library) -> Mask:
     """(H, W) the pixels that show an arm, by name or path, at the joints that the frame's camera tells.
 
     A pixel does if its point lies within a margin of the arm as the photo's camera sees it: the model and the
-    calibration are not exact. None does where the camera is not calibrated, or the joints are not given.
+    calibration are not exact, and the margin is the wider the more the photo's depth is off the arm's. None does where
+    the camera is not calibrated, or the joints are not given.
 
     Raises:
         InputError: the arm cannot be at these joints.
@@ -57,15 +58,28 @@ def robot_pixel_mask(frame: RGBDFrame, robot: str, library: Library) -> Mask:
     on_arm = np.isfinite(_enlarge(seen, frame)) & (frame.depth <= 0)
     if not np.isfinite(seen).any():
         return np.asarray(on_arm, np.bool_)
+    margin = _measure_margin(_enlarge(seen, frame), frame)
     # By layers: a margin is many pixels of a near link and few of a far one, and what lies between both is no arm.
     start, end = 0.0, max(float(seen.min()), CONFIG.nearest)
     while np.isfinite(seen[seen >= start]).any():
         layer = np.where((seen >= start) & (seen < end * CONFIG.layer), seen, np.inf)
-        near, far = _depths_within(layer, CONFIG.margin * frame.camera.fx / end / step)
+        near, far = _depths_within(layer, margin * frame.camera.fx / end / step)
         low, high = _enlarge(near, frame), _enlarge(far, frame)
-        on_arm |= (frame.depth > low - CONFIG.margin) & (frame.depth < high + CONFIG.margin)
+        on_arm |= (frame.depth > low - margin) & (frame.depth < high + margin)
         start = end = end * CONFIG.layer
     return np.asarray(on_arm, np.bool_)
+
+
+def _measure_margin(arm: Array, frame: RGBDFrame) -> float:
+    """How far, m, from an arm of this depth (H, W) what the photo shows may be the arm. How far calibration and model
+    are off is seen in the depth where the arm should be, away from its edges."""
+    least, widest = CONFIG.margin
+    inside = cv2.erode(np.isfinite(arm).astype(np.uint8), np.ones((CONFIG.inset,) * 2, np.uint8)) > 0
+    errors = np.abs(frame.depth - arm)[inside & (frame.depth > 0)]
+    errors = errors[errors < 2 * widest]  # what is off by more is something before the arm
+    if len(errors) < CONFIG.fewest:
+        return widest
+    return float(np.clip(CONFIG.blur + CONFIG.errors * np.percentile(errors, CONFIG.percentile), least, widest))
 
 
 def _depths_within(seen: Array, reach: float) -> tuple[Array, Array]:

@@ -69,9 +69,7 @@ def _explain_scenery_by_number(
     candidates = [one for one in candidates if not one.given]
     away = np.asarray(cv2.distanceTransform((~robot).astype(np.uint8), cv2.DIST_L2, 5), np.float64)
     why = {one.id: _explain_scenery_by_position(one, points, camera, table) for one in candidates}
-    why |= {
-        one.id: ROBOT for one in candidates if robot.any() and _is_blurred_edge(away[one.mask], points[one.mask, 2])
-    }
+    why |= {one.id: ROBOT for one in candidates if robot.any() and _is_robot(away[one.mask], points[one.mask, 2])}
     why |= {one.id: WALL for one in candidates if _mixes_robot_and_wall(mixed[one.mask], points[one.mask, 2])}
     return {number: reason for number, reason in why.items() if reason}
 
@@ -81,6 +79,12 @@ def _unite_mask_with_candidates(mask: Mask, candidates: Sequence[Candidate]) -> 
     for one in candidates:
         united |= one.mask
     return united
+
+
+def _is_robot(away: Array, heights: Array) -> bool:
+    """Whether a segment is a hole in the robot's depth that smoothing filled, or its blurred edge; ``away`` (N,) and
+    ``heights`` (N,) as in `_is_blurred_edge`."""
+    return bool(np.count_nonzero(away <= 0) > CONFIG.robot * len(away)) or _is_blurred_edge(away, heights)
 
 
 def _is_blurred_edge(away: Array, heights: Array) -> bool:

@@ -92,6 +92,16 @@ def test_a_wall_is_found_of_which_the_robot_leaves_a_narrow_strip() -> None:
     assert np.count_nonzero(found & strip) > 0.8 * np.count_nonzero(strip) > 100
 
 
+def test_a_box_along_the_bin_is_no_wall_where_longer_walls_go_on_beyond_it() -> None:
+    boxes = [*walls_around((0.3, -0.2), (0.85, 0.2), 0.08), ((0.42, -0.18, 0.0), (0.435, 0.18, 0.08))]
+    owner = room.photo(room.camera(width=640, height=480), boxes=np.concatenate([room.BOXES, np.array(boxes)]))[2]
+    near, box = owner == FIRST + 2, owner == FIRST + 4
+    found, _ = found_in(boxes, hidden=near)
+    assert np.count_nonzero(found & box) < 0.02 * np.count_nonzero(box)
+    walls = (owner >= FIRST) & ~near & ~box
+    assert np.count_nonzero(found & walls) > 0.9 * np.count_nonzero(walls) > 1000
+
+
 def test_walls_that_go_on_beyond_the_picture_are_found() -> None:
     assert_walls_found(*found_in(walls_around((0.3, -0.8), (0.72, 0.3), 0.08)))
 

@@ -102,6 +102,22 @@ def test_the_floor_of_a_box_rises_and_what_lies_among_walls_on_the_table_does_no
         assert (raised_pixel_mask(frame, table)[own].mean() > 0.9) == rises
 
 
+@pytest.mark.parametrize(("thick", "rises"), [(0.005, True), (0.0, False)])
+def test_a_floor_rises_up_to_the_robot_that_hides_a_part_of_it(thick: float, rises: bool) -> None:
+    walls = [(0.4, -0.1, 0.6, -0.09), (0.4, 0.09, 0.6, 0.1), (0.4, -0.09, 0.41, 0.09), (0.59, -0.09, 0.6, 0.09)]
+    sides = [((x, y, 0.0), (far, left, 0.03)) for x, y, far, left in walls]
+    floor = [((0.41, -0.09, 0.0), (0.59, 0.09, thick))] if thick else []
+    boxes = np.concatenate([room.BOXES[:4], np.array(sides + floor)])
+    frame, points, owner = room.photo(room.camera(width=640, height=480), noise=0.002, boxes=boxes)
+    arm = np.zeros(owner.shape, np.bool_)
+    arm[:, 330:370] = True
+    inside = (points[..., 0] > 0.43) & (points[..., 0] < 0.57) & (np.abs(points[..., 1]) < 0.07) & ~arm
+    beside = inside & np.asarray(cv2.dilate(arm.astype(np.uint8), np.ones((11, 11), np.uint8)), np.bool_)
+    assert np.count_nonzero(beside) > 100
+    found = raised_pixel_mask(frame, find_table(frame, np.random.default_rng(0)), left_out=arm)
+    assert (found[beside].mean() > 0.9) == rises and not found[arm].any()
+
+
 def test_what_was_not_measured_does_not_count(seen: Seen) -> None:
     frame, table, owner, _ = seen
     hidden = cv2.erode((owner == THING).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0

@@ -165,3 +165,24 @@ def test_what_lies_between_a_near_link_and_a_far_one_is_no_robot() -> None:
     depth = np.where(between, (near + far) / 2, frame.depth).astype(np.float32)
     found = robot_pixel_mask(RGBDFrame(frame.rgb, depth, frame.camera, frame.source), "ur5e", Library())
     assert np.count_nonzero(found & between) < 0.1 * np.count_nonzero(between)
+
+
+@pytest.mark.parametrize(("off", "is_object"), [(0.0, True), (0.015, False)])
+def test_how_near_to_the_arm_things_are_told_from_it_depends_on_the_calibration(off: float, is_object: bool) -> None:
+    frame, arm = photo_of_arm(HOME)
+    beside = (cv2.dilate(arm.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0) & ~arm
+    far = cv2.dilate(np.where(arm, frame.depth, 0).astype(np.float32), np.ones((13, 13), np.uint8))
+    depth = np.where(beside, far + 0.02, np.where(arm, frame.depth + off, frame.depth)).astype(np.float32)
+    found = robot_pixel_mask(RGBDFrame(frame.rgb, depth, frame.camera, frame.source), "ur5e", Library())
+    assert np.count_nonzero(beside) > 200
+    assert np.count_nonzero(found & arm) > 0.95 * np.count_nonzero(arm)
+    assert (np.count_nonzero(found & beside) < 0.3 * np.count_nonzero(beside)) == is_object
+
+
+def test_a_hole_in_the_depth_of_the_arm_is_the_robot() -> None:
+    frame, owner = room_photo(room.BOXES.tobytes(), 1)
+    table, nowhere = find_table(frame, np.random.default_rng(0)), np.zeros(owner.shape, bool)
+    parts = measure_candidates(frame, table, np.where(owner == 4, 1, np.where(owner == 5, 2, 0)).astype(np.int32))
+    found = separate_scenery_from_objects(parts, owner == 4, SeenWalls(nowhere, nowhere), frame, table)
+    assert len(found.objects) == 1 and "joints" in found.reasons[0]
+    assert found.left_out[owner == 4].all() and not found.left_out[owner == 5].any()

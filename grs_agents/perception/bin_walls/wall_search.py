@@ -1,6 +1,7 @@
 """The walls of a bin, found in what rises above the table and checked against the photo."""
 
 from collections.abc import Sequence
+from itertools import permutations
 
 import numpy as np
 
@@ -57,13 +58,37 @@ def find_walls(sights: Sequence[Sight], axes: Array) -> tuple[list[Wall], Array]
 def _straight_walls(local: Array, axes: Array, view: View) -> dict[int, Wall]:
     """By side, the outermost lines of which the rims are level with each other, and seen all along."""
     level = rim_level(local)
-    found: dict[int, Wall] = {}
-    for number in range(len(SIDES)):
-        walls = [_measure_wall(local, number, place, level) for place in possible_rim_places(local, number, level)]
-        seen = {seen_rim_length(wall, axes, view): wall for wall in walls if wall is not None}
-        if seen and max(seen) > CONFIG.few:
-            found[number] = seen[max(seen)]
-    return found
+    rims = {number: _possible_rims(local, number, level, axes, view) for number in range(len(SIDES))}
+    while crossed := _crossed_sides({number: ones[-1] for number, ones in rims.items() if ones}, axes, view):
+        for number in crossed:
+            rims[number].pop()
+    return {number: ones[-1][1] for number, ones in rims.items() if ones}
+
+
+def _possible_rims(local: Array, number: int, level: float, axes: Array, view: View) -> list[tuple[int, Wall]]:
+    """The rims that may be on a side, with how many centimetres are seen of each, the longest last."""
+    walls = [_measure_wall(local, number, place, level) for place in possible_rim_places(local, number, level)]
+    seen = [(seen_rim_length(wall, axes, view), wall) for wall in walls if wall is not None]
+    return sorted((one for one in seen if one[0] > CONFIG.few), key=lambda one: one[0])
+
+
+def _crossed_sides(rims: dict[int, tuple[int, Wall]], axes: Array, view: View) -> set[int]:
+    """The sides on which lies no wall, as a longer one goes on beyond it: its line is that of things in the bin."""
+    crossed: set[int] = set()
+    for (length, wall), (longer, one) in permutations(rims.values(), 2):
+        if longer > length and _is_seen_beyond(one, wall, axes, view):
+            crossed.add(wall.side)
+    return crossed
+
+
+def _is_seen_beyond(one: Wall, wall: Wall, axes: Array, view: View) -> bool:
+    """Whether the wall ``one`` is across a ``wall``, and more of it is seen beyond that than by chance."""
+    axis, sign = SIDES[wall.side]
+    end, corner = sign * (one.end if sign > 0 else one.start), wall.outer + CONFIG.strip
+    if SIDES[one.side][0] == axis or end <= corner:
+        return False
+    seen, _, _ = view.look(rim_points(one, axes, *sorted((sign * corner, sign * end))))
+    return bool(seen.sum() > CONFIG.few)
 
 
 def _measure_wall(local: Array, number: int, place: float, level: float) -> Wall | None:

@@ -17,6 +17,7 @@ class Foreground:
     most_seen_through: float = 0.1  # of what lies between two pieces of plane may show something lower: one table
     lower: float = 0.05  # what is so much lower than the table top is seen beside it, not on it
     beyond_table: float = 0.15  # from its visible part, objects stand on its near part that is out of the picture
+    hidden_table: float = 0.04  # from it they hide table: so much is not seen beside a bin's near wall and the robot
 
 
 @dataclass(frozen=True)

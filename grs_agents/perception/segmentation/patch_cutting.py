@@ -69,18 +69,19 @@ def foreground_pixel_mask(
     above = (height > np.maximum(bound, config.lowest)) & (height < config.tallest)
     above = cv2.morphologyEx(above.astype(np.uint8), cv2.MORPH_OPEN, CROSS).astype(np.bool_)
     inside = np.zeros(depth.shape, np.bool_)
-    inside[above] = _points_over_table_mask(values_in_mask(points, above), hull, eye, config.beyond_table)
+    inside[above] = _points_over_table_mask(values_in_mask(points, above), hull, eye, config)
     return _keep_surfaces_over_table(above, inside, depth)
 
 
-def _points_over_table_mask(points: Array, hull: Array, eye: Array, beyond: float) -> Mask:
+def _points_over_table_mask(points: Array, hull: Array, eye: Array, config: Foreground) -> Mask:
     """Which of (N, 3) points are over the table, or near it and hide it from the camera's ``eye``.
     The near part of the table may be out of the picture, below the objects that stand on it."""
     over = points_in_hull_mask(points[:, :2], hull, margin=0.02)
     rest = points.compress(~over, axis=0)
     share = rest[:, 2:] / np.minimum(rest[:, 2:] - eye[2], -1e-6)
     hidden = rest[:, :2] - share * (rest[:, :2] - eye[:2])
-    over[~over] = points_in_hull_mask(rest[:, :2], hull, beyond) & points_in_hull_mask(hidden, hull, 0.0)
+    near = points_in_hull_mask(rest[:, :2], hull, config.beyond_table)
+    over[~over] = near & points_in_hull_mask(hidden, hull, config.hidden_table)
     return over
 
 
