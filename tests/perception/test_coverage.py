@@ -118,6 +118,20 @@ def test_a_floor_rises_up_to_the_robot_that_hides_a_part_of_it(thick: float, ris
     assert (found[beside].mean() > 0.9) == rises and not found[arm].any()
 
 
+def test_a_near_wall_rises_though_the_table_beside_it_is_hidden() -> None:
+    wall = np.array([((0.3, -0.2, 0.0), (0.32, 0.2, 0.08))])
+    boxes = np.concatenate([room.BOXES[:4], wall])
+    frame, points, owner = room.photo(room.camera(width=640, height=480), boxes=boxes)
+    rows, columns = np.nonzero(owner == 4)
+    left, right, bottom = columns.min() + 20, columns.max() - 20, rows.max() - 2  # no table is before it nor beside it
+    depth = np.where((owner == 0) & (points[..., 0] < 0.39), np.float32(0), frame.depth)  # and some behind it is hidden
+    update = {"height": int(bottom), "width": int(right - left), "cx": frame.camera.cx - float(left)}
+    camera = frame.camera.model_copy(update=update)
+    seen = RGBDFrame(frame.rgb[:bottom, left:right], depth[:bottom, left:right], camera, frame.source)
+    found = raised_pixel_mask(seen, find_table(seen, np.random.default_rng(0)))
+    assert found[owner[:bottom, left:right] == 4].mean() > 0.95
+
+
 def test_what_was_not_measured_does_not_count(seen: Seen) -> None:
     frame, table, owner, _ = seen
     hidden = cv2.erode((owner == THING).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
