@@ -51,14 +51,14 @@ class DepthAlignment:
 class RobotPixels:
     """Which pixels show the robot."""
 
-    # m: what is nearer to the arm is the arm's, by the error of this photo. Hand-eye calibrations and the arms' models
-    # are better than the second; with the first, one that is 1 cm off would leave arm beside the arm.
+    # m: what is nearer to the arm is taken for it, at least and at most: hand-eye calibrations and the arms' models
+    # are better than the second, but if they are 1 cm off, the first leaves pieces of the arm beside it.
     margin: tuple[float, float] = (0.015, 0.025)
-    blur: float = 0.01  # m: at the edges of an arm that is where it should be its depth is mixed with that of others,
-    errors: float = 1.5  # and so many times the error in depth comes to that,
-    percentile: int = 80  # of the pixels: the rest are at steep sides
-    inset: int = 9  # pixels: a square of so many lies on the arm
-    fewest: int = 100  # such pixels: of fewer the error is not known
+    blur: float = 0.01  # m: the margin of an arm that is where it should be, as depth is mixed at its edges;
+    errors: float = 1.5  # so many times the measured error in depth is added,
+    percentile: int = 80  # which is this percentile: at steep sides depth is off by more
+    inset: int = 9  # pixels: the error is measured where a square of so many lies on the arm
+    fewest: int = 100  # such pixels: of fewer it is not known
     rays: int = 20_000  # the arm is drawn with about so many
     layer: float = 1.25  # times the depth: so much of the arm at a time
     nearest: float = 0.1  # m: the margin of what is nearer is no wider, or a lens at the arm would make it the picture
