@@ -4,7 +4,6 @@ The background of the photo becomes an asset of the run.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -39,7 +38,6 @@ from grs_agents.perception import (
     RGBDFrame,
     SceneDescription,
     SceneObject,
-    SeenWalls,
     TableFrame,
     add_residual_candidates,
     center_objects_in_workspace,
@@ -48,7 +46,7 @@ from grs_agents.perception import (
     describe_depth_shift,
     describe_table_doubts,
     draw_object_names,
-    find_bin_walls,
+    find_objects,
     is_known_scene,
     load_mask,
     measure_coverage,
@@ -67,7 +65,6 @@ from grs_agents.perception import (
     save_candidates,
     save_frame,
     save_twin_picture,
-    separate_scenery_from_objects,
     smooth_depth_noise,
     write_png,
 )
@@ -171,17 +168,16 @@ def segment_photo(state: RunState, services: Services) -> Update:
     """Segment what stands on the table into candidates, and place the robot in front of them."""
     frame, config, table = services.load_photo(state), services.config, _table_from_state(state)
     robot = robot_pixel_mask(frame, services.robot_name_or_path, services.library)
-    walls = find_bin_walls(frame, table, robot)
     # What is not set is not told, so that a tool need not take it.
     told = {"model": None, **config.segment.model_dump(exclude_defaults=True)}
-    known = robot | walls.pixels
-    left = replace(frame, depth=np.where(known, np.float32(0), frame.depth)) if known.any() else frame
-    result = services.run_tool(config.tools.segment, frame=left, table=table, **told)
-    if walls.pixels.any() and any(one.given for one in result.candidates):  # who gave masks says what is an object
-        walls = SeenWalls(np.zeros_like(robot), np.zeros_like(robot))
-        left = replace(frame, depth=np.where(robot, np.float32(0), frame.depth))
-        result = services.run_tool(config.tools.segment, frame=left, table=table, **told)
-    found = separate_scenery_from_objects(result.candidates, robot, walls, frame, table)
+    said: list[str] = []
+
+    def segment(photo: RGBDFrame) -> Sequence[Candidate]:
+        result = services.run_tool(config.tools.segment, frame=photo, table=table, **told)
+        said[:] = getattr(result, "notes", ())
+        return result.candidates
+
+    found = find_objects(frame, table, robot, segment)
     if not found.objects:
         raise InputError(
             f"{state['scene_path']}: nothing on the table is an object: {'; '.join(sorted(set(found.reasons)))}",
@@ -206,7 +202,7 @@ def segment_photo(state: RunState, services: Services) -> Update:
     )
     background, notes = build_background_asset(frame, table, candidates, robot, services)
     return {
-        "notes": [*state["notes"], *getattr(result, "notes", ()), *notes],
+        "notes": [*state["notes"], *said, *notes],
         "background": background,
         "table": table.model_dump(mode="json"),
         "candidates": [record.model_dump(mode="json") for record in records],

@@ -25,3 +25,4 @@ from .rim_fit import fit_bowl_rim as fit_bowl_rim
 from .rules import RULES as RULES
 from .segmentation import is_segment_entering_view as is_segment_entering_view
 from .segmentation import is_sensor_noise as is_sensor_noise
+from .unmeasured_pixels import add_unmeasured_pixels as add_unmeasured_pixels

@@ -98,7 +98,7 @@ def _measure_candidate(
     return Candidate(
         id=number,
         mask=mask,
-        crop=_crop_segment(frame, mask),
+        crop=crop_segment(frame, mask),
         box=Aabb(low=_to_vec3((*least, bottom)), high=_to_vec3((*most, top))),
         upright=UprightBox(center=(x, y, (bottom + top) / 2), size=(length, width, top - bottom), yaw=yaw),
         color=_to_vec3(values_in_mask(frame.rgb, mask).mean(axis=0) / 255),
@@ -158,7 +158,7 @@ def _find_bottom_height(cloud: Array, others: Sequence[tuple[Array, float]]) -> 
     return 0.0
 
 
-def _crop_segment(
+def crop_segment(
     frame: RGBDFrame, mask: Mask, margin: float = 0.15
 ) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
     """The segment's rectangle with a margin; what does not belong to it is dimmed."""

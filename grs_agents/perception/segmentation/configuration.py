@@ -208,6 +208,13 @@ class LowThings:
 
 
 @dataclass(frozen=True)
+class UnmeasuredPixels:
+    """Pixels without depth that show an object."""
+
+    blur: int = 2  # pixels of the working size: the edge of what is measured may be so far within the object's outline
+
+
+@dataclass(frozen=True)
 class Segmentation:
     """From the photo and its table to segments; ``rules`` are those of `RULES` that are on."""
 
@@ -222,6 +229,7 @@ class Segmentation:
     floors: EnclosedFloors = EnclosedFloors()
     low: LowThings = LowThings()
     proposals: MaskProposals = MaskProposals()
+    unmeasured: UnmeasuredPixels = UnmeasuredPixels()
 
     def without_rules(self, *rules: str) -> Self:
         """The same with some rules off.

@@ -1,0 +1,66 @@
+"""Pixels without depth: what they show is told by colour."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from grs_agents.perception import (
+    Candidate,
+    Mask,
+    RGBDFrame,
+    SortedCandidates,
+    find_objects,
+    find_table,
+    measure_candidates,
+    segment_objects_on_table,
+)
+from tests.perception import room
+
+
+def shadowed_photo(width: int) -> tuple[RGBDFrame, Mask, Mask]:
+    """The room without the depth of a notch in the nearer thing and of the table in the shadow that a second lens does
+    not see into, with noisy colours; where notch and shadow are."""
+    frame, _, owner = room.photo(room.camera(width=width, height=width * 3 // 4))
+    nearer = owner == room.THINGS[0]
+    rows, columns = np.nonzero(nearer)
+    across, down = np.meshgrid(np.arange(owner.shape[1]), np.arange(owner.shape[0]))
+    low, high = np.percentile(rows, (35, 65))
+    notch = nearer & (down > low) & (down < high) & (across > np.median(columns))
+    shadow = (np.roll(nearer, -width // 16, axis=1) | np.roll(nearer, -width // 32, axis=1)) & (owner == room.TABLE[0])
+    noise = np.random.default_rng(1).normal(scale=4.0, size=frame.rgb.shape)
+    rgb = np.clip(frame.rgb + noise, 0, 255).astype(np.uint8)
+    return replace(frame, rgb=rgb, depth=np.where(notch | shadow, np.float32(0), frame.depth)), notch, shadow
+
+
+def objects_in(frame: RGBDFrame, given: bool, robot: Mask) -> SortedCandidates:
+    table = find_table(frame, np.random.default_rng(0))
+
+    def segment(photo: RGBDFrame) -> tuple[Candidate, ...]:
+        return measure_candidates(photo, table, segment_objects_on_table(photo, table), given)
+
+    return find_objects(frame, table, robot, segment)
+
+
+def owned_pixels(found: SortedCandidates) -> Mask:
+    return np.logical_or.reduce([one.mask for one in found.objects])
+
+
+@pytest.mark.parametrize("width", [640, 1600])  # at 1600 the photo is segmented at a smaller size
+def test_an_object_owns_the_pixels_without_depth_that_show_it(width: int) -> None:
+    frame, notch, shadow = shadowed_photo(width)
+    found = objects_in(frame, given=False, robot=np.zeros_like(notch))
+    owned = owned_pixels(found)
+    assert owned[notch].mean() > 0.9
+    assert owned[shadow].mean() < 0.15
+    (nearer,) = (one for one in found.objects if one.mask[notch].any())
+    assert nearer.mask[notch].mean() > 0.9
+    assert (nearer.crop > 100).any(axis=-1).sum() > 0.9 * nearer.mask.sum()  # what is not the object's is dimmed
+
+
+def test_masks_of_the_user_and_the_robot_stay_as_they_are() -> None:
+    frame, notch, _ = shadowed_photo(640)
+    nothing = np.zeros_like(notch)
+    assert owned_pixels(objects_in(frame, given=False, robot=nothing))[notch].mean() > 0.9
+    assert owned_pixels(objects_in(frame, given=True, robot=nothing))[notch].mean() < 0.5
+    assert owned_pixels(objects_in(frame, given=False, robot=notch))[notch].mean() < 0.5
