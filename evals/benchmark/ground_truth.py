@@ -93,6 +93,13 @@ class LabelledScene:
     points: Mapping[int, Array] = field(default_factory=dict[int, Array])
     fixed: Mask | None = None
 
+    @property
+    def unlabelled(self) -> Mask:
+        """(H, W) what the labels say nothing about: the pixels without depth, where no label reaches any of them, as it
+        is with labels that were made on the depth."""
+        unmeasured = self.frame.depth <= 0
+        return unmeasured & ~(self.labels[unmeasured] > 0).any()
+
     def ignored(self) -> frozenset[int]:
         """Labels of objects of which too little is seen to ask for them."""
         areas = np.bincount(self.labels.ravel(), minlength=1 + max((one.id for one in self.truth.objects), default=0))

@@ -59,7 +59,7 @@ def measure_scene(order: Order, out: Path) -> Result:
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MEBIBYTE
     labels = np.zeros(scene.labels.shape, np.int32)
     for one in found.candidates:
-        labels[one.mask] = one.id
+        labels[one.mask & ~scene.unlabelled] = one.id
     figures = _figures(order, scene, labels, found, out).model_copy(
         update={"cpu_seconds": found.seconds, "peak_mib": peak}
     )

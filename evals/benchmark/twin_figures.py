@@ -119,10 +119,11 @@ def _true_depth(scene: LabelledScene) -> Array:
 
 def _looks(number: int, scene: LabelledScene, label: int, run: SceneRun, depth: Array) -> dict[str, object]:
     """How an object of the twin looks from the photo's camera: intersection over union of what is seen of it and what
-    the photo shows of it, without pixels of the robot and of walls; and the 90th percentile of the error of depth."""
+    the photo shows of it, without pixels of robot and walls and those that nobody labelled; and the 90th percentile of
+    the error of depth."""
     rows, columns = run.twin.owner.shape
     fixed = np.zeros(scene.labels.shape, np.bool_) if scene.fixed is None else scene.fixed
-    free = ~_resized(fixed, rows, columns)
+    free = ~_resized(fixed | scene.unlabelled, rows, columns)
     drawn = (run.twin.owner == number) & free
     shown = _resized(scene.labels == label, rows, columns) & free
     both, either = drawn & shown, int((drawn | shown).sum())

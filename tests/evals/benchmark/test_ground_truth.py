@@ -39,6 +39,16 @@ def test_labels_alone_are_enough(scene_folder: Callable[..., Path]) -> None:
     assert scene.truth.objects == ()
 
 
+@pytest.mark.parametrize(("first", "unlabelled"), [(8, 0), (16, 24 * 4)])
+def test_labels_made_on_the_depth_say_nothing_where_there_is_none(
+    scene_folder: Callable[..., Path], first: int, unlabelled: int
+) -> None:
+    depth, labels = np.full((24, 32), 800, np.uint16), np.zeros((24, 32), np.uint8)
+    depth[:, 8:12], labels[:, first:20] = 0, 1
+    scene = read_labelled(_labelled(scene_folder(depth=cv2.imencode(".png", depth)[1].tobytes()), labels))
+    assert np.count_nonzero(scene.unlabelled) == unlabelled
+
+
 @pytest.mark.parametrize("labels", [np.zeros((24, 32, 3), np.uint8), np.zeros((12, 16), np.uint8)])
 def test_labels_of_another_kind_are_refused(scene_folder: Callable[..., Path], labels: np.ndarray) -> None:
     with pytest.raises(InputError, match=r"labels\.png"):
