@@ -57,7 +57,7 @@ def made_once(folder: Path, make: Callable[[], object]) -> Path:
     folder.parent.mkdir(exist_ok=True)
     with folder.with_name(f"{folder.name}.made").open("a") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        if not lock.tell():
+        if not os.fstat(lock.fileno()).st_size:  # as it is now, not as it was when this process began to wait
             make()
             lock.write("made")
     return folder
