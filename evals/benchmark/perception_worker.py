@@ -59,7 +59,8 @@ def measure_scene(order: Order, out: Path) -> Result:
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MEBIBYTE
     labels = np.zeros(scene.labels.shape, np.int32)
     for one in found.candidates:
-        labels[one.mask & ~scene.unlabelled] = one.id
+        labels[one.mask] = one.id
+    labels[scene.unlabelled] = 0
     figures = _figures(order, scene, labels, found, out).model_copy(
         update={"cpu_seconds": found.seconds, "peak_mib": peak}
     )
@@ -73,7 +74,6 @@ def measure_scene(order: Order, out: Path) -> Result:
 
 
 def _found(scene: LabelledScene, tool: Tool, context: ToolContext, order: Order) -> Segmented:
-    begin = time.process_time()
     seconds = 0.0
     table: TableFrame | None = None
     candidates: Sequence[Candidate] = ()
@@ -82,12 +82,13 @@ def _found(scene: LabelledScene, tool: Tool, context: ToolContext, order: Order)
     def segment(photo: RGBDFrame) -> Sequence[Candidate]:
         nonlocal seconds
         config = {"config": DEFAULT.segmentation.without_rules(*order.without)} if order.without else {}
-        began = time.process_time()
+        begin = time.process_time()
         found = tool.run(tool.Request(frame=photo, table=table, model=order.model, **config), context).candidates
-        seconds += time.process_time() - began
+        seconds += time.process_time() - begin
         return found
 
     try:
+        begin = time.process_time()
         table = find_table(scene.frame, np.random.default_rng(order.seed))
         seconds = time.process_time() - begin
         if order.without and not hasattr(tool.Request, "config"):

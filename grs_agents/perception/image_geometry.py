@@ -83,6 +83,12 @@ def mask_outline_pixels(mask: Mask) -> npt.NDArray[np.int32]:
     return np.concatenate(outlines).reshape(-1, 2).astype(np.int32)
 
 
+def convex_outline_mask(mask: Mask) -> Mask:
+    """(H, W) the pixels within the convex hull of a mask that is not empty."""
+    hull = cv2.convexHull(mask_outline_pixels(mask))
+    return np.asarray(cv2.fillConvexPoly(np.zeros(mask.shape, np.uint8), hull, 1), np.bool_)
+
+
 def compute_percentiles(values: Array, shares: Sequence[float]) -> Array:
     """(K,) or (K, D) as `np.percentile` along the first axis, several times as fast on some thousand values.
     ``values`` are (N,) or (N, D), all finite, at least one; ``shares`` (K,) per cent."""

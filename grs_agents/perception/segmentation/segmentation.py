@@ -3,7 +3,6 @@ What comes in from above, or from beyond the picture high over the table (arms, 
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 
 from grs_agents.perception.configuration import DEFAULT
@@ -11,8 +10,8 @@ from grs_agents.perception.image_geometry import (
     Index,
     Labels,
     convex_footprint_hull,
+    convex_outline_mask,
     mask_bounding_slices,
-    mask_outline_pixels,
     pixels_by_label,
     points_in_hull_mask,
     values_in_mask,
@@ -131,8 +130,7 @@ def _add_hollow_floors(labels: Labels, points: Array, config: Segmentation) -> L
         window = mask_bounding_slices(labels == label)
         mask: Mask = labels[window] == label
         near, filled = points[window], result[window]
-        whole = cv2.fillConvexPoly(np.zeros(mask.shape, np.uint8), cv2.convexHull(mask_outline_pixels(mask)), 1)
-        lies = low[window] & (whole > 0)
+        lies = low[window] & convex_outline_mask(mask)
         floor, cloud = values_in_mask(near, lies), values_in_mask(near, mask)[::3]
         cloud = cloud.compress(np.isfinite(cloud[:, 2]), axis=0)
         if len(cloud) >= 3 and is_open_at_top(cloud, floor[::3], config.hollow):

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.image_geometry import mask_outline_pixels
+from grs_agents.perception.image_geometry import convex_outline_mask
 from grs_agents.perception.segmentation.candidates import crop_segment
 from grs_agents.perception.segmentation.configuration import UnmeasuredPixels
 from grs_agents.perception.types import Candidate, Mask, RGBDFrame
@@ -36,7 +36,9 @@ def add_unmeasured_pixels(
     markers = np.full(small.depth.shape, TABLE, np.int32)
     for number in sorted(masks, key=lambda number: -np.count_nonzero(masks[number])):
         markers[masks[number]] = TABLE + number
-    within = {one.id: _convex_outline_mask(masks[one.id], config.blur) for one in objects if masks[one.id].any()}
+    blur = np.ones((2 * config.blur + 1,) * 2, np.uint8)
+    outlines = {number: convex_outline_mask(mask).astype(np.uint8) for number, mask in masks.items() if mask.any()}
+    within = {number: cv2.dilate(outline, blur) > 0 for number, outline in outlines.items()}
     unknown = (markers == TABLE) & (small.depth <= 0) & ~downscale_mask(left_out, factor)
     unknown &= np.logical_or.reduce([np.zeros_like(unknown), *within.values()])
     if not unknown.any():
@@ -51,12 +53,6 @@ def add_unmeasured_pixels(
         else _with_pixels(one, frame, free & repeat_cells(found[one.id], frame, factor))
         for one in objects
     )
-
-
-def _convex_outline_mask(mask: Mask, margin: int) -> Mask:
-    """(h, w) the pixels in the convex hull of a mask, and those at most ``margin`` pixels beside it."""
-    whole = cv2.fillConvexPoly(np.zeros(mask.shape, np.uint8), cv2.convexHull(mask_outline_pixels(mask)), 1)
-    return np.asarray(cv2.dilate(whole, np.ones((2 * margin + 1,) * 2, np.uint8)), np.bool_)
 
 
 def _with_pixels(one: Candidate, frame: RGBDFrame, more: Mask) -> Candidate:
