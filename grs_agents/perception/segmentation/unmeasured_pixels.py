@@ -45,7 +45,9 @@ def add_unmeasured_pixels(
         return tuple(objects)
     markers[unknown] = 0
     shown = cv2.watershed(np.ascontiguousarray(small.rgb), markers)
-    free = (frame.depth <= 0) & ~np.logical_or.reduce([left_out, *(one.mask for one in objects)])
+    free = (frame.depth <= 0) & ~left_out
+    for one in objects:
+        free &= ~one.mask
     found = {number: unknown & near & (shown == TABLE + number) for number, near in within.items()}
     return tuple(
         one
