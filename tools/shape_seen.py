@@ -26,7 +26,7 @@ class Request:
 class Result:
     """The shape, or a mesh file that is scaled and laid onto what was measured.
 
-    ``None`` where a primitive of the measured size does as well.
+    ``None`` where too little was measured: there a primitive of the measured size stands.
     """
 
     shape: ObjectShape | MeshFile | None

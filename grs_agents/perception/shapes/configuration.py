@@ -153,17 +153,22 @@ class ShapeTexture:
 
 
 @dataclass(frozen=True)
+class BoxFit:
+    """The sides of a measured box moved to what was seen of them."""
+
+    facing: float = 0.85  # cosine to a side's normal of the points on it: within 32 degrees
+    fewest: int = 30  # points
+    thinnest: float = 0.003  # m: no side comes nearer to its opposite
+
+
+@dataclass(frozen=True)
 class ShapeChoice:
     """Which kind of shape stands for an object."""
 
     least_measured: float = 0.3  # of the mask has depth, else a primitive stays
-    measured: float = 0.7  # of the mask: of less the box stays, if it is no better,
-    likely_box: float = 0.8  # where its silhouette agrees so well with the mask: part of a surface carves no corners
-    noisy: float = 0.003  # m: where there is more noise the box stays likewise, as noise carves no sides,
-    noisy_deviations: float = 4.0  # if it is off in depth by less than so many deviations, 90th percentile
-    box_overlap: float = 0.85  # silhouette of the measured box with the mask: it is a box
-    box_depth: float = 0.01  # and off in depth by less, 90th percentile, or by this many deviations of the noise
-    deviations: float = 3.0
+    box_overlap: float = 0.88  # silhouette of the fitted box with the mask: it is a box
+    box_depth: float = 0.004  # and off in depth by less, 90th percentile, or by this many deviations of the noise
+    deviations: float = 1.5
     inset: float = 1.5  # pixels inside the mask, where depth is compared
     faces: int = 2000  # of a mesh
     handle_faces: int = 400
@@ -234,6 +239,7 @@ class Shapes:
     mirrors: ShapeMirrors = ShapeMirrors()
     solid: ShapeSolid = ShapeSolid()
     texture: ShapeTexture = ShapeTexture()
+    box_fit: BoxFit = BoxFit()
     choice: ShapeChoice = ShapeChoice()
     colliders: Colliders = Colliders()
     mesh_file: MeshFileFit = MeshFileFit()

@@ -1,8 +1,8 @@
-"""The shape of an object from one view: round, mirrored or carved, whichever the view agrees with."""
+"""The shape of an object from one view: a box, round, mirrored or carved, whichever the view agrees with."""
 
 import numpy as np
 
-from grs_agents.perception.proxies import box_mesh
+from grs_agents.perception.shapes.box_fit import mesh_fitted_box
 from grs_agents.perception.shapes.configuration import DEFAULT
 from grs_agents.perception.shapes.drawing import Agreement, compare_mesh_with_photo
 from grs_agents.perception.shapes.handle import mesh_visible_handle
@@ -20,7 +20,7 @@ CONFIG = DEFAULT.choice
 def reconstruct_shape(view: ObjectView) -> ObjectShape | None:
     """The closed, textured mesh of what a view shows of an object, at most 2,000 faces.
 
-    ``None`` where a box of the measured size is as good, or too little depth was measured to tell of a shape.
+    ``None`` where too little depth was measured to tell of a shape.
     """
     seen = observe_object(view)
     if seen is None or seen.measured_share < CONFIG.least_measured:
@@ -28,25 +28,16 @@ def reconstruct_shape(view: ObjectView) -> ObjectShape | None:
     turned = _reconstruct_turned_solid(seen)
     if turned is not None and turned.hollow:  # a mug's outline may be near to a box, but one can put things into it
         return turned
-    box = compare_mesh_with_photo(seen, *box_mesh(view.size, (0.0, 0.0, view.size[2] / 2)))
-    if _is_measured_box_confirmed(box, seen):
-        return None
-    return turned or _carve_unless_box_is_as_good(seen, box)
+    mesh = mesh_fitted_box(seen, view.size)
+    box = compare_mesh_with_photo(seen, *mesh)
+    if _is_box_confirmed(box, seen):
+        return ObjectShape(paint_mesh(seen, *mesh), "box", False, None, box.overlap, box.raw_error)
+    return turned or _reconstruct_by_carving(seen)
 
 
-def _is_measured_box_confirmed(found: Agreement, seen: Observation) -> bool:
-    """Whether the measured box looks like the object from the camera."""
+def _is_box_confirmed(found: Agreement, seen: Observation) -> bool:
+    """Whether the fitted box looks like the object from the camera."""
     return found.overlap >= CONFIG.box_overlap and found.error < max(CONFIG.box_depth, CONFIG.deviations * seen.noise)
-
-
-def _carve_unless_box_is_as_good(seen: Observation, box: Agreement) -> ObjectShape | None:
-    """The carved solid; ``None`` where little or noisy depth carves nothing better than the measured box."""
-    little = seen.measured_share < CONFIG.measured
-    noisy = seen.noise > CONFIG.noisy and box.error < CONFIG.noisy_deviations * seen.noise
-    if (little or noisy) and box.overlap >= CONFIG.likely_box:
-        return None
-    carved = _reconstruct_by_carving(seen)
-    return None if little and carved is not None and carved.silhouette_iou < box.overlap else carved
 
 
 def _reconstruct_turned_solid(seen: Observation) -> ObjectShape | None:

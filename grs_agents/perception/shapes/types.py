@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from grs_agents.perception.types import Array, Image, Intrinsics, Mask
 
-ShapeMethod = Literal["lathe", "mirror", "voxels", "model"]
-"""Revolved about an upright axis; carved by the view and its mirror images; carved by the view alone; or made by a
-model of one's own."""
+ShapeMethod = Literal["box", "lathe", "mirror", "voxels", "model"]
+"""A box; revolved about an upright axis; carved by the view and its mirror images; carved by the view alone; or made by
+a model of one's own."""
 
 
 @dataclass(frozen=True)
