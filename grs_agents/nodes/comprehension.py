@@ -73,7 +73,7 @@ from grs_agents.sim.world import compute_arm_spheres_at_home
 from grs_agents.state import RunState
 from grs_agents.trace import Note, SceneStage, read_events
 
-LEFT_OUT = "scene/left_out.png"
+LEFT_OUT, BLUR = "scene/left_out.png", "scene/blur.png"
 
 
 def build_background_asset(
@@ -183,7 +183,8 @@ def segment_photo(state: RunState, services: Services) -> Update:
             f"{state['scene_path']}: nothing on the table is an object: {'; '.join(sorted(set(found.reasons)))}",
             "clear T_robot_cam (x forward, y left, z up, from the robot's base) of mistakes, or put objects before it",
         )
-    write_png(services.folder / LEFT_OUT, found.left_out.astype(np.uint8) * 255)
+    for name, mask in ((LEFT_OUT, found.left_out), (BLUR, found.blur)):
+        write_png(services.folder / name, mask.astype(np.uint8) * 255)
     table, candidates = center_objects_in_workspace(table, found.objects)
     records = save_candidates(frame, candidates, services.folder)
     boxes = [{"id": record.id, "name": f"candidate {record.id}", "box": record.box.model_dump()} for record in records]
@@ -208,6 +209,7 @@ def segment_photo(state: RunState, services: Services) -> Update:
         "candidates": [record.model_dump(mode="json") for record in records],
         "pending": [record.id for record in records],
         "left_out": LEFT_OUT,
+        "blur": BLUR,
         "dropped": [DroppedCandidate(id=0, reason=reason).model_dump(mode="json") for reason in found.reasons],
     }
 
@@ -269,13 +271,20 @@ def next_step_after_register(state: RunState) -> Literal["describe", "settle"]:
     return "describe" if state["pending"] else "settle"
 
 
+def _raised_pixels(state: RunState, photo: Photo, services: Services) -> Mask:
+    """(H, W) what rises above the table, and may be an object."""
+    if "left_out" not in state:
+        return raised_pixel_mask(*photo)
+    left_out, blur = (load_mask(services.folder / name) for name in (state["left_out"], state["blur"]))
+    return raised_pixel_mask(*photo, left_out) & ~blur
+
+
 @logged_node("settle")
 def settle_objects(state: RunState, services: Services) -> Update:
     """Resolve collisions, let the objects come to rest in MuJoCo, and write ``scene.json``."""
     photo, table = _load_photo_and_table(state, services)
     records = [CandidateRecord.model_validate(item) for item in state["candidates"]]
-    left_out = load_mask(services.folder / state["left_out"]) if "left_out" in state else None
-    above = raised_pixel_mask(photo, table, left_out)
+    above = _raised_pixels(state, (photo, table), services)
     settled = settle_scene(
         [SceneObject.model_validate(item) for item in state["objects"]], records, (photo, table), above, services
     )

@@ -35,6 +35,7 @@ from .image_geometry import pixels_by_label as pixels_by_label
 from .image_geometry import pixels_in_mask as pixels_in_mask
 from .image_geometry import points_in_hull_mask as points_in_hull_mask
 from .image_geometry import values_in_mask as values_in_mask
+from .object_finding import FoundObjects as FoundObjects
 from .object_finding import find_objects as find_objects
 from .picture_files import draw_candidate_overlay as draw_candidate_overlay
 from .picture_files import load_frame as load_frame

@@ -1,20 +1,30 @@
 """From a photo with its table to the objects on it: without robot and walls, whatever tool segments."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from grs_agents.perception.bin_walls import SeenWalls, find_bin_walls
-from grs_agents.perception.scenery import SortedCandidates, separate_scenery_from_objects
-from grs_agents.perception.segmentation import add_unmeasured_pixels
+from grs_agents.perception.scenery import separate_scenery_from_objects
+from grs_agents.perception.segmentation import fit_masks_to_color
 from grs_agents.perception.types import Candidate, Mask, RGBDFrame, TableFrame
+
+
+@dataclass(frozen=True)
+class FoundObjects:
+    """The objects in a photo."""
+
+    objects: tuple[Candidate, ...]  # numbered from 1
+    reasons: tuple[str, ...]  # why what was left out is no object, one for each
+    left_out: Mask  # (H, W) its pixels, and those of the robot
+    blur: Mask  # (H, W) pixels at an object's border that have its depth, but not its colour
 
 
 def find_objects(
     frame: RGBDFrame, table: TableFrame, robot: Mask, segment: Callable[[RGBDFrame], Sequence[Candidate]]
-) -> SortedCandidates:
-    """The objects on the table, and what was left out. The pixels without depth that show an object are its too.
+) -> FoundObjects:
+    """The objects on the table, and what was left out. Their borders are where the colours change.
 
     Args:
         frame: the photo.
@@ -28,7 +38,16 @@ def find_objects(
         walls = SeenWalls(np.zeros_like(robot), np.zeros_like(robot))
         candidates = segment(_without_depth(frame, robot))
     found = separate_scenery_from_objects(candidates, robot, walls, frame, table)
-    return replace(found, objects=add_unmeasured_pixels(found.objects, frame, found.left_out))
+    objects = fit_masks_to_color(found.objects, frame, found.left_out)
+    blur = _union(found.objects, robot.shape) & ~_union(objects, robot.shape)
+    return FoundObjects(objects, found.reasons, found.left_out, blur)
+
+
+def _union(objects: Sequence[Candidate], shape: tuple[int, ...]) -> Mask:
+    found = np.zeros(shape, np.bool_)
+    for one in objects:
+        found |= one.mask
+    return found
 
 
 def _without_depth(frame: RGBDFrame, known: Mask) -> RGBDFrame:

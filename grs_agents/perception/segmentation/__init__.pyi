@@ -1,5 +1,6 @@
 from .candidates import fit_asset_to_box as fit_asset_to_box
 from .candidates import measure_candidates as measure_candidates
+from .color_borders import fit_masks_to_color as fit_masks_to_color
 from .configuration import Measuring as Measuring
 from .configuration import Segmentation as Segmentation
 from .enclosed_floors import find_enclosed_floors as find_enclosed_floors
@@ -25,4 +26,3 @@ from .rim_fit import fit_bowl_rim as fit_bowl_rim
 from .rules import RULES as RULES
 from .segmentation import is_segment_entering_view as is_segment_entering_view
 from .segmentation import is_sensor_noise as is_sensor_noise
-from .unmeasured_pixels import add_unmeasured_pixels as add_unmeasured_pixels

@@ -140,7 +140,7 @@ class RimFootprint:
     flat: float = 0.6  # what is higher than this share of its width is a cup: its side and handle tell more
     high: float = 0.012  # points lower than this below the top are not of the rim
     fewest: int = 60  # points: fewer tell of no circle
-    rounds: int = 5  # of fitting the circle to the points near it
+    rounds: int = 2  # of fitting the circle to the points near it
     near: float = 0.004  # points nearer than this to the circle always count
     better: float = 0.8  # a round rim is off a circle by less than this share of what it is off a rectangle, on average
     sectors: int = 24  # the circle is cut into so many
@@ -174,7 +174,7 @@ class MaskProposals:
     standing: float = 0.5  # of a mask's measured pixels stand on the table: it is neither table nor background
     seen: float = 0.2  # and of all its pixels
     spill: int = 3  # pixels: masks may spill so far over the table around what stands on it
-    blur: int = 2  # pixels: a mask's edge may be so far off the edge in the depth
+    blur: int = 8  # pixels: a mask's edge may be so far off the edge in the depth
     covered: float = 0.8  # of a part: a mask that holds at least this much covers it
 
 
@@ -208,10 +208,12 @@ class LowThings:
 
 
 @dataclass(frozen=True)
-class UnmeasuredPixels:
-    """Pixels without depth that show an object."""
+class ColorBorders:
+    """Pixels whose owner colour tells; lengths in pixels of the working size."""
 
-    blur: int = 2  # pixels of the working size: the edge of what is measured may be so far within the object's outline
+    blur: int = 8  # what has depth may end so far within the object's outline
+    border: int = 2  # a sensor mixes the depth of so many pixels at each side of an edge
+    inner: float = 0.3  # share of an object's pixels that are not on its border: of one with fewer the border stays
 
 
 @dataclass(frozen=True)
@@ -229,7 +231,7 @@ class Segmentation:
     floors: EnclosedFloors = EnclosedFloors()
     low: LowThings = LowThings()
     proposals: MaskProposals = MaskProposals()
-    unmeasured: UnmeasuredPixels = UnmeasuredPixels()
+    color_borders: ColorBorders = ColorBorders()
 
     def without_rules(self, *rules: str) -> Self:
         """The same with some rules off.

@@ -23,7 +23,7 @@ def test_the_seen_sides_of_a_box_are_where_their_surfaces_were_measured(width, h
 
     shape = reconstruct_shape(replace(view, size=(width + more, 0.07, height + more)))
 
-    assert shape.method == "box"
+    assert shape is not None and shape.method == "box"
     near, top = shape.mesh.vertices[:, 0].min(), shape.mesh.vertices[:, 2].max()
     assert (near, top) == pytest.approx((-width / 2, height), abs=0.002)
 

@@ -1,15 +1,16 @@
-"""Pixels without depth: what they show is told by colour."""
+"""What a pixel shows where depth does not tell is told by its colour."""
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from grs_agents.perception import (
     Candidate,
+    FoundObjects,
     Mask,
     RGBDFrame,
-    SortedCandidates,
     find_objects,
     find_table,
     measure_candidates,
@@ -33,7 +34,7 @@ def shadowed_photo(width: int) -> tuple[RGBDFrame, Mask, Mask]:
     return replace(frame, rgb=rgb, depth=np.where(notch | shadow, np.float32(0), frame.depth)), notch, shadow
 
 
-def objects_in(frame: RGBDFrame, given: bool, robot: Mask) -> SortedCandidates:
+def objects_in(frame: RGBDFrame, given: bool, robot: Mask) -> FoundObjects:
     table = find_table(frame, np.random.default_rng(0))
 
     def segment(photo: RGBDFrame) -> tuple[Candidate, ...]:
@@ -42,7 +43,7 @@ def objects_in(frame: RGBDFrame, given: bool, robot: Mask) -> SortedCandidates:
     return find_objects(frame, table, robot, segment)
 
 
-def owned_pixels(found: SortedCandidates) -> Mask:
+def owned_pixels(found: FoundObjects) -> Mask:
     return np.logical_or.reduce([one.mask for one in found.objects])
 
 
@@ -64,3 +65,25 @@ def test_masks_of_the_user_and_the_robot_stay_as_they_are() -> None:
     assert owned_pixels(objects_in(frame, given=False, robot=nothing))[notch].mean() > 0.9
     assert owned_pixels(objects_in(frame, given=True, robot=nothing))[notch].mean() < 0.5
     assert owned_pixels(objects_in(frame, given=False, robot=notch))[notch].mean() < 0.5
+
+
+@pytest.mark.parametrize("grown", [2, 0, -2])
+def test_the_border_of_an_object_moves_to_where_the_color_changes(grown: int) -> None:
+    """Depth reaches ``grown`` pixels over the object's border onto the table, as a sensor's does."""
+    frame, _, owner = room.photo(room.camera(width=640, height=480))
+    shown = owner == room.THINGS[0]
+    square = np.ones((2 * abs(grown) + 1,) * 2, np.uint8)
+    change = cv2.dilate if grown > 0 else cv2.erode
+    seen = change(shown.astype(np.uint8), square) > 0
+    table = find_table(frame, np.random.default_rng(0))
+
+    def segment(photo: RGBDFrame, given: bool = False) -> tuple[Candidate, ...]:
+        return measure_candidates(photo, table, seen.astype(np.int32), given)
+
+    found = find_objects(frame, table, np.zeros_like(shown), segment)
+    (one,) = found.objects
+    assert (one.mask ^ shown).sum() <= 0.6 * (seen ^ shown).sum() + 5  # the watershed's own line is a pixel wide
+    assert (found.blur == seen & ~one.mask).all()
+    assert (found.blur.sum() > 50) == (grown > 0)
+    (given,) = find_objects(frame, table, np.zeros_like(shown), lambda photo: segment(photo, True)).objects
+    assert (given.mask == seen).all()

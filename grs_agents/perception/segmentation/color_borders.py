@@ -1,0 +1,78 @@
+"""Which object a pixel shows is told by its colour where depth does not tell: what is dark, shiny or in the sensor's
+shadow has none, and between two surfaces it is mixed."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.image_geometry import Labels, convex_outline_mask
+from grs_agents.perception.segmentation.candidates import crop_segment
+from grs_agents.perception.segmentation.configuration import ColorBorders
+from grs_agents.perception.types import Candidate, Mask, RGBDFrame
+from grs_agents.perception.working_resolution import downscale_frame, downscale_mask, repeat_cells
+
+TABLE = 1  # the marker of everything that is no object; an object's is the next number after its own
+
+
+def fit_masks_to_color(
+    objects: Sequence[Candidate],
+    frame: RGBDFrame,
+    left_out: Mask,
+    config: ColorBorders = DEFAULT.segmentation.color_borders,
+) -> tuple[Candidate, ...]:
+    """The objects with the pixels without depth that show them, and with their borders where colours change. From the
+    rest of the pixels a watershed of the photo's colours (Meyer, "Color image segmentation", 1992) goes in, and its
+    parts meet where the colours change. Without depth an object reaches no farther than its convex outline; one that
+    the user gave stays as it is. Borders in a photo larger than the working size stay: they were fitted to it already.
+
+    Args:
+        objects: numbered from 1.
+        frame: the photo.
+        left_out: (H, W) what is known to be no object.
+    """
+    small, factor = downscale_frame(frame)
+    masks = {one.id: downscale_mask(one.mask, factor) for one in objects}
+    before = np.full(small.depth.shape, TABLE, np.int32)
+    for number in sorted(masks, key=lambda number: -np.count_nonzero(masks[number])):
+        before[masks[number]] = TABLE + number
+    near = _grown_outlines(masks, config.blur)
+    fixed = downscale_mask(left_out, factor) | np.isin(before, [TABLE + one.id for one in objects if one.given])
+    within = np.logical_or.reduce([np.zeros_like(fixed), *near.values()])
+    unknown = (before == TABLE) & (small.depth <= 0) & within & ~fixed
+    border = _borders(before, config) & ~fixed & ~unknown if factor == 1 else np.zeros_like(fixed)
+    if not (unknown | border).any():
+        return tuple(objects)
+    owners = cv2.watershed(np.ascontiguousarray(small.rgb), np.where(unknown | border, 0, before).astype(np.int32))
+    owners = np.where(owners < 0, before, owners)  # where two parts meet
+    for number, outline in near.items():
+        owners[unknown & (owners == TABLE + number) & ~outline] = TABLE
+    free = (frame.depth <= 0) & ~left_out
+    for one in objects:
+        free &= ~one.mask
+
+    def fitted(one: Candidate) -> Candidate:
+        was, now = before == TABLE + one.id, owners == TABLE + one.id
+        lost, won = was & ~now, now & ~was
+        mask = one.mask & ~repeat_cells(lost, frame, factor)
+        mask |= repeat_cells(won, frame, factor) & (free if factor > 1 else True)
+        return replace(one, mask=mask, crop=crop_segment(frame, mask))
+
+    return tuple(one if one.given or one.id not in near else fitted(one) for one in objects)
+
+
+def _grown_outlines(masks: Mapping[int, Mask], by: int) -> dict[int, Mask]:
+    """The convex outline of each mask (h, w) that holds a pixel, grown by so many pixels."""
+    square = np.ones((2 * by + 1,) * 2, np.uint8)
+    outlines = {number: convex_outline_mask(mask).astype(np.uint8) for number, mask in masks.items() if mask.any()}
+    return {number: cv2.dilate(outline, square) > 0 for number, outline in outlines.items()}
+
+
+def _borders(owners: Labels, config: ColorBorders) -> Mask:
+    """(h, w) the pixels beside such of another owner, but for those of what is hardly more than its border."""
+    square, values = np.ones((2 * config.border + 1,) * 2, np.uint8), owners.astype(np.float32)
+    border = np.asarray(cv2.dilate(values, square) != cv2.erode(values, square), np.bool_)
+    whole, inner = np.bincount(owners.ravel()), np.bincount(owners[~border], minlength=int(owners.max()) + 1)
+    return border & (inner >= config.inner * whole)[owners]
