@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from grs_agents.perception.bin_walls.configuration import CONFIG
 from grs_agents.perception.bin_walls.straight_lines import likely_axes, raised_cells
@@ -43,12 +44,13 @@ def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> SeenWall
     points, pose = robot_frame_point_map(smooth, table), np.asarray(table.T_robot_cam)
     # The table is seen up to the robot: without the strip beside it, what stands there may be over no table.
     above = foreground_pixel_mask(points, smooth.depth, pose[:3, 3])
+    sure = above & ~_mixed_pixels(smooth.depth)
     sights: list[Sight] = []
     for pixels in (CONFIG.blurred, CONFIG.edge):
         near = cv2.dilate(robot.astype(np.uint8), np.ones((2 * pixels + 1,) * 2, np.uint8)) > 0
         clear = ~downscale_mask(near, factor)
         view = View(small.camera, np.where(clear, small.depth, 0).astype(np.float64), pose)
-        sights.append(Sight(raised_cells(values_in_mask(points, above & clear)), view))
+        sights.append(Sight(raised_cells(values_in_mask(points, sure & clear)), view))
     cells, nowhere = sights[0].cells, np.zeros(frame.depth.shape, np.bool_)
     if len(cells) < CONFIG.fewest:
         return SeenWalls(nowhere, nowhere)
@@ -69,6 +71,14 @@ def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> SeenWall
     down = _lowered_along_rays(full, pose[:3, 3], height)
     mixed = pixels_near_walls(walls, axes, down, low, (CONFIG.blur, CONFIG.level)) & beside
     return SeenWalls(own & ~robot, mixed & (full[..., 2] < height + CONFIG.mixed) & ~robot)
+
+
+def _mixed_pixels(depth: npt.NDArray[np.float32]) -> Mask:
+    """(H, W) where depth (H, W) lies between that of a nearer and that of a farther surface: behind a bin's rim such
+    points make a straight line in the air."""
+    around = np.ones((5, 5), np.uint8)
+    nearest = cv2.erode(np.where(depth > 0, depth, np.float32(np.inf)), around)
+    return np.asarray((depth - nearest > CONFIG.apart) & (cv2.dilate(depth, around) - depth > CONFIG.apart), np.bool_)
 
 
 def _pieces_at_border(walls: Sequence[Wall], axes: Array, points: Array, above: Mask, own: Mask) -> Mask:
