@@ -20,8 +20,6 @@ _TIPS = ((0.25, -0.35, 0.06), (0.70, 0.35, 0.50))
 _TILT = 0.9
 """The tool leans by at most so much (rad) from straight down."""
 _ATTEMPTS = 60
-_MOST_ATTEMPTS = 1200
-"""Where the first attempts found no room at all, as between the walls of a narrow bin, it goes on for so many."""
 _SECTIONS = 24
 """Corners of a round part's cross-section."""
 
@@ -43,9 +41,7 @@ def free_postures(
     robot = world.owner_of_geom < 0
     robot[world.model.geom("table").id] = False
     found: list[FloatArray] = []
-    for attempt in range(_MOST_ATTEMPTS):
-        if len(found) == count or (found and attempt >= _ATTEMPTS):
-            break
+    for _ in range(_ATTEMPTS):
         roll, pitch = (float(angle) for angle in rng.uniform(-_TILT, _TILT, 2))
         turn = matrix_from_quaternion(quaternion_from_rpy(roll, pitch, float(rng.uniform(-np.pi, np.pi))))
         joints = arm.solve_ik_for_poses(rng.uniform(*_TIPS)[None], turn[None])[0]
@@ -56,6 +52,8 @@ def free_postures(
         mujoco.mj_collision(world.model, world.data)
         if not np.logical_xor.reduce(robot[world.data.contact.geom], axis=1).any():
             found.append(joints)
+        if len(found) == count:
+            break
     return found
 
 

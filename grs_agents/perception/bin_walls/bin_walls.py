@@ -46,13 +46,14 @@ def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> SeenWall
     above = foreground_pixel_mask(points, smooth.depth, pose[:3, 3])
     sure = above & ~_mixed_pixels(smooth.depth)
     sights: list[Sight] = []
-    for pixels in (CONFIG.blurred, CONFIG.edge):
-        near = cv2.dilate(robot.astype(np.uint8), np.ones((2 * pixels + 1,) * 2, np.uint8)) > 0
+    for width in (CONFIG.blurred, CONFIG.edge):
+        near = cv2.dilate(robot.astype(np.uint8), np.ones((2 * width + 1,) * 2, np.uint8)) > 0
         clear = ~downscale_mask(near, factor)
         view = View(small.camera, np.where(clear, small.depth, 0).astype(np.float64), pose)
-        sights.append(Sight(raised_cells(values_in_mask(points, sure & clear)), view))
+        seen, unmixed = (raised_cells(values_in_mask(points, pixels & clear)) for pixels in (above, sure))
+        sights.append(Sight(seen, unmixed, view))
     cells, nowhere = sights[0].cells, np.zeros(frame.depth.shape, np.bool_)
-    if len(cells) < CONFIG.fewest:
+    if min(len(cells), len(sights[0].unmixed)) < CONFIG.fewest:
         return SeenWalls(nowhere, nowhere)
     for likely in likely_axes(cells):
         walls, axes = find_walls(sights, likely)

@@ -43,6 +43,7 @@ class Sight:
     """What is seen so far from the robot that its depth is not mixed in."""
 
     cells: Array  # (N, 3) as `raised_cells` makes them
+    unmixed: Array  # (M, 3) the same without points between two surfaces: they make straight lines in the air
     view: View
 
 

@@ -31,14 +31,12 @@ def find_walls(sights: Sequence[Sight], axes: Array) -> tuple[list[Wall], Array]
     """The walls of a bin, none where they do not make one; and the directions across them, (2, 2). In the later sights,
     nearer to the robot, hidden walls are looked for."""
     cells, view = sights[0].cells, sights[0].view
-    local = cells @ rotation_to_axes(axes)
-    walls = _straight_walls(local, axes, view)
+    walls = _straight_walls(sights[0], axes)
     for _ in range(CONFIG.rounds):
         if not walls:
             return [], axes
-        axes = axes_from_yaws(np.array([_turn(walls, local)]))[0] @ axes
-        local = cells @ rotation_to_axes(axes)
-        walls = _straight_walls(local, axes, view)
+        axes = axes_from_yaws(np.array([_turn(walls, cells @ rotation_to_axes(axes))]))[0] @ axes
+        walls = _straight_walls(sights[0], axes)
     rims = {
         number: slide_to_rim(extend_to_seen_corners(wall, walls, axes, view), axes, view)
         for number, wall in walls.items()
@@ -51,13 +49,16 @@ def find_walls(sights: Sequence[Sight], axes: Array) -> tuple[list[Wall], Array]
         walls |= _hidden_walls(walls, measured, sight.cells @ rotation_to_axes(axes), axes, sight.view)
     joined = _joined_walls(walls, axes, view)
     joined = [slide_to_rim(wall, axes, view) for wall in joined]
-    certain = _are_all_around(joined, local, axes, view) and _are_long(joined, rims, axes, view)
+    certain = _are_all_around(joined, cells @ rotation_to_axes(axes), axes, view) and _are_long(
+        joined, rims, axes, view
+    )
     return (joined if certain else []), axes
 
 
-def _straight_walls(local: Array, axes: Array, view: View) -> dict[int, Wall]:
+def _straight_walls(sight: Sight, axes: Array) -> dict[int, Wall]:
     """By side, the outermost lines of which the rims are level with each other, and seen all along."""
-    level = rim_level(local)
+    turn, view = rotation_to_axes(axes), sight.view
+    local, level = sight.cells @ turn, rim_level(sight.unmixed @ turn)
     rims = {number: _possible_rims(local, number, level, axes, view) for number in range(len(SIDES))}
     while crossed := _crossed_sides({number: ones[-1] for number, ones in rims.items() if ones}, axes, view):
         for number in crossed:

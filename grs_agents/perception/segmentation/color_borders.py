@@ -52,15 +52,16 @@ def fit_masks_to_color(
     free = (frame.depth <= 0) & ~left_out
     for one in objects:
         free &= ~one.mask
+    free |= repeat_cells(border, frame, factor)
 
     def fitted(one: Candidate) -> Candidate:
         was, now = before == TABLE + one.id, owners == TABLE + one.id
-        lost, won = was & ~now, now & ~was
-        mask = one.mask & ~repeat_cells(lost, frame, factor)
-        mask |= repeat_cells(won, frame, factor) & (free if factor > 1 else True)
+        if one.given or (was == now).all():
+            return one
+        mask = (one.mask & ~repeat_cells(was & ~now, frame, factor)) | (repeat_cells(now, frame, factor) & free)
         return replace(one, mask=mask, crop=crop_segment(frame, mask))
 
-    return tuple(one if one.given or one.id not in near else fitted(one) for one in objects)
+    return tuple(map(fitted, objects))
 
 
 def _grown_outlines(masks: Mapping[int, Mask], by: int) -> dict[int, Mask]:
