@@ -6,18 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from grs_agents.perception.bin_walls import SeenWalls, find_bin_walls
-from grs_agents.perception.scenery import separate_scenery_from_objects
+from grs_agents.perception.scenery import SortedCandidates, separate_scenery_from_objects, unite_mask_with_candidates
 from grs_agents.perception.segmentation import fit_masks_to_color
 from grs_agents.perception.types import Candidate, Mask, RGBDFrame, TableFrame
 
 
 @dataclass(frozen=True)
-class FoundObjects:
-    """The objects in a photo."""
+class FoundObjects(SortedCandidates):
+    """The objects with their borders, and what was left out."""
 
-    objects: tuple[Candidate, ...]  # numbered from 1
-    reasons: tuple[str, ...]  # why what was left out is no object, one for each
-    left_out: Mask  # (H, W) its pixels, and those of the robot
     blur: Mask  # (H, W) pixels at an object's border that have its depth, but not its colour
 
 
@@ -39,15 +36,9 @@ def find_objects(
         candidates = segment(_without_depth(frame, robot))
     found = separate_scenery_from_objects(candidates, robot, walls, frame, table)
     objects = fit_masks_to_color(found.objects, frame, found.left_out)
-    blur = _union(found.objects, robot.shape) & ~_union(objects, robot.shape)
+    nothing = np.zeros_like(robot)
+    blur = unite_mask_with_candidates(nothing, found.objects) & ~unite_mask_with_candidates(nothing, objects)
     return FoundObjects(objects, found.reasons, found.left_out, blur)
-
-
-def _union(objects: Sequence[Candidate], shape: tuple[int, ...]) -> Mask:
-    found = np.zeros(shape, np.bool_)
-    for one in objects:
-        found |= one.mask
-    return found
 
 
 def _without_depth(frame: RGBDFrame, known: Mask) -> RGBDFrame:

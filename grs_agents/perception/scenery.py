@@ -50,8 +50,8 @@ def separate_scenery_from_objects(
     scenery = [downscale_mask(mask, factor) for mask in (robot, walls.mixed)]
     why = _explain_scenery_by_number(reduced, scenery[0], scenery[1], points, small.camera, table)
     kept = [one for one in candidates if one.id not in why]
-    left_out = _unite_mask_with_candidates(known, [one for one in candidates if one.id in why])
-    owned = _unite_mask_with_candidates(left_out, kept)
+    left_out = unite_mask_with_candidates(known, [one for one in candidates if one.id in why])
+    owned = unite_mask_with_candidates(left_out, kept)
     reasons = [*([ROBOT] if robot.any() else []), *([WALL] if walls.pixels.any() else []), *why.values()]
     above = raised_pixel_mask(small, table, downscale_mask(left_out, factor))
     for mask, _ in measure_coverage(small, table, above, downscale_mask(owned, factor)).regions:
@@ -74,7 +74,8 @@ def _explain_scenery_by_number(
     return {number: reason for number, reason in why.items() if reason}
 
 
-def _unite_mask_with_candidates(mask: Mask, candidates: Sequence[Candidate]) -> Mask:
+def unite_mask_with_candidates(mask: Mask, candidates: Sequence[Candidate]) -> Mask:
+    """(H, W) the ``mask`` (H, W) and those of the candidates."""
     united = mask.copy()
     for one in candidates:
         united |= one.mask

@@ -49,9 +49,8 @@ def find_walls(sights: Sequence[Sight], axes: Array) -> tuple[list[Wall], Array]
         walls |= _hidden_walls(walls, measured, sight.cells @ rotation_to_axes(axes), axes, sight.view)
     joined = _joined_walls(walls, axes, view)
     joined = [slide_to_rim(wall, axes, view) for wall in joined]
-    certain = _are_all_around(joined, cells @ rotation_to_axes(axes), axes, view) and _are_long(
-        joined, rims, axes, view
-    )
+    local = cells @ rotation_to_axes(axes)
+    certain = _are_all_around(joined, local, axes, view) and _are_long(joined, rims, axes, view)
     return (joined if certain else []), axes
 
 

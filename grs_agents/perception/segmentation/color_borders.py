@@ -25,8 +25,8 @@ def fit_masks_to_color(
 ) -> tuple[Candidate, ...]:
     """The objects with the pixels without depth that show them, and with their borders where colours change. From the
     rest of the pixels a watershed of the photo's colours (Meyer, "Color image segmentation", 1992) goes in, and its
-    parts meet where the colours change. Without depth an object reaches no farther than its convex outline; one that
-    the user gave stays as it is. Borders in a photo larger than the working size stay: they were fitted to it already.
+    parts meet where the colours change. Without depth an object reaches only a little beyond its convex outline. One
+    that the user gave stays as it is. So do borders in a photo larger than the working size, which were fitted to it.
 
     Args:
         objects: numbered from 1.
@@ -38,7 +38,7 @@ def fit_masks_to_color(
     before = np.full(small.depth.shape, TABLE, np.int32)
     for number in sorted(masks, key=lambda number: -np.count_nonzero(masks[number])):
         before[masks[number]] = TABLE + number
-    near = _grown_outlines(masks, config.blur)
+    near = _grown_outlines(masks, config.reach)
     fixed = downscale_mask(left_out, factor) | np.isin(before, [TABLE + one.id for one in objects if one.given])
     within = np.logical_or.reduce([np.zeros_like(fixed), *near.values()])
     unknown = (before == TABLE) & (small.depth <= 0) & within & ~fixed
