@@ -65,25 +65,26 @@ def raised_pixel_mask(frame: RGBDFrame, table: TableFrame, left_out: Mask | None
     noise = max(CONFIG.lowest, CONFIG.deviations * table.residual)
     low = (points[..., 2] > noise) & (points[..., 2] < DEFAULT.segmentation.foreground.tallest)
     above = _drop_sensor_noise(above, points[..., 2], table)
-    scenery = np.zeros(above.shape, np.bool_)
+    scenery, blurred = np.zeros(above.shape, np.bool_), np.zeros(frame.depth.shape, np.bool_)
     if left_out is not None:
         scenery = cv2.resize(left_out.astype(np.uint8), above.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+        blurred = np.asarray(cv2.dilate(left_out.astype(np.uint8), KERNEL, iterations=CONFIG.halo), np.bool_)
+    clear = ~downscale_mask(blurred, factor)
     # What has no depth beside the robot is its shadow; what is low between both and a plate's rim is a plate's bottom.
     blind = smooth.depth <= 0
     above = _fill_enclosed_pixels(above & ~scenery, low | blind)
     above |= _fill_enclosed_pixels(above | scenery | blind, low) & low & ~scenery
     floors = find_enclosed_floors(above, points[..., 2], ~scenery & ~blind, small, table)
+    # What the robot's blurred edge rises beside, and nothing else, is table.
+    beside, blurred_beside = (share_of_borders(floors, above & pixels) for pixels in (clear, ~clear))
+    floors[((beside == 0) & (blurred_beside > 0))[floors]] = 0
     above |= floors > 0
     above |= find_low_things(small, table, above | scenery) > 0
     for _ in range(CONFIG.foot):
         above = above | (np.asarray(cv2.dilate(above.astype(np.uint8), KERNEL), np.bool_) & low)
-    full = repeat_cells(above, frame, factor)
-    if left_out is None:
-        return full
-    blurred = np.asarray(cv2.dilate(left_out.astype(np.uint8), KERNEL, iterations=CONFIG.halo), np.bool_)
     # A floor has one height: where that is measured beside the blur, all of it counts.
-    sure = _floors_measured_at(~downscale_mask(blurred, factor), floors, points[..., 2])
-    return full & (~blurred | repeat_cells(sure, frame, factor))
+    sure = _floors_measured_at(clear, floors, points[..., 2])
+    return repeat_cells(above, frame, factor) & (~blurred | repeat_cells(sure, frame, factor))
 
 
 def _floors_measured_at(clear: Mask, floors: Labels, height: Array) -> Mask:

@@ -118,6 +118,21 @@ def test_a_floor_rises_up_to_the_robot_that_hides_a_part_of_it(thick: float, ris
     assert (found[beside].mean() > 0.9) == rises and not found[arm].any()
 
 
+@pytest.mark.parametrize("around", [True, False])
+def test_what_only_the_blurred_edge_of_the_robot_encloses_is_table(around: bool) -> None:
+    sides = [(0.4, -0.1, 0.6, -0.096), (0.4, 0.096, 0.6, 0.1), (0.4, -0.096, 0.404, 0.096), (0.596, -0.096, 0.6, 0.096)]
+    blur = [((x, y, 0.0), (far, left, 0.025)) for x, y, far, left in sides]
+    boxes = np.concatenate([room.BOXES[:4], np.array([*blur, ((0.404, -0.096, 0.0), (0.596, 0.096, 0.003))])])
+    frame, _, owner = room.photo(room.camera(width=640, height=480), noise=0.001, boxes=boxes)
+    bottom = owner == 8
+    near, far = (cv2.dilate(bottom.astype(np.uint8), np.ones((width, width), np.uint8)) > 0 for width in (7, 41))
+    arm = far & ~near if around else np.zeros_like(bottom)
+    found = raised_pixel_mask(frame, find_table(frame, np.random.default_rng(0)), left_out=arm)
+    inner = cv2.erode(bottom.astype(np.uint8), np.ones((25, 25), np.uint8)) > 0
+    assert inner.sum() > 500
+    assert found[inner].any() != around
+
+
 def test_a_near_wall_rises_though_the_table_beside_it_is_hidden() -> None:
     wall = np.array([((0.3, -0.2, 0.0), (0.32, 0.2, 0.08))])
     boxes = np.concatenate([room.BOXES[:4], wall])
