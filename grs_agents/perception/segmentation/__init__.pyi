@@ -1,6 +1,7 @@
 from .candidates import fit_asset_to_box as fit_asset_to_box
 from .candidates import measure_candidates as measure_candidates
 from .color_borders import fit_masks_to_color as fit_masks_to_color
+from .configuration import RULES as RULES
 from .configuration import Measuring as Measuring
 from .configuration import Segmentation as Segmentation
 from .enclosed_floors import find_enclosed_floors as find_enclosed_floors
@@ -23,6 +24,5 @@ from .patch_cutting import grow_labels as grow_labels
 from .patch_cutting import join_enclosed_fragments as join_enclosed_fragments
 from .patch_cutting import smooth_frame_depth as smooth_frame_depth
 from .rim_fit import fit_bowl_rim as fit_bowl_rim
-from .rules import RULES as RULES
 from .segmentation import is_segment_entering_view as is_segment_entering_view
 from .segmentation import is_sensor_noise as is_sensor_noise

@@ -27,6 +27,7 @@ from grs_agents.perception.segmentation.patch_cutting import (
     foreground_pixel_mask,
     smooth_frame_depth,
 )
+from grs_agents.perception.segmentation.touching_pieces import join_touching_pieces
 from grs_agents.perception.table_finding import robot_frame_point_map
 from grs_agents.perception.types import Array, Camera, Mask, RGBDFrame, TableFrame
 from grs_agents.perception.working_resolution import downscale_frame, upscale_labels
@@ -42,6 +43,8 @@ def segment_objects_on_table(
     above = foreground_pixel_mask(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3], config.foreground)
     labels = merge_parts(cut_smooth_patches(smooth, above, config.patches), points, config)
     labels = filter_object_segments(labels, smooth, points, table, config)
+    if {"plain_color", "neck"} & config.rules:
+        labels = join_touching_pieces(labels, smooth, points, table, config)
     if "hollow_floor" in config.rules:
         floors = find_enclosed_floors(labels > 0, points[..., 2], smooth.depth > 0, small, table, config.floors)
         labels = add_enclosed_floors(labels, floors, config.floors)

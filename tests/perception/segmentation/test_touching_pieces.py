@@ -1,0 +1,75 @@
+"""Pieces of one object that touch are joined: those of one plain colour, and neck and body."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from grs_agents.perception import DEFAULT, RGBDFrame, find_table, segment_objects_on_table
+from tests.perception.conftest import Rendered, Thing, render
+
+PLATES = (Thing("box", (0.5, 0.0), (0.1, 0.06, 0.02)), Thing("box", (0.54, 0.0), (0.02, 0.06, 0.08), bottom=0.02))
+GREEN = (60, 130, 80)
+
+
+def _count_segments(frame: RGBDFrame, *without: str) -> int:
+    table = find_table(frame, np.random.default_rng(0))
+    return int(segment_objects_on_table(frame, table, DEFAULT.segmentation.without_rules(*without)).max())
+
+
+def _painted(scene: Rendered, *colors: tuple[int, int, int]) -> RGBDFrame:
+    """The scene with one colour for each thing, and the grain of a camera."""
+    rgb = scene.frame.rgb.astype(np.float64)
+    for number, color in enumerate(colors, 1):
+        rgb[scene.labels == number] = color
+    rgb += np.random.default_rng(0).normal(0, 2, rgb.shape)
+    return replace(scene.frame, rgb=np.clip(rgb, 0, 255).astype(np.uint8))
+
+
+@pytest.fixture(scope="module")
+def bracket() -> Rendered:
+    """A plate that lies, and one that stands on it."""
+    return render(PLATES, noise=0.0005)
+
+
+def test_the_plates_of_a_bracket_are_one_object_in_light_and_in_shadow(bracket: Rendered) -> None:
+    frame = _painted(bracket, GREEN, (45, 98, 60))
+    assert _count_segments(frame) == 1
+    assert _count_segments(frame, "plain_color") == 2
+
+
+@pytest.mark.parametrize("other", [(60, 80, 130), (75, 130, 60), (20, 40, 26)])
+def test_plates_of_different_colors_are_two_objects(bracket: Rendered, other: tuple[int, int, int]) -> None:
+    assert _count_segments(_painted(bracket, GREEN, other)) == 2
+
+
+def test_plates_of_one_print_are_two_objects(bracket: Rendered) -> None:
+    frame = _painted(bracket, GREEN, GREEN)
+    rgb, columns = frame.rgb.copy(), np.indices(bracket.labels.shape)[1]
+    rgb[(bracket.labels > 0) & (columns % 8 < 4)] = (200, 40, 40)
+    assert _count_segments(replace(frame, rgb=rgb)) == 2
+
+
+def _stack(*discs: tuple[float, float]) -> Rendered:
+    """Discs of such a diameter and height (m) on each other, and one colour for each."""
+    bottoms = np.cumsum([0.0] + [height for _, height in discs])
+    things = [
+        Thing("cylinder", (0.5, 0.0), (wide, wide, height), bottom=float(bottom))
+        for (wide, height), bottom in zip(discs, bottoms, strict=False)
+    ]
+    return render(things, noise=0.0005)
+
+
+SHOULDERS = tuple((0.1 - 0.006 * step, 0.0015) for step in range(1, 9))
+
+
+def test_the_cap_of_a_bottle_belongs_to_it() -> None:
+    scene = _stack((0.1, 0.07), *SHOULDERS, (0.05, 0.06))
+    frame = _painted(scene, *[(200, 180, 40)] * 9, (30, 60, 160))
+    assert _count_segments(frame) == 1
+    assert _count_segments(frame, "neck") == 2
+
+
+def test_a_can_in_the_middle_of_a_larger_one_is_an_object() -> None:
+    scene = _stack((0.1, 0.09), (0.05, 0.06))
+    assert _count_segments(_painted(scene, (200, 180, 40), (30, 60, 160))) == 2
