@@ -1,9 +1,11 @@
-"""Join the pieces of one flat object that another one in front of it separates in the picture."""
+"""Join the pieces of one object that something in front of it, or a gap in the depth, separates in the picture."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (
@@ -17,6 +19,8 @@ from grs_agents.perception.segmentation.configuration import OccludedPieces
 from grs_agents.perception.segmentation.patch_cutting import Depth
 from grs_agents.perception.types import Array, Mask, RGBDFrame
 
+Picture = npt.NDArray[np.float32]
+
 
 @dataclass(frozen=True)
 class Piece:
@@ -27,6 +31,17 @@ class Piece:
     color: Array
     outline: Array
     footprint: Array
+    histogram: Array  # (K,) square roots of the shares of its colours
+
+
+@dataclass(frozen=True)
+class Way:
+    """A straight way in the picture from a pixel of one piece to one of another."""
+
+    hidden: float  # the share of it that is not measured, or is nearer than both ends
+    length: float  # metres, as far away as it is
+    rise: float  # metres that one end is deeper than the other
+    receding: float  # how steeply both surfaces go away from the camera towards it; NaN where a piece is too narrow
 
 
 def join_occluded_pieces(
@@ -34,32 +49,100 @@ def join_occluded_pieces(
 ) -> Labels:
     """(H, W) labels, 1..N, with the occluded pieces joined; ``points`` are (H, W, 3) in the robot frame."""
     numbers = np.arange(int(labels.max()) + 1, dtype=np.int32)
-    pieces = {label: _measure_piece(labels == label, frame, points, config) for label in range(1, len(numbers))}
+    lab = np.asarray(cv2.cvtColor(frame.rgb.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
+    pieces = {label: _measure_piece(labels == label, frame, lab, points, config) for label in range(1, len(numbers))}
     for one, first in pieces.items():
         for other, second in pieces.items():
-            if one >= other or not _are_similar_pieces(first, second, config):
+            if one >= other:
                 continue
-            if _are_separated_by_occluder(first, second, labels, frame.depth, config.between):
+            flat = _are_similar_pieces(first, second, config) and _are_separated_by_occluder(
+                first, second, labels, frame.depth, config.between
+            )
+            if flat or (
+                _have_same_colors(first, second, config) and _is_gap_hidden(one, other, pieces, labels, frame, config)
+            ):
                 numbers[numbers == numbers[other]] = numbers[one]
     return np.unique(numbers, return_inverse=True)[1].astype(np.int32)[labels]
 
 
-def _measure_piece(mask: Mask, frame: RGBDFrame, points: Array, config: OccludedPieces) -> Piece:
+def _measure_piece(mask: Mask, frame: RGBDFrame, lab: Picture, points: Array, config: OccludedPieces) -> Piece:
     cloud = values_in_mask(points, mask)
     cloud = cloud.compress(np.isfinite(cloud[:, 2]), axis=0)[::5]
     top = float(compute_percentiles(cloud[:, 2], [90])[0])
     flat = float((np.abs(cloud[:, 2] - top) < config.level).mean())
     outline = mask_outline_pixels(mask)[::3].astype(np.float64)
-    return Piece(top, flat, values_in_mask(frame.rgb, mask).mean(axis=0), outline, convex_footprint_hull(cloud))
+    return Piece(
+        top,
+        flat,
+        values_in_mask(frame.rgb, mask).mean(axis=0),
+        outline,
+        convex_footprint_hull(cloud),
+        _color_histogram(values_in_mask(lab, mask)),
+    )
+
+
+def _color_histogram(colors: Picture) -> Array:
+    """(K,) square roots of the shares of CIE L*a*b* colours, (N, 3): the products of two add up to 1 if they agree."""
+    counts, _ = np.histogramdd(colors, bins=(5, 12, 12), range=((0, 100), (-60, 60), (-60, 60)))
+    spread = cv2.GaussianBlur(np.moveaxis(counts, 0, -1), (5, 5), 0.6).reshape(144, 5)
+    spread = cv2.GaussianBlur(spread, (5, 1), 0.8).ravel()  # noise at the limit of two bins falls into both
+    return np.sqrt(spread / max(float(spread.sum()), 1.0))
+
+
+def _have_same_colors(one: Piece, other: Piece, config: OccludedPieces) -> bool:
+    """Whether the colours of two pieces, and how much there is of each, agree (Bhattacharyya)."""
+    return float(one.histogram @ other.histogram) > config.alike
+
+
+def _is_gap_hidden(
+    one: int, other: int, pieces: Mapping[int, Piece], labels: Labels, frame: RGBDFrame, config: OccludedPieces
+) -> bool:
+    """Whether what is between two pieces is not seen, and the surface of one can go on to the other."""
+    squares = ((pieces[one].outline[:, None] - pieces[other].outline[None]) ** 2).sum(axis=2)
+    nearest = squares.argmin(axis=1)
+    starts = np.argsort(squares.min(axis=1))[: config.ways]
+    pairs = [(pieces[one].outline[start], pieces[other].outline[nearest[start]]) for start in starts]
+    ways = [_measure_way(start, end, labels, frame, config) for start, end in pairs if abs(end - start).max() >= 3]
+    if not ways:
+        return False
+    hidden, length, rise = np.median([(way.hidden, way.length, way.rise) for way in ways], axis=0)
+    receding = [way.receding for way in ways if np.isfinite(way.receding)]
+    if hidden < config.hidden or length > config.widest or rise > config.steepest * length:
+        return False
+    return not receding or float(np.median(receding)) < config.receding
+
+
+def _measure_way(start: Array, end: Array, labels: Labels, frame: RGBDFrame, config: OccludedPieces) -> Way:
+    count = int(np.hypot(*(end - start)))
+    steps = np.linspace(0, 1, max(count, 3))[:, None]
+    columns, rows = np.rint(start + steps * (end - start)).astype(int).T
+    depth, owner = frame.depth[rows, columns].astype(np.float64), labels[rows, columns]
+    first, last = depth[[0, -1]]
+    line = first + steps[1:-1, 0] * (last - first)
+    other = ~np.isin(owner[1:-1], (0, owner[0], owner[-1]))
+    hidden = (depth[1:-1] <= 0) | (other & (depth[1:-1] < line - config.nearer))
+    pixel = max(first, last) / frame.camera.fx
+    step = config.inner * (end - start) / max(count, 1)
+    inside = [
+        _depth_of_piece(place, label, labels, frame.depth)
+        for place, label in ((start - step, owner[0]), (end + step, owner[-1]))
+    ]
+    receding = (first - inside[0] + last - inside[1]) / (2 * config.inner * max(pixel, 1e-6))
+    return Way(float(hidden.mean()), count * pixel, abs(float(last - first)), receding)
+
+
+def _depth_of_piece(place: Array, label: int, labels: Labels, depth: Depth) -> float:
+    """Depth at a pixel (column, row) of a piece; NaN where the pixel is not its own, or not measured."""
+    column, row = np.clip(np.rint(place).astype(int), 0, np.array(labels.shape[::-1]) - 1)
+    return float(depth[row, column]) if labels[row, column] == label and depth[row, column] > 0 else float("nan")
 
 
 def _are_similar_pieces(one: Piece, other: Piece, config: OccludedPieces) -> bool:
     both = convex_footprint_hull(np.concatenate([one.footprint, other.footprint])).astype(np.float32)
     _, sides, _ = cv2.minAreaRect(both)
-    apart = abs(one.top - other.top)
-    if apart > config.level or max(sides) >= config.longest:
+    if abs(one.top - other.top) > config.same_level or max(sides) >= config.longest:
         return False
-    if apart < config.same_level and cv2.contourArea(both) > config.rectangle * sides[0] * sides[1]:
+    if cv2.contourArea(both) > config.rectangle * sides[0] * sides[1]:
         return _are_alike_in_color(one.color, other.color, *config.printed)
     flat = min(one.flat, other.flat) >= config.flat
     return flat and _are_alike_in_color(one.color, other.color, config.hue, config.brightness)

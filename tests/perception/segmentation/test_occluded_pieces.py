@@ -71,3 +71,44 @@ def test_sides_with_nothing_before_them_stay_two(barred: tuple[RGBDFrame, np.nda
 def test_no_segments_are_no_segments(barred: tuple[RGBDFrame, np.ndarray]) -> None:
     frame, labels = barred
     assert _joined(frame, np.zeros_like(labels)).max() == 0
+
+
+def _bar_with_a_band(gap: float, shift: float = 0.0) -> tuple[RGBDFrame, np.ndarray]:
+    """A lying bar, printed all along, with a band (m) around its middle that has no depth, and a label for each side;
+    the right side is so much (m) nearer to the camera."""
+    scene = render((Thing("box", (0.5, 0.0), (0.05, 0.2, 0.06)),), noise=0.0005)
+    depth, rgb, columns = scene.frame.depth.copy(), scene.frame.rgb.copy(), np.indices(scene.labels.shape)[1]
+    bar = scene.labels == 1
+    middle = int(np.median(columns[bar]))
+    half = int(gap / 2 * scene.frame.camera.fx / np.median(depth[bar]))
+    band = bar & (np.abs(columns - middle) <= half)
+    rgb[bar & (columns % 6 < 3)] = (200, 60, 40)
+    depth[bar & (columns > middle)] -= shift
+    depth[band] = 0
+    labels = np.where(bar & ~band, np.where(columns > middle, 2, 1), 0).astype(np.int32)
+    return replace(scene.frame, rgb=rgb, depth=depth), labels
+
+
+@pytest.mark.parametrize(("gap", "shift", "count"), [(0.03, 0.0, 1), (0.03, 0.12, 2), (0.09, 0.0, 2)])
+def test_sides_of_a_narrow_band_without_depth_are_one_unless_a_step_is_between(
+    gap: float, shift: float, count: int
+) -> None:
+    assert _joined(*_bar_with_a_band(gap, shift)).max() == count
+
+
+def test_sides_of_a_band_with_other_colours_are_two() -> None:
+    frame, labels = _bar_with_a_band(0.03)
+    rgb = frame.rgb.copy()
+    rgb[labels == 2] = (40, 60, 200)
+    assert _joined(replace(frame, rgb=rgb), labels).max() == 2
+
+
+def test_like_cans_side_by_side_are_two_though_what_is_between_is_not_seen() -> None:
+    scene = render([Thing("cylinder", (0.5, y), (0.07, 0.07, 0.1)) for y in (-0.045, 0.045)], noise=0.0005)
+    rgb = scene.frame.rgb.copy()
+    rgb[scene.labels > 0] = (200, 60, 40)
+    depth = np.where(scene.labels > 0, scene.frame.depth, np.float32(0))
+    assert _joined(replace(scene.frame, rgb=rgb), scene.labels).max() == 2  # the table is seen between them
+    hidden = replace(scene.frame, rgb=rgb, depth=depth)
+    table = find_table(scene.frame, np.random.default_rng(0))
+    assert join_occluded_pieces(scene.labels, hidden, robot_frame_point_map(hidden, table)).max() == 2
