@@ -273,7 +273,7 @@ class LowThings:
 class ColorBorders:
     """Pixels whose owner colour tells; lengths in pixels of the working size."""
 
-    reach: int = 8  # beyond its convex outline, which what has depth may not fill: so far goes what has none
+    reach: int = 24  # beyond its convex outline, which what has depth may not fill: so far goes what has none
     border: int = 2  # a sensor mixes the depth of so many pixels at each side of an edge
     inner: float = 0.3  # share of an object's pixels that are not on its border: of one with fewer the border stays
 
