@@ -1,6 +1,6 @@
 """Join the pieces of one object that something in front of it, or a gap in the depth, separates in the picture."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -19,7 +19,7 @@ from grs_agents.perception.segmentation.configuration import OccludedPieces
 from grs_agents.perception.segmentation.patch_cutting import Depth
 from grs_agents.perception.types import Array, Mask, RGBDFrame
 
-Picture = npt.NDArray[np.float32]
+Colors = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,7 @@ class Way:
     length: float  # metres, as far away as it is
     rise: float  # metres that one end is deeper than the other
     receding: float  # how steeply both surfaces go away from the camera towards it; NaN where a piece is too narrow
+    foreign: float  # the share of it that is not measured, and has the colour of neither end
 
 
 def join_occluded_pieces(
@@ -58,14 +59,13 @@ def join_occluded_pieces(
             flat = _are_similar_pieces(first, second, config) and _are_separated_by_occluder(
                 first, second, labels, frame.depth, config.between
             )
-            if flat or (
-                _have_same_colors(first, second, config) and _is_gap_hidden(one, other, pieces, labels, frame, config)
-            ):
+            alike = float(first.histogram @ second.histogram) > config.alike
+            if flat or (alike and _is_gap_hidden(_shortest_ways(first, second, labels, frame, lab, config), config)):
                 numbers[numbers == numbers[other]] = numbers[one]
     return np.unique(numbers, return_inverse=True)[1].astype(np.int32)[labels]
 
 
-def _measure_piece(mask: Mask, frame: RGBDFrame, lab: Picture, points: Array, config: OccludedPieces) -> Piece:
+def _measure_piece(mask: Mask, frame: RGBDFrame, lab: Colors, points: Array, config: OccludedPieces) -> Piece:
     cloud = values_in_mask(points, mask)
     cloud = cloud.compress(np.isfinite(cloud[:, 2]), axis=0)[::5]
     top = float(compute_percentiles(cloud[:, 2], [90])[0])
@@ -81,38 +81,42 @@ def _measure_piece(mask: Mask, frame: RGBDFrame, lab: Picture, points: Array, co
     )
 
 
-def _color_histogram(colors: Picture) -> Array:
-    """(K,) square roots of the shares of CIE L*a*b* colours, (N, 3): the products of two add up to 1 if they agree."""
+def _color_histogram(colors: Colors) -> Array:
+    """(K,) square roots of the shares of CIE L*a*b* colours, (N, 3): the products of two add up to 1 if they agree
+    (Bhattacharyya)."""
     counts, _ = np.histogramdd(colors, bins=(5, 12, 12), range=((0, 100), (-60, 60), (-60, 60)))
     spread = cv2.GaussianBlur(np.moveaxis(counts, 0, -1), (5, 5), 0.6).reshape(144, 5)
     spread = cv2.GaussianBlur(spread, (5, 1), 0.8).ravel()  # noise at the limit of two bins falls into both
     return np.sqrt(spread / max(float(spread.sum()), 1.0))
 
 
-def _have_same_colors(one: Piece, other: Piece, config: OccludedPieces) -> bool:
-    """Whether the colours of two pieces, and how much there is of each, agree (Bhattacharyya)."""
-    return float(one.histogram @ other.histogram) > config.alike
-
-
-def _is_gap_hidden(
-    one: int, other: int, pieces: Mapping[int, Piece], labels: Labels, frame: RGBDFrame, config: OccludedPieces
-) -> bool:
+def _is_gap_hidden(ways: Sequence[Way], config: OccludedPieces) -> bool:
     """Whether what is between two pieces is not seen, and the surface of one can go on to the other."""
-    squares = ((pieces[one].outline[:, None] - pieces[other].outline[None]) ** 2).sum(axis=2)
-    nearest = squares.argmin(axis=1)
-    starts = np.argsort(squares.min(axis=1))[: config.ways]
-    pairs = [(pieces[one].outline[start], pieces[other].outline[nearest[start]]) for start in starts]
-    ways = [_measure_way(start, end, labels, frame, config) for start, end in pairs if abs(end - start).max() >= 3]
     if not ways:
         return False
-    hidden, length, rise = np.median([(way.hidden, way.length, way.rise) for way in ways], axis=0)
-    receding = [way.receding for way in ways if np.isfinite(way.receding)]
+    hidden, length, rise, foreign = np.median([(way.hidden, way.length, way.rise, way.foreign) for way in ways], axis=0)
     if hidden < config.hidden or length > config.widest or rise > config.steepest * length:
         return False
+    if length < config.slit and foreign > config.foreign:
+        return False
+    receding = [way.receding for way in ways if np.isfinite(way.receding)]
     return not receding or float(np.median(receding)) < config.receding
 
 
-def _measure_way(start: Array, end: Array, labels: Labels, frame: RGBDFrame, config: OccludedPieces) -> Way:
+def _shortest_ways(
+    one: Piece, other: Piece, labels: Labels, frame: RGBDFrame, lab: Colors, config: OccludedPieces
+) -> list[Way]:
+    """The shortest ways from pixels of the outline of one piece to the other; none where they touch."""
+    squares = ((one.outline[:, None] - other.outline[None]) ** 2).sum(axis=2)
+    starts = np.argsort(squares.min(axis=1))[: config.ways]
+    ends = other.outline[squares[starts].argmin(axis=1)]
+    pairs = zip(one.outline[starts], ends, strict=True)
+    return [_measure_way(start, end, labels, frame, lab, config) for start, end in pairs if abs(end - start).max() >= 3]
+
+
+def _measure_way(
+    start: Array, end: Array, labels: Labels, frame: RGBDFrame, lab: Colors, config: OccludedPieces
+) -> Way:
     count = int(np.hypot(*(end - start)))
     steps = np.linspace(0, 1, max(count, 3))[:, None]
     columns, rows = np.rint(start + steps * (end - start)).astype(int).T
@@ -121,6 +125,9 @@ def _measure_way(start: Array, end: Array, labels: Labels, frame: RGBDFrame, con
     line = first + steps[1:-1, 0] * (last - first)
     other = ~np.isin(owner[1:-1], (0, owner[0], owner[-1]))
     hidden = (depth[1:-1] <= 0) | (other & (depth[1:-1] < line - config.nearer))
+    colors = lab[rows, columns]
+    off = np.linalg.norm(colors[1:-1, None] - colors[[0, -1]], axis=2).min(axis=1)
+    foreign = (depth[1:-1] <= 0) & (off > config.off_color)
     pixel = max(first, last) / frame.camera.fx
     step = config.inner * (end - start) / max(count, 1)
     inside = [
@@ -128,7 +135,7 @@ def _measure_way(start: Array, end: Array, labels: Labels, frame: RGBDFrame, con
         for place, label in ((start - step, owner[0]), (end + step, owner[-1]))
     ]
     receding = (first - inside[0] + last - inside[1]) / (2 * config.inner * max(pixel, 1e-6))
-    return Way(float(hidden.mean()), count * pixel, abs(float(last - first)), receding)
+    return Way(float(hidden.mean()), count * pixel, abs(float(last - first)), receding, float(foreign.mean()))
 
 
 def _depth_of_piece(place: Array, label: int, labels: Labels, depth: Depth) -> float:
