@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (
+    Index,
     Labels,
     compute_percentiles,
     convex_footprint_hull,
@@ -51,7 +52,8 @@ def join_occluded_pieces(
     """(H, W) labels, 1..N, with the occluded pieces joined; ``points`` are (H, W, 3) in the robot frame."""
     numbers = np.arange(int(labels.max()) + 1, dtype=np.int32)
     lab = np.asarray(cv2.cvtColor(frame.rgb.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
-    pieces = {label: _measure_piece(labels == label, frame, lab, points, config) for label in range(1, len(numbers))}
+    bins = _color_bins(lab)
+    pieces = {label: _measure_piece(labels == label, frame, bins, points, config) for label in range(1, len(numbers))}
     for one, first in pieces.items():
         for other, second in pieces.items():
             if one >= other:
@@ -65,7 +67,7 @@ def join_occluded_pieces(
     return np.unique(numbers, return_inverse=True)[1].astype(np.int32)[labels]
 
 
-def _measure_piece(mask: Mask, frame: RGBDFrame, lab: Colors, points: Array, config: OccludedPieces) -> Piece:
+def _measure_piece(mask: Mask, frame: RGBDFrame, bins: Index, points: Array, config: OccludedPieces) -> Piece:
     cloud = values_in_mask(points, mask)
     cloud = cloud.compress(np.isfinite(cloud[:, 2]), axis=0)[::5]
     top = float(compute_percentiles(cloud[:, 2], [90])[0])
@@ -77,14 +79,22 @@ def _measure_piece(mask: Mask, frame: RGBDFrame, lab: Colors, points: Array, con
         values_in_mask(frame.rgb, mask).mean(axis=0),
         outline,
         convex_footprint_hull(cloud),
-        _color_histogram(values_in_mask(lab, mask)),
+        _color_histogram(bins.take(np.flatnonzero(mask))),
     )
 
 
-def _color_histogram(colors: Colors) -> Array:
-    """(K,) square roots of the shares of CIE L*a*b* colours, (N, 3): the products of two add up to 1 if they agree
+def _color_bins(lab: Colors) -> Index:
+    """(H, W) the bin of each colour in CIE L*a*b*: five of lightness, twelve each of a* and b* from -60 to 60."""
+    light, red, yellow = np.moveaxis(lab, -1, 0)
+    return (
+        np.clip(light // 20, 0, 4) * 144 + np.clip(red // 10 + 6, 0, 11) * 12 + np.clip(yellow // 10 + 6, 0, 11)
+    ).astype(np.intp)
+
+
+def _color_histogram(bins: Index) -> Array:
+    """(720,) square roots of the shares of colours by bin: the products of two add up to 1 if they agree
     (Bhattacharyya)."""
-    counts, _ = np.histogramdd(colors, bins=(5, 12, 12), range=((0, 100), (-60, 60), (-60, 60)))
+    counts = np.bincount(bins, minlength=720).reshape(5, 12, 12).astype(np.float64)
     spread = cv2.GaussianBlur(np.moveaxis(counts, 0, -1), (5, 5), 0.6).reshape(144, 5)
     spread = cv2.GaussianBlur(spread, (5, 1), 0.8).ravel()  # noise at the limit of two bins falls into both
     return np.sqrt(spread / max(float(spread.sum()), 1.0))
@@ -110,8 +120,13 @@ def _shortest_ways(
     squares = ((one.outline[:, None] - other.outline[None]) ** 2).sum(axis=2)
     starts = np.argsort(squares.min(axis=1))[: config.ways]
     ends = other.outline[squares[starts].argmin(axis=1)]
-    pairs = zip(one.outline[starts], ends, strict=True)
-    return [_measure_way(start, end, labels, frame, lab, config) for start, end in pairs if abs(end - start).max() >= 3]
+    pairs = [pair for pair in zip(one.outline[starts], ends, strict=True) if abs(pair[1] - pair[0]).max() >= 3]
+    ways: list[Way] = []
+    for start, end in pairs:
+        ways.append(_measure_way(start, end, labels, frame, lab, config))
+        if ways[0].length > config.widest:
+            break  # the others are no shorter
+    return ways
 
 
 def _measure_way(
