@@ -34,16 +34,11 @@ class NeckTest:
         return self.clouds[label]
 
     def _are_centered(self, neck: Array, body: Array) -> bool:
-        """Whether the middles of neck and body, as the camera sees them, are above each other, and those of the
-        neck's lower and the body's upper end as well."""
-        config, (away_x, away_y) = self.config, (neck.mean(axis=0) - self.eye)[:2]
+        """Whether the middles of neck and body, left and right in the camera's view, are above each other."""
+        away_x, away_y = (neck.mean(axis=0) - self.eye)[:2]
         across = np.array([-away_y, away_x]) / np.hypot(away_x, away_y)
-        seam = float(compute_percentiles(neck[:, 2], [3])[0])
-        lower, upper = neck[neck[:, 2] < seam + config.foot], body[body[:, 2] > seam - config.shoulders]
-        if min(len(lower), len(upper)) < config.fewest:
-            return False
-        middles = [compute_percentiles(part[:, :2] @ across, (3, 97)).mean() for part in (neck, body, lower, upper)]
-        return bool(abs(middles[0] - middles[1]) < config.off and abs(middles[2] - middles[3]) < config.off)
+        one, other = (compute_percentiles(cloud[:, :2] @ across, (3, 97)).mean() for cloud in (neck, body))
+        return bool(abs(one - other) < self.config.off)
 
     def _slopes_away(self, neck: int, body: int) -> bool:
         """Whether the body's surface around the neck is lower than their border."""

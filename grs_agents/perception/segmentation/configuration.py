@@ -119,16 +119,16 @@ class OccludedPieces:
     between: float = 0.6  # at least this share of the shortest way between them lies on objects that hide them
     longest: float = 0.4  # a joined object is at most this long
     alike: float = 0.75  # Bhattacharyya coefficient of two histograms of colours that agree
-    ways: int = 12  # of the shortest ways between two pieces: most of them
-    hidden: float = 0.7  # show at least so much that is not measured, or
-    nearer: float = 0.005  # m: nearer by so much,
-    widest: float = 0.065  # m: are no longer,
-    steepest: float = 2.0  # and end no deeper than so much for each metre: beyond a jump is something else
-    receding: float = 0.4  # m for each metre: where both turn away more than that, two things stand side by side
-    inner: int = 8  # pixels of a piece beside the gap, which tell how it turns
-    slit: float = 0.025  # m: in the sensor's shadow between two boxes a gap is narrower. There no more than
-    foreign: float = 0.5  # shows what is not measured and
-    off_color: float = 25.0  # of CIE L*a*b* away from the colours at both ends
+    lines: int = 12  # shortest lines across a gap that are looked at; their medians count
+    hidden: float = 0.7  # at least this share of a line has no depth, or shows something nearer
+    nearer: float = 0.005  # m: what is nearer than a straight line by this is in front of the gap
+    widest: float = 0.065  # m: a wider gap joins nothing
+    steepest: float = 2.0  # m of depth for each metre of the gap: what is steeper is a jump to another object
+    receding: float = 0.4  # slope: where both surfaces turn away more towards the gap, two round objects stand there
+    inner: int = 8  # pixels of a piece beside the gap over which its slope is measured
+    slit: float = 0.025  # m: a narrower gap without depth may be the sensor's shadow between two boxes
+    foreign: float = 0.5  # at most this share of such a gap has a colour that neither end has
+    off_color: float = 25.0  # CIE76 distance: what differs more is another colour
 
 
 @dataclass(frozen=True)
@@ -155,14 +155,12 @@ class BottleNeck:
     """When a piece is the neck or cap of what is below. Chosen on synthesised scenes, where half or twice of a length
     changes little."""
 
-    off: float = 0.005  # m: their middles, as the camera sees them, are above each other
-    apart: float = 0.012  # m: so near is the neck's lower end to the body's upper one
+    off: float = 0.005  # m: the middles of neck and body, left and right, differ by less
+    apart: float = 0.012  # m of height between the neck's lower end and the body's upper one
     tallest: float = 2.0  # times as tall as what is seen of the body
-    foot: float = 0.02  # m of the neck's lower end, which is centred,
-    shoulders: float = 0.04  # on so much of the body's upper end
-    around: int = 5  # pixels of the working size: so far from the border
-    slope: tuple[float, float] = (0.004, 0.001)  # m: half of the surface there, and all but a fifth, is so much lower
-    fewest: int = 10  # points: fewer have no middle
+    around: int = 5  # pixels of the working size from the border: there the body's surface must be lower:
+    slope: tuple[float, float] = (0.004, 0.001)  # m: half of it, and four fifths of it
+    fewest: int = 10  # points: fewer tell nothing
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (
@@ -18,9 +17,8 @@ from grs_agents.perception.image_geometry import (
 )
 from grs_agents.perception.segmentation.configuration import OccludedPieces
 from grs_agents.perception.segmentation.patch_cutting import Depth
+from grs_agents.perception.segmentation.piece_colors import Colors, color_bins, color_histogram, lab_colors
 from grs_agents.perception.types import Array, Mask, RGBDFrame
-
-Colors = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -36,14 +34,14 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class Way:
-    """A straight way in the picture from a pixel of one piece to one of another."""
+class GapLine:
+    """A straight line in the picture across the gap between two pieces."""
 
-    hidden: float  # the share of it that is not measured, or is nearer than both ends
-    length: float  # metres, as far away as it is
-    rise: float  # metres that one end is deeper than the other
-    receding: float  # how steeply both surfaces go away from the camera towards it; NaN where a piece is too narrow
-    foreign: float  # the share of it that is not measured, and has the colour of neither end
+    hidden: float  # share of it that has no depth, or shows something nearer
+    length: float  # metres
+    step: float  # metres of depth between its ends
+    receding: float  # slope by which both surfaces turn away from the camera towards the gap; NaN for a narrow piece
+    foreign: float  # share of it that has no depth, and the colour of neither end
 
 
 def join_occluded_pieces(
@@ -51,8 +49,8 @@ def join_occluded_pieces(
 ) -> Labels:
     """(H, W) labels, 1..N, with the occluded pieces joined; ``points`` are (H, W, 3) in the robot frame."""
     numbers = np.arange(int(labels.max()) + 1, dtype=np.int32)
-    lab = np.asarray(cv2.cvtColor(frame.rgb.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
-    bins = _color_bins(lab)
+    colors = lab_colors(frame.rgb)
+    bins = color_bins(colors)
     pieces = {label: _measure_piece(labels == label, frame, bins, points, config) for label in range(1, len(numbers))}
     for one, first in pieces.items():
         for other, second in pieces.items():
@@ -62,7 +60,9 @@ def join_occluded_pieces(
                 first, second, labels, frame.depth, config.between
             )
             alike = float(first.histogram @ second.histogram) > config.alike
-            if flat or (alike and _is_gap_hidden(_shortest_ways(first, second, labels, frame, lab, config), config)):
+            if flat or (
+                alike and _is_gap_hidden(_lines_across_gap(first, second, labels, frame, colors, config), config)
+            ):
                 numbers[numbers == numbers[other]] = numbers[one]
     return np.unique(numbers, return_inverse=True)[1].astype(np.int32)[labels]
 
@@ -79,78 +79,63 @@ def _measure_piece(mask: Mask, frame: RGBDFrame, bins: Index, points: Array, con
         values_in_mask(frame.rgb, mask).mean(axis=0),
         outline,
         convex_footprint_hull(cloud),
-        _color_histogram(bins.take(np.flatnonzero(mask))),
+        color_histogram(bins.take(np.flatnonzero(mask))),
     )
 
 
-def _color_bins(lab: Colors) -> Index:
-    """(H, W) the bin of each colour in CIE L*a*b*: five of lightness, twelve each of a* and b* from -60 to 60."""
-    light, red, yellow = np.moveaxis(lab, -1, 0)
-    return (
-        np.clip(light // 20, 0, 4) * 144 + np.clip(red // 10 + 6, 0, 11) * 12 + np.clip(yellow // 10 + 6, 0, 11)
-    ).astype(np.intp)
-
-
-def _color_histogram(bins: Index) -> Array:
-    """(720,) square roots of the shares of colours by bin: the products of two add up to 1 if they agree
-    (Bhattacharyya)."""
-    counts = np.bincount(bins, minlength=720).reshape(5, 12, 12).astype(np.float64)
-    spread = cv2.GaussianBlur(np.moveaxis(counts, 0, -1), (5, 5), 0.6).reshape(144, 5)
-    spread = cv2.GaussianBlur(spread, (5, 1), 0.8).ravel()  # noise at the limit of two bins falls into both
-    return np.sqrt(spread / max(float(spread.sum()), 1.0))
-
-
-def _is_gap_hidden(ways: Sequence[Way], config: OccludedPieces) -> bool:
+def _is_gap_hidden(lines: Sequence[GapLine], config: OccludedPieces) -> bool:
     """Whether what is between two pieces is not seen, and the surface of one can go on to the other."""
-    if not ways:
+    if not lines:
         return False
-    hidden, length, rise, foreign = np.median([(way.hidden, way.length, way.rise, way.foreign) for way in ways], axis=0)
-    if hidden < config.hidden or length > config.widest or rise > config.steepest * length:
+    hidden, length, step, foreign = np.median(
+        [(line.hidden, line.length, line.step, line.foreign) for line in lines], axis=0
+    )
+    if hidden < config.hidden or length > config.widest or step > config.steepest * length:
         return False
     if length < config.slit and foreign > config.foreign:
         return False
-    receding = [way.receding for way in ways if np.isfinite(way.receding)]
+    receding = [line.receding for line in lines if np.isfinite(line.receding)]
     return not receding or float(np.median(receding)) < config.receding
 
 
-def _shortest_ways(
-    one: Piece, other: Piece, labels: Labels, frame: RGBDFrame, lab: Colors, config: OccludedPieces
-) -> list[Way]:
-    """The shortest ways from pixels of the outline of one piece to the other; none where they touch."""
+def _lines_across_gap(
+    one: Piece, other: Piece, labels: Labels, frame: RGBDFrame, colors: Colors, config: OccludedPieces
+) -> list[GapLine]:
+    """The shortest lines from the outline of one piece to that of the other; none where they touch."""
     squares = ((one.outline[:, None] - other.outline[None]) ** 2).sum(axis=2)
-    starts = np.argsort(squares.min(axis=1))[: config.ways]
+    starts = np.argsort(squares.min(axis=1))[: config.lines]
     ends = other.outline[squares[starts].argmin(axis=1)]
     pairs = [pair for pair in zip(one.outline[starts], ends, strict=True) if abs(pair[1] - pair[0]).max() >= 3]
-    ways: list[Way] = []
+    lines: list[GapLine] = []
     for start, end in pairs:
-        ways.append(_measure_way(start, end, labels, frame, lab, config))
-        if ways[0].length > config.widest:
+        lines.append(_measure_line(start, end, labels, frame, colors, config))
+        if lines[0].length > config.widest:
             break  # the others are no shorter
-    return ways
+    return lines
 
 
-def _measure_way(
-    start: Array, end: Array, labels: Labels, frame: RGBDFrame, lab: Colors, config: OccludedPieces
-) -> Way:
+def _measure_line(
+    start: Array, end: Array, labels: Labels, frame: RGBDFrame, colors: Colors, config: OccludedPieces
+) -> GapLine:
     count = int(np.hypot(*(end - start)))
     steps = np.linspace(0, 1, max(count, 3))[:, None]
     columns, rows = np.rint(start + steps * (end - start)).astype(int).T
     depth, owner = frame.depth[rows, columns].astype(np.float64), labels[rows, columns]
     first, last = depth[[0, -1]]
-    line = first + steps[1:-1, 0] * (last - first)
+    between = first + steps[1:-1, 0] * (last - first)
     other = ~np.isin(owner[1:-1], (0, owner[0], owner[-1]))
-    hidden = (depth[1:-1] <= 0) | (other & (depth[1:-1] < line - config.nearer))
-    colors = lab[rows, columns]
-    off = np.linalg.norm(colors[1:-1, None] - colors[[0, -1]], axis=2).min(axis=1)
+    hidden = (depth[1:-1] <= 0) | (other & (depth[1:-1] < between - config.nearer))
+    own = colors[rows, columns]
+    off = np.linalg.norm(own[1:-1, None] - own[[0, -1]], axis=2).min(axis=1)
     foreign = (depth[1:-1] <= 0) & (off > config.off_color)
     pixel = max(first, last) / frame.camera.fx
-    step = config.inner * (end - start) / max(count, 1)
+    inward = config.inner * (end - start) / max(count, 1)
     inside = [
         _depth_of_piece(place, label, labels, frame.depth)
-        for place, label in ((start - step, owner[0]), (end + step, owner[-1]))
+        for place, label in ((start - inward, owner[0]), (end + inward, owner[-1]))
     ]
     receding = (first - inside[0] + last - inside[1]) / (2 * config.inner * max(pixel, 1e-6))
-    return Way(float(hidden.mean()), count * pixel, abs(float(last - first)), receding, float(foreign.mean()))
+    return GapLine(float(hidden.mean()), count * pixel, abs(float(last - first)), receding, float(foreign.mean()))
 
 
 def _depth_of_piece(place: Array, label: int, labels: Labels, depth: Depth) -> float:

@@ -43,8 +43,7 @@ def segment_objects_on_table(
     above = foreground_pixel_mask(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3], config.foreground)
     labels = merge_parts(cut_smooth_patches(smooth, above, config.patches), points, config)
     labels = filter_object_segments(labels, smooth, points, table, config)
-    if {"plain_color", "neck"} & config.rules:
-        labels = join_touching_pieces(labels, smooth, points, table, config)
+    labels = join_touching_pieces(labels, smooth, points, table, config)
     if "hollow_floor" in config.rules:
         floors = find_enclosed_floors(labels > 0, points[..., 2], smooth.depth > 0, small, table, config.floors)
         labels = add_enclosed_floors(labels, floors, config.floors)

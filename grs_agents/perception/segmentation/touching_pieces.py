@@ -6,7 +6,7 @@ from grs_agents.perception.image_geometry import Labels
 from grs_agents.perception.segmentation.bottle_necks import NeckTest
 from grs_agents.perception.segmentation.configuration import Segmentation
 from grs_agents.perception.segmentation.patch_cutting import find_depth_jumps, measure_label_borders
-from grs_agents.perception.segmentation.plain_color import PlainColorTest
+from grs_agents.perception.segmentation.piece_colors import PlainColorTest
 from grs_agents.perception.types import Array, RGBDFrame, TableFrame
 
 

@@ -1,15 +1,39 @@
-"""Pieces of one plain colour that touch are one object: the plates of a bracket, the wall and the inside of a mug."""
+"""The colours of pieces, and whether they say that two pieces are one object."""
 
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from grs_agents.perception.image_geometry import Index, Labels, compute_percentiles, pixels_by_label
 from grs_agents.perception.segmentation.configuration import PlainColor
 from grs_agents.perception.types import Array, Image
 
+Colors = npt.NDArray[np.float32]
 _BLACK = 16.0  # of CIE L*: L* + 16 is as the cube root of the luminance
+
+
+def lab_colors(rgb: Image) -> Colors:
+    """(H, W, 3) CIE L*, a* and b* of a photo."""
+    return np.asarray(cv2.cvtColor(rgb.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
+
+
+def color_bins(colors: Colors) -> Index:
+    """(H, W) the bin of each CIE L*a*b* colour: five of lightness, twelve each of a* and b* from -60 to 60."""
+    light, red, yellow = np.moveaxis(colors, -1, 0)
+    return (
+        np.clip(light // 20, 0, 4) * 144 + np.clip(red // 10 + 6, 0, 11) * 12 + np.clip(yellow // 10 + 6, 0, 11)
+    ).astype(np.intp)
+
+
+def color_histogram(bins: Index) -> Array:
+    """(720,) square roots of the shares of colours by bin. The product of two histograms is 1 where they agree
+    (Bhattacharyya coefficient)."""
+    counts = np.bincount(bins, minlength=720).reshape(5, 12, 12).astype(np.float64)
+    spread = cv2.GaussianBlur(np.moveaxis(counts, 0, -1), (5, 5), 0.6).reshape(144, 5)
+    spread = cv2.GaussianBlur(spread, (5, 1), 0.8).ravel()  # noise at the limit of two bins falls into both
+    return np.sqrt(spread / max(float(spread.sum()), 1.0))
 
 
 @dataclass(frozen=True)
@@ -22,15 +46,16 @@ class PieceColor:
 
 
 class PlainColorTest:
-    """Tells whether two pieces are of one plain colour, one of them perhaps in more light."""
+    """Tells whether two pieces are of one plain colour, as the plates of a bracket or the wall and the inside of a mug.
+    One may be in more light than the other."""
 
     def __init__(self, labels: Labels, rgb: Image, config: PlainColor) -> None:
         self.config = config
-        color = np.asarray(cv2.cvtColor(rgb.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float64).reshape(-1, 3)
+        colors = lab_colors(rgb).reshape(-1, 3)
         square, values = np.ones((3, 3), np.uint8), labels.astype(np.float32)
         inner = np.where(cv2.dilate(values, square) == cv2.erode(values, square), labels, 0).astype(np.int32)
         self.colors = {
-            label: _measure_color(color, pixels)
+            label: _measure_color(colors, pixels)
             for label, pixels in enumerate(pixels_by_label(inner), 1)
             if len(pixels) >= config.fewest
         }
@@ -46,8 +71,8 @@ class PlainColorTest:
         return bool(np.linalg.norm(first.hue - second.hue) * dark < config.hue)
 
 
-def _measure_color(color: Array, pixels: Index) -> PieceColor:
-    own = color.take(pixels, axis=0)
+def _measure_color(colors: Colors, pixels: Index) -> PieceColor:
+    own = colors.take(pixels, axis=0).astype(np.float64)
     middle = np.median(own, axis=0)
     spread = compute_percentiles(np.abs(own - middle), [80])[0]
     lightness = float(middle[0]) + _BLACK
