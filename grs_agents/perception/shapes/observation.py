@@ -45,13 +45,7 @@ class Observation:
 
     def project(self, points: Array) -> tuple[Array, Array, Array]:
         """Column, row and depth of points (N, 3)."""
-        local = (points - self.eye) @ self.T_object_cam[:3, :3]
-        depth = np.maximum(local[:, 2], 1e-6)
-        return (
-            self.focal[0] * local[:, 0] / depth + self.center[0],
-            self.focal[1] * local[:, 1] / depth + self.center[1],
-            local[:, 2],
-        )
+        return project_points(points, self.focal, self.center, self.T_object_cam)
 
     def lift(self, depth: Depth) -> Array:
         """(h, w, 3) points at a depth each."""
@@ -90,6 +84,15 @@ def sample(picture: npt.NDArray[np.float32], column: Array, row: Array, how: int
     return np.asarray(found, np.float64).ravel()[: len(column)]
 
 
+def project_points(
+    points: Array, focal: tuple[float, float], center: tuple[float, float], pose: Array
+) -> tuple[Array, Array, Array]:
+    """Column, row and depth of points (N, 3) in a window, in the frame that ``pose`` (4, 4) leads to."""
+    local = (points - pose[:3, 3]) @ pose[:3, :3]
+    depth = np.maximum(local[:, 2], 1e-6)
+    return focal[0] * local[:, 0] / depth + center[0], focal[1] * local[:, 1] / depth + center[1], local[:, 2]
+
+
 def lift_pixels(depth: Depth, focal: tuple[float, float], center: tuple[float, float], pose: Array) -> Array:
     """(h, w, 3) points of the pixels of a window at a depth each, in the frame that ``pose`` (4, 4) leads to."""
     rows, columns = np.indices(depth.shape, dtype=np.float64)
@@ -116,12 +119,16 @@ def observe_object(view: ObjectView) -> Observation | None:
     mask, sound = _clean_mask_and_sound_depth(view.mask[window].copy(), measured, lift(measured), view.noise)
     if np.count_nonzero(sound) < CONFIG.fewest:
         return None
-    depth = _smooth_depth(measured, sound, view.noise)
-    ones = lift(np.ones_like(depth)) - view.T_object_cam[:3, 3]
-    fall = np.minimum(ones[..., 2], -1e-3)
-    on_support = (CONFIG.sunk - view.T_object_cam[2, 3]) / fall
+    depth, edge = _smooth_depth(measured, sound, view.noise), signed_edge_distance(mask)
+    rays = lift(np.ones_like(depth)) - view.T_object_cam[:3, 3]
+    on_support = (CONFIG.sunk - view.T_object_cam[2, 3]) / np.minimum(rays[..., 2], -1e-3)
+    missing = mask & ~sound
+    if missing.any():
+        highest = float(np.percentile(lift(depth)[sound][:, 2], 98))
+        walls = _depth_of_upright_walls(rays[missing], highest, edge, measured, (focal, center, view.T_object_cam))
+        mixed = np.where(measured[missing] > 0, measured[missing], np.inf)
+        depth[missing] = np.maximum(depth[missing], np.minimum(walls, mixed))
     depth = np.where(mask, np.minimum(depth, on_support), depth).astype(np.float32)
-    edge = signed_edge_distance(mask)
     surface = lift(depth)
     pixel = float(np.median(depth[mask])) / focal[0]
     reach = int(np.clip(np.ceil(CONFIG.reach_deviations * view.noise / pixel), 1, CONFIG.longest_reach))
@@ -145,6 +152,31 @@ def observe_object(view: ObjectView) -> Observation | None:
         noise=view.noise,
         measured_share=float(np.count_nonzero(sound & mask) / max(np.count_nonzero(mask), 1)),
     )
+
+
+def _depth_of_upright_walls(
+    rays: Array,
+    top: float,
+    edge: Depth,
+    measured: Depth,
+    camera: tuple[tuple[float, float], tuple[float, float], Array],
+) -> Array:
+    """(N,) depth at which rays (N, 3), of depth 1 in the object frame, meet an upright wall on the object's foot, m;
+    infinite where they meet none.
+
+    A steep wall shows its sensor few pixels, and these mix it with what is behind. Its top alone would make the object
+    reach out over its foot. The foot is where the support is covered by the mask, or by something nearer.
+    """
+    found = np.full(len(rays), np.inf)
+    for height in np.linspace(top, 0.0, CONFIG.wall_steps):
+        depth = (height - camera[2][2, 3]) / np.minimum(rays[:, 2], -1e-3)
+        foot = (camera[2][:3, 3] + depth[:, None] * rays) * (1, 1, 0)
+        column, row, away = project_points(foot, *camera)
+        nearest = sample(measured, column, row, cv2.INTER_NEAREST, 0.0)
+        covered = (nearest > 0) & (nearest < away - CONFIG.nearer)
+        covered |= sample(edge, column, row, cv2.INTER_LINEAR, 50.0) <= CONFIG.foot_edge
+        found = np.where(covered, np.minimum(found, depth), found)
+    return found
 
 
 def _depth_jump_threshold(noise: float) -> float:

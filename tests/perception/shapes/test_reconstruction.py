@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grs_agents.perception.shapes import reconstruct_shape
-from tests.perception.shapes.photo import cup, depth_of_table, on_table, photograph
+from tests.perception.shapes.photo import CAMERA, cup, depth_of, depth_of_table, on_table, photograph
 
 
 def solid_of(shape):
@@ -26,6 +26,29 @@ def test_the_seen_sides_of_a_box_are_where_their_surfaces_were_measured(width, h
     assert shape is not None and shape.method == "box"
     near, top = shape.mesh.vertices[:, 0].min(), shape.mesh.vertices[:, 2].max()
     assert (near, top) == pytest.approx((-width / 2, height), abs=0.002)
+
+
+@pytest.mark.parametrize("yaw", [0.3, 0.8, 1.2])
+@pytest.mark.parametrize(("mixed", "most"), [(False, 0.004), (True, 0.016)])
+def test_steep_walls_without_sound_depth_stand_on_their_foot(yaw, mixed, most):
+    """A sensor shows the near walls not at all, or mixed with the table beside them."""
+    box = trimesh.creation.box((0.09, 0.06, 0.08))
+    box.apply_transform(trimesh.transformations.rotation_matrix(yaw, (0, 0, 1)))
+    view = photograph(on_table(box), 0.9, noise=0.001, rng=np.random.default_rng(0))
+    view.depth[~view.mask] = depth_of_table(view.T_object_cam)[~view.mask]
+    true, (rows, columns) = view.depth.copy(), np.indices(view.depth.shape)
+    rays = np.stack([(columns - CAMERA.cx) / CAMERA.fx, (rows - CAMERA.cy) / CAMERA.fy, np.ones(rows.shape)], axis=-1)
+    heights = (true[..., None] * rays) @ view.T_object_cam[2, :3] + view.T_object_cam[2, 3]
+    wall = view.mask & (heights < 0.076)
+    behind = np.random.default_rng(1).uniform(0, 0.06, wall.sum())
+    view.depth[wall] = true[wall] + behind if mixed else 0
+
+    shape = reconstruct_shape(view)
+
+    assert shape is not None
+    drawn = depth_of(solid_of(shape), view.T_object_cam)
+    both = view.mask & np.isfinite(drawn)
+    assert np.percentile(np.abs(drawn - true)[both], 90) < most
 
 
 def test_no_shape_where_most_depth_is_missing():
