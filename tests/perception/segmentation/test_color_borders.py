@@ -16,6 +16,7 @@ from grs_agents.perception import (
     measure_candidates,
     segment_objects_on_table,
 )
+from grs_agents.perception.segmentation import fit_masks_to_color
 from tests.perception import room
 
 
@@ -65,6 +66,22 @@ def test_masks_of_the_user_and_the_robot_stay_as_they_are() -> None:
     assert owned_pixels(objects_in(frame, given=False, robot=nothing))[notch].mean() > 0.9
     assert owned_pixels(objects_in(frame, given=True, robot=nothing))[notch].mean() < 0.5
     assert owned_pixels(objects_in(frame, given=False, robot=notch))[notch].mean() < 0.5
+
+
+@pytest.mark.parametrize("grown", [2, -2])
+def test_noise_of_the_photo_does_not_move_a_border(grown: int) -> None:
+    """Neighbouring pixels of one surface differ by a third of what the surfaces do."""
+    frame, _, owner = room.photo(room.camera(width=640, height=480))
+    shown = owner == room.THINGS[0]
+    seen = (cv2.dilate if grown > 0 else cv2.erode)(shown.astype(np.uint8), np.ones((2 * abs(grown) + 1,) * 2)) > 0
+    surfaces = frame.rgb[shown].mean(axis=0), frame.rgb[seen & ~shown if grown > 0 else ~shown].mean(axis=0)
+    noise = np.random.default_rng(3).normal(scale=np.abs(np.subtract(*surfaces)).max() / 3, size=frame.rgb.shape)
+    noisy = replace(frame, rgb=np.clip(frame.rgb + noise, 0, 255).astype(np.uint8))
+    table = find_table(noisy, np.random.default_rng(0))
+    (one,) = fit_masks_to_color(
+        measure_candidates(noisy, table, seen.astype(np.int32)), noisy, left_out=np.zeros_like(shown)
+    )
+    assert (one.mask ^ shown).sum() <= 0.15 * (seen ^ shown).sum()
 
 
 @pytest.mark.parametrize("grown", [2, 0, -2])
