@@ -64,7 +64,7 @@ def _photograph(asset: Asset, sensor: SensorKind, library: Library, rng: np.rand
     if (depth[mask] > 0).mean() < 0.3:
         return None
     candidate = measure_candidates(frame, table, mask.astype(np.int32))[0]
-    view = make_object_view(frame, table, mask, candidate.upright, _noise(seen, depth))
+    view = make_object_view(frame, table, mask, candidate.upright, _noise(seen, depth), candidate.hollow)
     surface, hidden = _true_surface(triangles, camera, seen)
     to_object = view.T_object_cam @ np.linalg.inv(np.asarray(camera.T_robot_cam))
     return KnownObject(asset.name, sensor, view, surface @ to_object[:3, :3].T + to_object[:3, 3], hidden)

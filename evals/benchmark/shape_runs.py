@@ -98,7 +98,7 @@ def _views_of_scene(folder: Path) -> Iterable[tuple[str, ObjectView]]:
         distance = float(np.median(frame.depth[one.mask & (frame.depth > 0)]))
         yield (
             f"{short_scene_name(folder)} {one.id}",
-            make_object_view(frame, table, one.mask, one.upright, _noise(distance)),
+            make_object_view(frame, table, one.mask, one.upright, _noise(distance), one.hollow),
         )
 
 

@@ -99,7 +99,7 @@ def reconstruct_proxy(
 
     It is what the shape tool makes of the photo; where that has no shape, a primitive of the box's size.
     """
-    view = make_object_view(*photo, mask, box, max(photo[1].residual, QUIET))
+    view = make_object_view(*photo, mask, box, max(photo[1].residual, QUIET), record.hollow)
     config, folder = services.config, services.folder / "shapes"
     found = services.run_tool(config.tools.shape, view=view, folder=folder, model=config.shape.model).shape
     if isinstance(found, MeshFile):

@@ -3,6 +3,7 @@ from .box_clipping import clip_boxes as clip_boxes
 from .free_space import observed_free_points_mask as observed_free_points_mask
 from .meshes import box_mesh as box_mesh
 from .meshes import inside_colliders_mask as inside_colliders_mask
+from .meshes import join_meshes as join_meshes
 from .meshes import mesh_to_obj_text as mesh_to_obj_text
 from .meshes import revolved_mesh as revolved_mesh
 from .neighbors import Surroundings as Surroundings

@@ -2,6 +2,7 @@
 Also says which points lie inside an asset's colliders."""
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,12 @@ _GRID, _AROUND = 6, 32
 
 def box_mesh(size: Vec3, center: Vec3 = (0.0, 0.0, 0.0), grid: int = _GRID) -> Faceted:
     """A box whose sides are grids, so that a picture laid on it is not bent much."""
+    vertices, faces = _unit_box(grid)
+    return vertices * size + center, faces
+
+
+@cache
+def _unit_box(grid: int) -> Faceted:
     steps = np.linspace(-0.5, 0.5, grid + 1)
     one, two = (part.ravel() for part in np.meshgrid(steps, steps, indexing="ij"))
     parts: list[Faceted] = []
@@ -26,7 +33,7 @@ def box_mesh(size: Vec3, center: Vec3 = (0.0, 0.0, 0.0), grid: int = _GRID) -> F
             vertices = np.empty((len(one), 3))
             vertices[:, axis], vertices[:, (axis + 1) % 3], vertices[:, (axis + 2) % 3] = side, one, two
             faces = _triangulate_grid(grid + 1, grid + 1)
-            parts.append((vertices * size + center, faces if side > 0 else faces[:, ::-1]))
+            parts.append((vertices, faces if side > 0 else faces[:, ::-1]))
     return join_meshes(parts)
 
 

@@ -76,7 +76,7 @@ def fit_colliders(shape: ObjectShape, solid: Solid, hollow: bool) -> tuple[Colli
         middle = (low + high)[:2] / 2
         return (
             open_box_colliders(low, high)
-            if solid == "box"
+            if solid == "box" or shape.method == "box"
             else ring_colliders(_wall_profile_about_center(body, middle), middle)
         )
     primitive = _fit_box_or_cylinder(body)

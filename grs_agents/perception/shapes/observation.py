@@ -56,7 +56,7 @@ class Observation:
         Free is what lies before the surface, or beside the mask; nothing is known (NaN) of what something nearer hides
         and of what lies outside the photo."""
         column, row, depth = self.project(points)
-        beside = sample(self.edge, column, row, cv2.INTER_LINEAR, 50.0) * depth / self.focal[0]
+        beside = (sample(self.edge, column, row, cv2.INTER_LINEAR, 50.0) - CONFIG.shrinkage) * depth / self.focal[0]
         smooth = sample(self.depth, column, row, cv2.INTER_LINEAR, 9.0)
         nearest = sample(self.depth, column, row, cv2.INTER_NEAREST, 9.0)
         before = np.where(np.abs(smooth - nearest) < CONFIG.same_surface, smooth, nearest) - depth

@@ -1,4 +1,5 @@
-"""The shape of an object from one view: a box, round, mirrored or carved, whichever the view agrees with."""
+"""The shape of an object from one view: a box, round, open at the top, mirrored or carved, whichever the view agrees
+with."""
 
 import numpy as np
 
@@ -6,13 +7,16 @@ from grs_agents.perception.shapes.box_fit import mesh_fitted_box
 from grs_agents.perception.shapes.configuration import DEFAULT
 from grs_agents.perception.shapes.drawing import Agreement, compare_mesh_with_photo
 from grs_agents.perception.shapes.handle import mesh_visible_handle
-from grs_agents.perception.shapes.lathe import measure_turned_profile, mesh_turned_solid
+from grs_agents.perception.shapes.lathe import TurnedSolid, measure_turned_profile, mesh_turned_solid
 from grs_agents.perception.shapes.mirrors import find_symmetry_planes
 from grs_agents.perception.shapes.observation import Observation, observe_object
+from grs_agents.perception.shapes.open_top import cost_of_mesh, fit_open_top
 from grs_agents.perception.shapes.revolution import Axis, fit_revolution_axis
 from grs_agents.perception.shapes.solid import carve_solid
+from grs_agents.perception.shapes.surface_nets import Faces
 from grs_agents.perception.shapes.texture import paint_mesh
 from grs_agents.perception.shapes.types import ObjectShape, ObjectView
+from grs_agents.perception.types import Array
 
 CONFIG = DEFAULT.choice
 
@@ -23,11 +27,16 @@ def reconstruct_shape(view: ObjectView) -> ObjectShape | None:
     ``None`` where too little depth was measured to tell of a shape.
     """
     seen = observe_object(view)
-    if seen is None or seen.measured_share < CONFIG.least_measured:
+    if seen is None:
         return None
-    turned = _reconstruct_turned_solid(seen)
-    if turned is not None and turned.hollow:  # a mug's outline may be near to a box, but one can put things into it
-        return turned
+    measured = seen.measured_share >= CONFIG.least_measured
+    turned = _reconstruct_turned_solid(seen) if measured else None
+    open_top = _reconstruct_open_top(seen, view.size) if view.hollow else None
+    hollow = [one for one in (turned, open_top) if one is not None and one.hollow]
+    if hollow:  # a mug's outline may be near to a box, but one can put things into it
+        return min(hollow, key=lambda one: cost_of_mesh(seen, one.mesh.vertices, one.mesh.faces))
+    if not measured:
+        return None
     mesh = mesh_fitted_box(seen, view.size)
     box = compare_mesh_with_photo(seen, *mesh)
     if _is_box_confirmed(box, seen):
@@ -48,16 +57,33 @@ def _reconstruct_turned_solid(seen: Observation) -> ObjectShape | None:
     turned = measure_turned_profile(seen, axis)
     if turned is None:
         return None
-    vertices, faces = mesh_turned_solid(turned, CONFIG.faces - CONFIG.handle_faces)
-    handle = mesh_visible_handle(seen, turned, CONFIG.handle_faces)
-    if handle is not None:
-        faces = np.concatenate([faces, handle[1] + len(vertices)])
-        vertices = np.concatenate([vertices, handle[0]])
+    vertices, faces = _with_handle(seen, turned)
     found = compare_mesh_with_photo(seen, vertices, faces)
     if not _is_turned_solid_confirmed(found, axis, turned.walls is not None):
         return None
     mesh = paint_mesh(seen, vertices, faces)
     return ObjectShape(mesh, "lathe", turned.walls is not None, turned.walls, found.overlap, found.raw_error)
+
+
+def _reconstruct_open_top(seen: Observation, size: tuple[float, float, float]) -> ObjectShape | None:
+    """A cup with its handle or an open box, whichever is nearer to the view; ``None`` where both are far from it."""
+    fitted = fit_open_top(seen, size)
+    walls = fitted.walls if isinstance(fitted, TurnedSolid) else None
+    vertices, faces = _with_handle(seen, fitted) if isinstance(fitted, TurnedSolid) else fitted
+    found = compare_mesh_with_photo(seen, vertices, faces)
+    if found.overlap < DEFAULT.open_top.overlap or found.near < DEFAULT.open_top.near:
+        return None
+    method = "box" if walls is None else "lathe"
+    return ObjectShape(paint_mesh(seen, vertices, faces), method, True, walls, found.overlap, found.raw_error)
+
+
+def _with_handle(seen: Observation, turned: TurnedSolid) -> tuple[Array, Faces]:
+    """The mesh of a turned solid and of the handle that is seen of it."""
+    vertices, faces = mesh_turned_solid(turned, CONFIG.faces - CONFIG.handle_faces)
+    handle = mesh_visible_handle(seen, turned, CONFIG.handle_faces)
+    if handle is None:
+        return vertices, faces
+    return np.concatenate([vertices, handle[0]]), np.concatenate([faces, handle[1] + len(vertices)])
 
 
 def _is_turned_solid_confirmed(found: Agreement, axis: Axis, hollow: bool) -> bool:

@@ -27,6 +27,7 @@ class ObjectView:
     T_object_cam: Array  # (4, 4) from the camera frame (OpenCV axes) to the object frame, metres
     size: tuple[float, float, float]  # of the measured upright box along the object frame's axes, metres
     noise: float  # standard deviation of depth at the object's distance, metres
+    hollow: bool = False  # whether what was measured of it is open at the top
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,12 @@ from grs_agents.perception.shapes.types import ObjectView
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame, UprightBox
 
 
-def make_object_view(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox, noise: float) -> ObjectView:
-    """The view of the object with this mask (H, W), measured by its upright box; ``noise`` as in `ObjectView`."""
+def make_object_view(
+    frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox, noise: float, hollow: bool = False
+) -> ObjectView:
+    """The view of the object with this mask (H, W), measured by its upright box; the rest is as in `ObjectView`."""
     to_object = np.linalg.inv(object_pose(box)) @ np.asarray(table.T_robot_cam, np.float64)
-    return ObjectView(frame.rgb, frame.depth, mask, frame.camera.intrinsics, to_object, box.size, noise)
+    return ObjectView(frame.rgb, frame.depth, mask, frame.camera.intrinsics, to_object, box.size, noise, hollow)
 
 
 def object_pose(box: UprightBox) -> Array:

@@ -7,7 +7,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.perception.shapes import reconstruct_shape
+from grs_agents.perception.shapes import Hull, fit_colliders, reconstruct_shape
 from tests.perception.shapes.photo import CAMERA, cup, depth_of, depth_of_table, on_table, photograph
 
 
@@ -28,6 +28,45 @@ def test_the_seen_sides_of_a_box_are_where_their_surfaces_were_measured(width, h
     assert (near, top) == pytest.approx((-width / 2, height), abs=0.002)
 
 
+def heights_of(view):
+    """(H, W) how high above the table lies what the pixels show, m."""
+    rows, columns = np.indices(view.depth.shape)
+    rays = np.stack([(columns - CAMERA.cx) / CAMERA.fx, (rows - CAMERA.cy) / CAMERA.fy, np.ones(rows.shape)], axis=-1)
+    return (view.depth[..., None] * rays) @ view.T_object_cam[2, :3] + view.T_object_cam[2, 3]
+
+
+def open_box(length=0.16, width=0.1, height=0.07, wall=0.005):
+    parts = [((length, width, wall), (0, 0, wall / 2))]
+    parts += [((wall, width, height), (side * (length - wall) / 2, 0, height / 2)) for side in (1, -1)]
+    parts += [((length, wall, height), (0, side * (width - wall) / 2, height / 2)) for side in (1, -1)]
+    return trimesh.util.concatenate([trimesh.creation.box(size).apply_translation(at) for size, at in parts])
+
+
+@pytest.mark.parametrize(("thing", "method"), [(cup(), "lathe"), (open_box(), "box")])
+def test_what_is_open_at_the_top_is_so_where_little_but_its_floor_was_measured(thing, method):
+    view = photograph(thing, 1.1, noise=0.001, rng=np.random.default_rng(0))
+    view.depth[~view.mask] = depth_of_table(view.T_object_cam)[~view.mask]
+    true, heights, top = view.depth.copy(), heights_of(view), thing.bounds[1][2]
+    view.depth[view.mask & (heights > 0.02) & (heights < top - 0.003)] = 0
+    x, y, z = view.size  # of a box around what was measured, which is not all
+
+    shape = reconstruct_shape(replace(view, size=(0.9 * x, 0.9 * y, 1.1 * z), hollow=True))
+
+    assert shape is not None and (shape.method, shape.hollow) == (method, True)
+    drawn = depth_of(solid_of(shape), view.T_object_cam)
+    assert (np.isfinite(drawn) & view.mask).sum() > 0.95 * (np.isfinite(drawn) | view.mask).sum()
+    both = view.mask & np.isfinite(drawn)
+    assert np.percentile(np.abs(drawn - true)[both], 90) < 0.006
+    assert shape.mesh.vertices[:, 2].max() == pytest.approx(top, abs=0.004)
+    middle = np.abs(shape.mesh.vertices[:, :2]).max(axis=1) < 0.02
+    assert shape.mesh.vertices[middle, 2].max() < 0.01  # one can put something into it
+    colliders = fit_colliders(shape, "cylinder", hollow=True)  # the footprint may look round
+    boxes = [one for one in colliders if not isinstance(one, Hull) and one.kind == "box"]
+    assert len(boxes) == (5 if method == "box" else 0)
+    plain = reconstruct_shape(view)
+    assert plain is None or not plain.hollow  # that was not told
+
+
 @pytest.mark.parametrize("yaw", [0.3, 0.8, 1.2])
 @pytest.mark.parametrize(("mixed", "most"), [(False, 0.004), (True, 0.016)])
 def test_steep_walls_without_sound_depth_stand_on_their_foot(yaw, mixed, most):
@@ -36,9 +75,7 @@ def test_steep_walls_without_sound_depth_stand_on_their_foot(yaw, mixed, most):
     box.apply_transform(trimesh.transformations.rotation_matrix(yaw, (0, 0, 1)))
     view = photograph(on_table(box), 0.9, noise=0.001, rng=np.random.default_rng(0))
     view.depth[~view.mask] = depth_of_table(view.T_object_cam)[~view.mask]
-    true, (rows, columns) = view.depth.copy(), np.indices(view.depth.shape)
-    rays = np.stack([(columns - CAMERA.cx) / CAMERA.fx, (rows - CAMERA.cy) / CAMERA.fy, np.ones(rows.shape)], axis=-1)
-    heights = (true[..., None] * rays) @ view.T_object_cam[2, :3] + view.T_object_cam[2, 3]
+    true, heights = view.depth.copy(), heights_of(view)
     wall = view.mask & (heights < 0.076)
     behind = np.random.default_rng(1).uniform(0, 0.06, wall.sum())
     view.depth[wall] = true[wall] + behind if mixed else 0
