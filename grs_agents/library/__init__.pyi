@@ -33,6 +33,7 @@ from .mesh_files import mesh_volume as mesh_volume
 from .mesh_files import read_surface as read_surface
 from .mesh_files import read_vertices as read_vertices
 from .mujoco_shapes import add_shape_geom as add_shape_geom
+from .mujoco_shapes import name_current_file as name_current_file
 from .posed_meshes import Triangles as Triangles
 from .posed_meshes import build_posed_triangles as build_posed_triangles
 from .posed_meshes import compute_smooth_normals as compute_smooth_normals

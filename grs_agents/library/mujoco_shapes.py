@@ -5,6 +5,23 @@ from typing import Any
 
 from grs_agents.library.shapes import Shape
 
+_modified: dict[str, int] = {}
+
+
+def name_current_file(path: Path) -> str:
+    """The name of a mesh or texture as MuJoCo takes it.
+
+    MuJoCo keeps the files that it read and takes one for unchanged that was written again within the same second. What
+    it keeps is dropped where the file is another than when it was named last.
+    """
+    from grs_agents.mujoco_import import mujoco  # takes long to import
+
+    name, modified = str(path), path.stat().st_mtime_ns if path.is_file() else 0
+    if _modified.setdefault(name, modified) != modified:
+        mujoco.mj_clearCache(mujoco.mj_getCache())
+        _modified[name] = modified
+    return name
+
 
 def add_shape_geom(spec: Any, body: Any, shape: Shape, name: str, mesh: Path | None = None) -> Any:
     """Add a shape to a body of a ``mujoco.MjSpec``; ``mesh`` is its file. Returns the geom, otherwise with defaults."""
@@ -20,6 +37,6 @@ def add_shape_geom(spec: Any, body: Any, shape: Shape, name: str, mesh: Path | N
     elif shape.kind == "sphere":
         geom.size = (shape.size[0], 0.0, 0.0)
     else:
-        spec.add_mesh(name=name, file=str(mesh), scale=shape.size)
+        spec.add_mesh(name=name, file="" if mesh is None else name_current_file(mesh), scale=shape.size)
         geom.meshname = name
     return geom

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.library import Library, ObjectModel
+from grs_agents.library import Library, ObjectModel, name_current_file
 from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.instance import InstanceLight, InstanceObject, InstanceTable
 
@@ -30,7 +30,7 @@ def add_textures(
         for index, shape in enumerate(models[item.id].visuals):
             if shape.texture and item.color is None:
                 geom = spec.geom(f"object_{item.id}_visual_{index}")
-                file = str(library.mesh_or_texture_path(shape.texture))
+                file = name_current_file(library.mesh_or_texture_path(shape.texture))
                 spec.add_texture(name=geom.name, type=mujoco.mjtTexture.mjTEXTURE_2D, file=file)
                 _apply_texture_to_geom(spec, geom)
 
