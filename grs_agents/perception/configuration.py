@@ -216,6 +216,7 @@ class ColliderClearance:
     hovers: float = 0.01  # what seems to end so little above its support stands on it: boxes are cut on a grid of 8 mm
     moved: float = 0.005  # an object that moves farther until it rests has the colliders of its box instead,
     tilted: float = math.radians(3)  # so has one that tilts by more
+    aside: float = 0.002  # m: one that moves less to a side only sinks
 
 
 @dataclass(frozen=True)

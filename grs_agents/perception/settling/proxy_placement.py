@@ -1,4 +1,7 @@
-"""Objects without an asset stand clear of others, and steadily: on the colliders of their shape, else of its box."""
+"""Objects without an asset stand clear of others, and steadily: on the colliders of their shape, else of its box.
+
+What would sink a little as it comes to rest reaches down to what carries it: nobody saw its underside.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +16,7 @@ from grs_agents.perception.proxies import Proxy, primitive_proxy, write_proxy
 from grs_agents.perception.settling.collider_clearance import PlacedColliders, Rank, clear_colliders, colliders_of_asset
 from grs_agents.perception.settling.settling import Placed, PlacedObject, RestState, to_instance_objects
 from grs_agents.perception.settling.twin_report import settle_and_measure_fidelity
-from grs_agents.perception.shapes import object_pose
+from grs_agents.perception.shapes import lower_underside, object_pose
 from grs_agents.perception.types import Mask, RGBDFrame, Solid, TableFrame, TwinReport, UprightBox
 
 CONFIG = DEFAULT.settling.clearance
@@ -58,6 +61,12 @@ def place_with_cleared_colliders(things: Sequence[Thing], folder: Path, library:
     Raises:
         InputError: the folder cannot be written.
     """
+    cleared = _clear_colliders_of_things(things, library)
+    return [_write_proxy_of_object(one, folder) if isinstance(one, UnknownObject) else one for one in cleared]
+
+
+def _clear_colliders_of_things(things: Sequence[Thing], library: Library) -> list[Thing]:
+    """The things, those without an asset with colliders clear of all others."""
     placed = [
         PlacedColliders(one.proxy.colliders, object_pose(one.box), Rank.HOLLOW if one.proxy.hollow else Rank.SOLID)
         if isinstance(one, UnknownObject)
@@ -65,9 +74,7 @@ def place_with_cleared_colliders(things: Sequence[Thing], folder: Path, library:
         for one in things
     ]
     return [
-        _write_proxy_of_object(replace(one, proxy=replace(one.proxy, colliders=colliders)), folder)
-        if isinstance(one, UnknownObject)
-        else one
+        replace(one, proxy=replace(one.proxy, colliders=colliders)) if isinstance(one, UnknownObject) else one
         for one, colliders in zip(things, clear_colliders(placed), strict=True)
     ]
 
@@ -80,7 +87,9 @@ def settle_with_stable_colliders(
     table: TableFrame,
     mask: Mask,
 ) -> SteadyScene:
-    """Write the proxies of things, and let all come to rest; what does not stay where it was has primitive colliders.
+    """Write the proxies of things, and let all come to rest.
+
+    What sinks is lengthened down to what carries it; what else does not stay where it was has primitive colliders.
 
     Args:
         folder: the library of the run, into which proxies are written.
@@ -99,8 +108,11 @@ def settle_with_stable_colliders(
     unsteady = [*map(_is_proxy_unstable, things, first.placed, first.rest.placed)]
     if not any(unsteady):
         return first
-    plain = [_replace_shape_by_primitive(one) if moved else one for one, moved in zip(things, unsteady, strict=True)]
-    second = place_and_settle(plain)
+    cleared = _clear_colliders_of_things(things, library())
+    ends = zip(things, cleared, unsteady, first.placed, first.rest.placed, strict=True)
+    second = place_and_settle(
+        [_make_stable(one, clear, placed, end) if moved else one for one, clear, moved, placed, end in ends]
+    )
     if sum(map(_is_proxy_unstable, things, second.placed, second.rest.placed)) < sum(unsteady):
         return second
     place_with_cleared_colliders(things, folder, library())
@@ -122,10 +134,17 @@ def _asset_pose(one: PlacedObject, library: Library) -> "np.ndarray[tuple[int, .
     return pose_matrix(matrix_from_quaternion(turn), np.array(position))
 
 
-def _replace_shape_by_primitive(one: Thing) -> Thing:
-    """An object whose shape is only seen: it stands on its box or cylinder."""
-    if not isinstance(one, UnknownObject):
+def _make_stable(one: Thing, cleared: Thing, placed: PlacedObject, end: Placed | None) -> Thing:
+    """An object whose shape is only seen: lengthened down if it sank straight, else on its box or cylinder.
+
+    Args:
+        cleared: the object with the colliders with which it was placed, and came to its ``end``.
+    """
+    if not (isinstance(one, UnknownObject) and isinstance(cleared, UnknownObject)):
         return one
+    if end is not None and _sank_straight(placed, end):
+        longer = lower_underside(cleared.proxy.colliders, placed.pose[0][2] - end.pose[0][2])
+        return replace(one, proxy=replace(one.proxy, colliders=longer))
     primitive = primitive_proxy(one.solid, one.box.size, one.proxy.color, one.proxy.hollow)
     return replace(one, proxy=replace(one.proxy, colliders=primitive.colliders))
 
@@ -134,7 +153,18 @@ def _is_proxy_unstable(thing: Thing, one: PlacedObject, end: Placed | None) -> b
     """Whether an object without an asset does not stay by itself where the photo shows it."""
     if not isinstance(thing, UnknownObject) or end is None:
         return False
-    upright = float(matrix_from_quaternion(one.pose[1])[2] @ matrix_from_quaternion(end.pose[1])[2])
-    moved = end.drift > CONFIG.moved or float(np.arccos(min(upright, 1.0))) > CONFIG.tilted
+    moved = end.drift > CONFIG.moved or _tilt(one, end) > CONFIG.tilted
     on_table = thing.box.center[2] - thing.box.size[2] / 2 < CONFIG.hovers
     return moved or (end.held and on_table)
+
+
+def _sank_straight(one: PlacedObject, end: Placed) -> bool:
+    """Whether it was only lower at rest."""
+    aside = float(np.hypot(*np.subtract(end.pose[0], one.pose[0])[:2]))
+    return end.pose[0][2] < one.pose[0][2] and aside < CONFIG.aside and _tilt(one, end) < CONFIG.tilted
+
+
+def _tilt(one: PlacedObject, end: Placed) -> float:
+    """By how much it tilted until it rested, radians."""
+    upright = float(matrix_from_quaternion(one.pose[1])[2] @ matrix_from_quaternion(end.pose[1])[2])
+    return float(np.arccos(min(upright, 1.0)))

@@ -2,6 +2,7 @@ from .colliders import Collider as Collider
 from .colliders import Hull as Hull
 from .colliders import clip_hull_corners_to_half_space as clip_hull_corners_to_half_space
 from .colliders import fit_colliders as fit_colliders
+from .colliders import lower_underside as lower_underside
 from .colliders import open_box_colliders as open_box_colliders
 from .colliders import ring_colliders as ring_colliders
 from .mesh_file import MeshFile as MeshFile

@@ -1,6 +1,7 @@
 """Few convex solids that stand for a shape in contact: flat below and on top, hollow where the shape is."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
@@ -9,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.geometry import icosphere, to_vec3
-from grs_agents.library import Shape, mesh_volume, shape_volume
+from grs_agents.library import Shape, mesh_volume, shape_bounds, shape_volume
 from grs_agents.perception.shapes.configuration import DEFAULT
 from grs_agents.perception.shapes.types import ObjectShape
 from grs_agents.perception.types import Array, Solid
@@ -81,6 +82,22 @@ def fit_colliders(shape: ObjectShape, solid: Solid, hollow: bool) -> tuple[Colli
         )
     primitive = _fit_box_or_cylinder(body)
     return tuple(Hull(corners) for corners in split_into_hulls(body)) if primitive is None else (primitive,)
+
+
+def lower_underside(colliders: Sequence[Collider], by: float) -> tuple[Collider, ...]:
+    """Colliders that reach down ``by`` so much more (m) where they are lowest."""
+    ends = [one.corners[:, 2].min() if isinstance(one, Hull) else shape_bounds(one)[0][2] for one in colliders]
+    foot = min(ends) + CONFIG.foot
+    return tuple(_lengthen_down(one, foot, by) if end < foot else one for one, end in zip(colliders, ends, strict=True))
+
+
+def _lengthen_down(collider: Collider, below: float, by: float) -> Collider:
+    """A box or an upright cylinder longer ``by`` so much (m), or a hull whose corners ``below`` a height are lower."""
+    if isinstance(collider, Hull):
+        return Hull(collider.corners - np.where(collider.corners[:, 2:] < below, (0, 0, by), 0.0))
+    (x, y, z), sizes = collider.position, list(collider.size)
+    sizes[-1 if collider.kind == "box" else 1] += by
+    return collider.model_copy(update={"size": tuple(sizes), "position": (x, y, z - by / 2)})
 
 
 def _hull_of_protruding_handle(vertices: Array, walls: Array, axis: Array) -> tuple[Collider, ...]:

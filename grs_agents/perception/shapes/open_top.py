@@ -20,7 +20,7 @@ CONFIG = DEFAULT.open_top
 
 
 @dataclass(frozen=True)
-class Fitted:
+class _Fitted:
     """A fitted shape and how far it is from the view."""
 
     values: Array  # of its parameters, m
@@ -79,9 +79,9 @@ def _reduced(seen: Observation) -> Observation:
     )
 
 
-def _search(start: Array, cost: Callable[[Array], float], steps: tuple[float, ...]) -> Fitted:
+def _search(start: Array, cost: Callable[[Array], float], steps: tuple[float, ...]) -> _Fitted:
     """Each value in turn moves by a step as long as that helps; then the next step is taken."""
-    best = Fitted(start, cost(start))
+    best = _Fitted(start, cost(start))
     for step in steps:
         for _ in range(CONFIG.rounds):
             before = best.cost
@@ -89,7 +89,7 @@ def _search(start: Array, cost: Callable[[Array], float], steps: tuple[float, ..
                 for way in (step, -step):
                     values = best.values.copy()
                     values[number] += way
-                    tried = Fitted(values, cost(values))
+                    tried = _Fitted(values, cost(values))
                     if tried.cost < best.cost:
                         best = tried
                         break

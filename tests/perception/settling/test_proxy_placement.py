@@ -1,5 +1,6 @@
 """Objects without an asset stand clear of others and stay where they were seen."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,3 +71,24 @@ def test_what_was_cut_off_above_its_support_stands_on_it(tmp_path: Path) -> None
     heights = [library.load_object_model(one.asset).size[2] for one in placed]
     low, high = (one.pose[0][2] for one in placed)
     assert low + heights[0] / 2 == pytest.approx(high - heights[1] / 2, abs=5e-4)
+
+
+def _blocks(kind: str) -> Proxy:
+    """A box of SIZE, touching as a box, as a hull, or as two hulls of which one is wider and begins higher up."""
+    plain = primitive_proxy("box", SIZE, RED)
+    corners = np.asarray(trimesh.creation.box(SIZE).vertices) + np.array((0.0, 0.0, SIZE[2] / 2))
+    wider = corners * (1.2, 1.2, 0.5) + (0.0, 0.0, SIZE[2] / 2)
+    hulls = {"box": [], "hull": [Hull(corners)], "hulls": [Hull(corners), Hull(wider)]}[kind]
+    return replace(plain, colliders=(*hulls,) or plain.colliders)
+
+
+@pytest.mark.parametrize("kind", ["box", "hull", "hulls"])
+def test_what_would_sink_reaches_down_to_what_carries_it(kind: str, tmp_path: Path) -> None:
+    gap, upper = 0.008, box_at(0.5, 0.0, SIZE[2] + 0.008)
+    things = [unknown("lower", box_at(0.5, 0.0)), unknown("upper", upper, _blocks(kind))]
+    photo = photo_of([standing(MILK, 0.5, 0.2)], LIBRARY)
+    steady = settle_with_stable_colliders(things, tmp_path, lambda: LIBRARY.copy_with_overlay_root(tmp_path), *photo)
+    assert all(end is not None and end.drift < 0.001 and not end.held for end in steady.rest.placed)
+    size = Library(tmp_path).load_object_model("proxy/upper.urdf").size
+    assert size[2] == pytest.approx(SIZE[2] + gap, abs=5e-4)
+    assert steady.placed[1].pose[0][2] + size[2] / 2 == pytest.approx(upper.center[2] + SIZE[2] / 2, abs=1e-6)
