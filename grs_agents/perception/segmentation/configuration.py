@@ -276,9 +276,9 @@ class ColorBorders:
 
     reach: int = 24  # beyond its convex outline, which what has depth may not fill: so far goes what has none
     border: int = 2  # a sensor mixes the depth of so many pixels at each side of an edge
-    around: int = 6  # the colours so near tell whose a pixel on a border is,
-    color_noise: float = 0.01  # which differ by so much (of 0..1) within one surface,
-    stay: float = 0.3  # unless they speak for another owner by less than this share more than for its own
+    around: int = 6  # pixels around one on a border whose colours are compared with its own
+    color_noise: float = 0.01  # standard deviation of a colour (0..1) within one surface
+    stay: float = 0.3  # a pixel changes its owner where another is likelier by this share
     inner: float = 0.3  # share of an object's pixels that are not on its border: of one with fewer the border stays
 
 

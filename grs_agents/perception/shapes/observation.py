@@ -85,10 +85,10 @@ def sample(picture: npt.NDArray[np.float32], column: Array, row: Array, how: int
 
 
 def project_points(
-    points: Array, focal: tuple[float, float], center: tuple[float, float], pose: Array
+    points: Array, focal: tuple[float, float], center: tuple[float, float], T_object_cam: Array
 ) -> tuple[Array, Array, Array]:
-    """Column, row and depth of points (N, 3) in a window, in the frame that ``pose`` (4, 4) leads to."""
-    local = (points - pose[:3, 3]) @ pose[:3, :3]
+    """Column, row (pixels of a window) and depth (m) of points (N, 3) in the object frame, m."""
+    local = (points - T_object_cam[:3, 3]) @ T_object_cam[:3, :3]
     depth = np.maximum(local[:, 2], 1e-6)
     return focal[0] * local[:, 0] / depth + center[0], focal[1] * local[:, 1] / depth + center[1], local[:, 2]
 
