@@ -56,7 +56,7 @@ def segment_from_proposals(
     kept = suppress_duplicate_masks(filter_proposals_on_table(filled, above, points, config), config.proposals.alike)
     labels = paint_proposal_labels(kept, smooth, int(config.filter.smallest * smooth.depth.size))
     labels = _add_unclaimed_patches(_join_smooth_parts(labels, kept, smooth, config), patches, config.proposals)
-    labels = merge_parts(labels, points, config)
+    labels = merge_parts(labels, points, small.rgb, config)
     labels = filter_object_segments(labels, smooth, points, table, config)
     return labels if factor == 1 else upscale_labels(labels, small, frame, factor)
 

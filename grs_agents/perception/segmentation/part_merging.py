@@ -20,7 +20,11 @@ from grs_agents.perception.image_geometry import (
 from grs_agents.perception.segmentation.configuration import Segmentation
 from grs_agents.perception.segmentation.hollow_shapes import is_open_at_top, is_solid_object
 from grs_agents.perception.segmentation.occlusion_edges import OcclusionEdges
-from grs_agents.perception.types import Array
+from grs_agents.perception.segmentation.piece_colors import color_bins, color_histogram, lab_colors
+from grs_agents.perception.types import Array, Image
+
+# A cap or the inside of a cup often has a colour of its own: of walls, tabs and handles most have that of the whole.
+_OF_ONE_COLOR = frozenset({"common_rim", "tab", "unsupported"})
 
 
 @dataclass(frozen=True)
@@ -88,27 +92,28 @@ def share_over_footprint(one: Part, other: Part, margin: float = 0.006) -> float
 class Merger:
     """Merges the parts of a label image, the smallest first, until no two belong together."""
 
-    def __init__(self, labels: Labels, points: Array, config: Segmentation) -> None:
+    def __init__(self, labels: Labels, points: Array, rgb: Image, config: Segmentation) -> None:
         self.labels, self.config = labels, config
+        self.bins = color_bins(lab_colors(rgb)).ravel()
         self.points = points.reshape(-1, 3)
         self.owners = np.arange(int(labels.max()) + 1, dtype=np.int32)
         self.pixels = dict(enumerate(pixels_by_label(labels), 1))
         measured = {label: measure_part(self.points.take(own, axis=0), config) for label, own in self.pixels.items()}
         self.parts = {label: part for label, part in measured.items() if part is not None}
         self.columns = {label: self._count_image_columns(label) for label in self.parts}
+        self.histograms = {label: color_histogram(self.bins.take(self.pixels[label])) for label in self.parts}
         # For each part those that it was not yet compared with since either of the two last grew.
         self.uncompared = {label: set(self.parts) - {label} for label in self.parts}
         table = np.flatnonzero((labels == 0) & (np.abs(points[..., 2]) < config.filter.floor))
         self.table = self.points.take(table[::5], axis=0)
         self.edges = OcclusionEdges(labels, points, config)
-        attachments = {
+        self.attachments = {
             "interior": self._is_interior_part,
             "cap": self._is_short_part_on_top,
             "ridge": self._is_thin_part_on_top,
             "tab": self._is_thin_lower_part,
             "unsupported": self._is_unsupported_handle,
         }
-        self.attachments = [belongs for rule, belongs in attachments.items() if rule in config.rules]
 
     def _count_image_columns(self, label: int) -> int:
         """How many columns of the picture a part is seen in."""
@@ -124,6 +129,7 @@ class Merger:
         self.owners[self.owners == small] = big
         self.pixels[big] = np.sort(np.concatenate([self.pixels[big], self.pixels.pop(small)]))
         self.columns[big] = self._count_image_columns(big)
+        self.histograms[big] = color_histogram(self.bins.take(self.pixels[big]))
         self.edges.relabel_part(small, big)
         del self.parts[small], self.uncompared[small]
         whole = measure_part(self.points.take(self.pixels[big], axis=0), self.config)
@@ -151,9 +157,12 @@ class Merger:
 
     def _belongs_to_larger_part(self, small: int, big: int, distance: float) -> bool:
         """Whether the smaller part is a piece of the larger one, from which it is ``distance`` (m) away."""
-        if "common_rim" in self.config.rules and self._have_common_rim(small, big, distance):
+        alike = float(self.histograms[small] @ self.histograms[big]) >= self.config.merging.alike
+        rules = self.config.rules if alike else self.config.rules - _OF_ONE_COLOR
+        if "common_rim" in rules and self._have_common_rim(small, big, distance):
             return True
-        return distance <= self.config.merging.touching and any(belongs(small, big) for belongs in self.attachments)
+        touching = distance <= self.config.merging.touching
+        return touching and any(belongs(small, big) for rule, belongs in self.attachments.items() if rule in rules)
 
     def _have_common_rim(self, small: int, big: int, distance: float) -> bool:
         """Whether two parts whose tops are level are walls, or a wall and the inside, of one hollow object."""
@@ -246,6 +255,7 @@ class Merger:
         )
 
 
-def merge_parts(labels: Labels, points: Array, config: Segmentation = DEFAULT.segmentation) -> Labels:
-    """(H, W) labels with the parts of each object merged; ``points`` are (H, W, 3) in the robot frame."""
-    return Merger(labels, points, config).merge_all_parts()
+def merge_parts(labels: Labels, points: Array, rgb: Image, config: Segmentation = DEFAULT.segmentation) -> Labels:
+    """(H, W) labels with the parts of each object merged; ``points`` are (H, W, 3) in the robot frame, ``rgb`` is the
+    photo of that size."""
+    return Merger(labels, points, rgb, config).merge_all_parts()

@@ -41,7 +41,7 @@ def segment_objects_on_table(
     smooth = smooth_frame_depth(small)
     points = robot_frame_point_map(smooth, table)
     above = foreground_pixel_mask(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3], config.foreground)
-    labels = merge_parts(cut_smooth_patches(smooth, above, config.patches), points, config)
+    labels = merge_parts(cut_smooth_patches(smooth, above, config.patches), points, small.rgb, config)
     labels = filter_object_segments(labels, smooth, points, table, config)
     labels = join_touching_pieces(labels, smooth, points, table, config)
     if "hollow_floor" in config.rules:

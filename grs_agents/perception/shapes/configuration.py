@@ -91,13 +91,8 @@ class ShapeOpenTop:
     wall: float = 0.004  # how thick walls and floor are
     least: float = 0.02  # no side is shorter
     levels: int = 7  # heights of a cup at which its walls are told
-    pixels: int = 80  # along the longer side, to which it is fitted
-    faces: int = 250  # of a cup while it is fitted
-    grid: int = 4  # cells along a side of a wall
     first_steps: tuple[float, ...] = (0.008, 0.004)  # by which a length is changed, of both,
-    last_steps: tuple[float, ...] = (0.002, 0.001)  # and of the better one: a pixel is 1 to 2 mm wide
-    rounds: int = 4  # with each step
-    far: float = 0.02  # depth that is off by more is as wrong as a pixel of the silhouette
+    last_steps: tuple[float, ...] = (0.002, 0.001)  # and of the better one
     overlap: float = 0.85  # silhouette with the mask
     near: float = 0.6  # of the depth is explained: light goes astray in it
 
@@ -174,12 +169,18 @@ class ShapeTexture:
 
 
 @dataclass(frozen=True)
-class BoxFit:
-    """The sides of a measured box moved to what was seen of them."""
+class ViewFit:
+    """Boxes and turned solids fitted to mask and depth."""
 
-    facing: float = 0.85  # cosine to a side's normal of the points on it: within 32 degrees
-    fewest: int = 30  # points
-    thinnest: float = 0.003  # m: no side comes nearer to its opposite
+    pixels: int = 80  # along the longer side, to which a shape is fitted
+    faces: int = 250  # of a round shape while it is fitted
+    grid: int = 4  # cells along a side of a box's mesh
+    box_steps: tuple[float, ...] = (0.008, 0.004, 0.002, 0.001)  # by which a length is changed: a pixel is 1 to 2 mm
+    turned_steps: tuple[float, ...] = (0.004, 0.002, 0.001)  # its profile was measured well
+    rounds: int = 4  # with each step
+    thinnest: float = 0.004  # m: no side of a box comes nearer to its opposite
+    least: float = 0.2  # a turned solid is no smaller, of its measured size
+    far: float = 0.02  # depth that is off by more is as wrong as a pixel of the silhouette
 
 
 @dataclass(frozen=True)
@@ -261,7 +262,7 @@ class Shapes:
     mirrors: ShapeMirrors = ShapeMirrors()
     solid: ShapeSolid = ShapeSolid()
     texture: ShapeTexture = ShapeTexture()
-    box_fit: BoxFit = BoxFit()
+    view_fit: ViewFit = ViewFit()
     choice: ShapeChoice = ShapeChoice()
     colliders: Colliders = Colliders()
     mesh_file: MeshFileFit = MeshFileFit()

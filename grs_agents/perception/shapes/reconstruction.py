@@ -3,19 +3,19 @@ with."""
 
 import numpy as np
 
-from grs_agents.perception.shapes.box_fit import mesh_fitted_box
 from grs_agents.perception.shapes.configuration import DEFAULT
 from grs_agents.perception.shapes.drawing import Agreement, compare_mesh_with_photo
 from grs_agents.perception.shapes.handle import mesh_visible_handle
 from grs_agents.perception.shapes.lathe import TurnedSolid, measure_turned_profile, mesh_turned_solid
 from grs_agents.perception.shapes.mirrors import find_symmetry_planes
 from grs_agents.perception.shapes.observation import Observation, observe_object
-from grs_agents.perception.shapes.open_top import cost_of_mesh, fit_open_top
+from grs_agents.perception.shapes.open_top import fit_open_top
 from grs_agents.perception.shapes.revolution import Axis, fit_revolution_axis
 from grs_agents.perception.shapes.solid import carve_solid
 from grs_agents.perception.shapes.surface_nets import Faces
 from grs_agents.perception.shapes.texture import paint_mesh
 from grs_agents.perception.shapes.types import ObjectShape, ObjectView
+from grs_agents.perception.shapes.view_fit import cost_of_mesh, fit_box, fit_turned_solid
 from grs_agents.perception.types import Array
 
 CONFIG = DEFAULT.choice
@@ -34,14 +34,25 @@ def reconstruct_shape(view: ObjectView) -> ObjectShape | None:
     open_top = _reconstruct_open_top(seen, view.size) if view.hollow else None
     hollow = [one for one in (turned, open_top) if one is not None and one.hollow]
     if hollow:  # a mug's outline may be near to a box, but one can put things into it
-        return min(hollow, key=lambda one: cost_of_mesh(seen, one.mesh.vertices, one.mesh.faces))
-    if not measured:
-        return None
-    mesh = mesh_fitted_box(seen, view.size)
-    box = compare_mesh_with_photo(seen, *mesh)
-    if _is_box_confirmed(box, seen):
-        return ObjectShape(paint_mesh(seen, *mesh), "box", False, None, box.overlap, box.raw_error)
-    return turned or _reconstruct_by_carving(seen)
+        return min(hollow, key=lambda one: _cost_of_shape(seen, one))
+    return _reconstruct_solid(seen, turned, view.size) if measured else None
+
+
+def _reconstruct_solid(
+    seen: Observation, turned: ObjectShape | None, size: tuple[float, float, float]
+) -> ObjectShape | None:
+    """The box that is fitted, if it looks like the object or no turned or carved solid agrees better with the view."""
+    mesh = fit_box(seen, size)
+    found = compare_mesh_with_photo(seen, *mesh)
+    if not _is_box_confirmed(found, seen):
+        other = turned or _reconstruct_by_carving(seen)
+        if other is None or _cost_of_shape(seen, other) < cost_of_mesh(seen, *mesh):
+            return other
+    return ObjectShape(paint_mesh(seen, *mesh), "box", False, None, found.overlap, found.raw_error)
+
+
+def _cost_of_shape(seen: Observation, shape: ObjectShape) -> float:
+    return cost_of_mesh(seen, shape.mesh.vertices, shape.mesh.faces)
 
 
 def _is_box_confirmed(found: Agreement, seen: Observation) -> bool:
@@ -57,6 +68,7 @@ def _reconstruct_turned_solid(seen: Observation) -> ObjectShape | None:
     turned = measure_turned_profile(seen, axis)
     if turned is None:
         return None
+    turned = fit_turned_solid(seen, turned)
     vertices, faces = _with_handle(seen, turned)
     found = compare_mesh_with_photo(seen, vertices, faces)
     if not _is_turned_solid_confirmed(found, axis, turned.walls is not None):

@@ -16,9 +16,13 @@ def _labels(*pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return labels, np.concatenate(pieces)
 
 
+def _grey(labels: np.ndarray) -> np.ndarray:
+    return np.full((*labels.shape, 3), 128, np.uint8)
+
+
 def test_two_level_boxes_that_touch_stay_two() -> None:
     labels, points = _labels(_plate(0, 0, 0.1), _plate(0.05, 0, 0.1))
-    assert len(np.unique(merge_parts(labels, points))) == 2
+    assert len(np.unique(merge_parts(labels, points, _grey(labels)))) == 2
 
 
 def test_the_near_and_far_half_of_a_bowl_are_one() -> None:
@@ -26,7 +30,7 @@ def test_the_near_and_far_half_of_a_bowl_are_one() -> None:
     height = 0.06 * ((radius - 0.03) / 0.05)
     points = np.stack([radius * np.cos(angle), radius * np.sin(angle), height + 0.01], axis=-1)
     labels = np.where(points[..., 0] > -0.02, 1, 2).astype(np.int32)
-    assert len(np.unique(merge_parts(labels, points))) == 1
+    assert len(np.unique(merge_parts(labels, points, _grey(labels)))) == 1
 
 
 def test_the_halves_of_a_large_open_box_are_one_though_samples_of_them_lie_apart() -> None:
@@ -34,18 +38,18 @@ def test_the_halves_of_a_large_open_box_are_one_though_samples_of_them_lie_apart
     edge = np.minimum(np.minimum(x, 0.5 - x), np.minimum(y, 0.4 - y))
     points = np.stack([x, y, np.where(edge < 0.012, 0.09, 0.012)], axis=-1)
     labels = np.where(x < 0.25, 1, 2).astype(np.int32)
-    assert len(np.unique(merge_parts(labels, points))) == 1
+    assert len(np.unique(merge_parts(labels, points, _grey(labels)))) == 1
 
 
 def test_a_small_cap_belongs_to_its_bottle() -> None:
     labels, points = _labels(*(_plate(0, 0, z) for z in (0.05, 0.08, 0.1)), _plate(0.02, 0.02, 0.11, side=0.01))
     labels[labels < 4] = 1
-    assert len(np.unique(merge_parts(labels, points))) == 1
+    assert len(np.unique(merge_parts(labels, points, _grey(labels)))) == 1
 
 
 def test_a_box_on_a_box_stays() -> None:
     labels, points = _labels(_plate(0, 0, 0.05, 0.2), _plate(0.05, 0.05, 0.1, 0.08))
-    assert len(np.unique(merge_parts(labels, points))) == 2
+    assert len(np.unique(merge_parts(labels, points, _grey(labels)))) == 2
 
 
 def test_gap_and_cover_of_two_plates() -> None:

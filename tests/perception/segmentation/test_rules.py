@@ -1,5 +1,7 @@
 """Each rule of segmentation changes something, and can be switched off."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -20,7 +22,11 @@ SCENES: dict[str, tuple[Thing, ...]] = {
 
 
 def _frame(rule: str) -> RGBDFrame:
-    return render(SCENES[rule], noise=0.0, calibrated=True).frame
+    """A photo in which all things have the same colours, and none a plain one."""
+    scene = render(SCENES[rule], noise=0.0, calibrated=True)
+    print_of_all = np.random.default_rng(0).integers(60, 200, scene.frame.rgb.shape, np.uint8)
+    rgb = np.where(scene.labels[..., None] > 0, print_of_all, scene.frame.rgb)
+    return replace(scene.frame, rgb=rgb)
 
 
 @pytest.mark.parametrize("rule", SCENES)
@@ -38,24 +44,29 @@ def _plate(x: float, y: float, z: float, length: float, width: float) -> np.ndar
     return np.stack([x + along, y + across, np.full_like(along, z)], axis=-1)
 
 
-def _count(points: np.ndarray, labels: np.ndarray, *without: str) -> int:
-    return len(np.unique(merge_parts(labels, points, DEFAULT.segmentation.without_rules(*without))))
+def _count(points: np.ndarray, labels: np.ndarray, *without: str, colors: tuple[int, ...] = (0, 90, 90)) -> int:
+    """How many parts are left; ``colors`` are the shades of red of the table and of each part."""
+    rgb = np.stack([np.take(colors, labels), np.full(labels.shape, 90), np.full(labels.shape, 90)], axis=-1)
+    config = DEFAULT.segmentation.without_rules(*without)
+    return len(np.unique(merge_parts(labels, points, rgb.astype(np.uint8), config)))
 
 
-def test_the_walls_of_a_box_are_two_without_the_rule_of_the_common_rim() -> None:
+def test_the_walls_of_a_box_are_two_without_the_rule_of_the_common_rim_or_in_two_colours() -> None:
     x, y = np.meshgrid(np.linspace(0, 0.5, 120), np.linspace(0, 0.4, 110))
     edge = np.minimum(np.minimum(x, 0.5 - x), np.minimum(y, 0.4 - y))
     points = np.stack([x, y, np.where(edge < 0.012, 0.09, 0.012)], axis=-1)
     labels = np.where(x < 0.25, 1, 2).astype(np.int32)
     assert (_count(points, labels), _count(points, labels, "common_rim")) == (1, 2)
+    assert _count(points, labels, colors=(0, 90, 200)) == 2
 
 
-def test_a_handle_is_a_part_of_its_own_without_the_rule_of_what_is_unsupported() -> None:
+def test_a_handle_is_a_part_of_its_own_without_the_rule_of_what_is_unsupported_or_in_another_colour() -> None:
     points = np.concatenate(
         [_plate(0, 0, z, 0.1, 0.1) for z in (0.06, 0.08, 0.1)] + [_plate(0.095, 0.04, 0.097, 0.08, 0.02)]
     )
     labels = np.repeat(np.array([1, 1, 1, 2], np.int32), 20)[:, None] * np.ones(20, np.int32)
     assert (_count(points, labels), _count(points, labels, "unsupported")) == (1, 2)
+    assert _count(points, labels, colors=(0, 90, 200)) == 2
 
 
 def test_an_unknown_rule_is_told_with_those_there_are() -> None:
