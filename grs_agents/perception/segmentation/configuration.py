@@ -101,7 +101,7 @@ class PartMerging:
     carried: float = 0.25  # of the part's points lie over what carries it
     handle: tuple[float, float] = (0.044, 0.12)  # what is thinner and shorter may be a handle: other objects are wider
     shortest: int = 6  # pixels: parts with a shorter border do not go over into each other
-    alike: float = 0.65  # Bhattacharyya coefficient of the colours of walls, tabs and handles of one object
+    alike: float = 0.65  # Bhattacharyya coefficient of the colours of a tab or a handle and of the whole
 
 
 @dataclass(frozen=True)

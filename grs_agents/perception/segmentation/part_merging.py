@@ -23,8 +23,9 @@ from grs_agents.perception.segmentation.occlusion_edges import OcclusionEdges
 from grs_agents.perception.segmentation.piece_colors import color_bins, color_histogram, lab_colors
 from grs_agents.perception.types import Array, Image
 
-# A cap or the inside of a cup often has a colour of its own: of walls, tabs and handles most have that of the whole.
-_OF_ONE_COLOR = frozenset({"common_rim", "tab", "unsupported"})
+# A cap, or the wall of a bowl in its own shadow, often has a colour of its own. Most tabs and handles have that of the
+# whole.
+_OF_ONE_COLOR = frozenset({"tab", "unsupported"})
 
 
 @dataclass(frozen=True)
