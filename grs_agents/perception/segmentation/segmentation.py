@@ -88,9 +88,11 @@ def is_segment_entering_view(mask: Mask, points: Array, camera: Camera, config: 
         return True
     sides = np.ones_like(mask)
     sides[bounds.border :, bounds.border : -bounds.border] = False
-    footless = lowest > bounds.clear and not camera.arm_is_known  # things hide feet too: it takes an arm to suspect
-    if footless and len(_drop_unknown_points(points[mask & sides])) >= bounds.fewest:
-        return True  # only below the picture could it have a foot
+    in_the_air = lowest > bounds.clear
+    if in_the_air and not camera.arm_is_known and len(_drop_unknown_points(points[mask & sides])) >= bounds.fewest:
+        return True  # only below the picture could it have a foot; things hide feet too: it takes an arm to suspect
+    if camera.arm_is_known and not in_the_air:
+        return False  # the arm that could reach down to the table is known
     sides[-bounds.border :] = True
     cut = _drop_unknown_points(points[mask & sides])
     if len(cut) < bounds.fewest:

@@ -46,3 +46,9 @@ def test_where_the_arm_is_known_what_hides_its_foot_at_the_border_is_a_thing(ren
     frame = _with_bar(rendered, slice(0, 60), slice(210, 250), 1.05, 1.05)
     told = replace(frame, camera=frame.camera.model_copy(update={"joints": (0.0,) * 6}))
     assert [_segment(one).max() - len(THINGS) for one in (frame, told)] == [0, 1]
+
+
+def test_where_the_arm_is_known_what_reaches_down_to_the_table_from_the_border_is_a_thing(rendered: Rendered) -> None:
+    frame = _with_bar(rendered, slice(200, 360), slice(220, 280), 0.5, 1.0)
+    told = replace(frame, camera=frame.camera.model_copy(update={"joints": (0.0,) * 6}))
+    assert [_segment(one)[300, 250] > 0 for one in (frame, told)] == [False, True]
