@@ -283,6 +283,10 @@ class Scenery:
     low: float = 0.025  # m: most of its blurred edge over the table is lower
     fades: float = 0.015  # m: and most of its far third, for it fades into the table
     falls: float = 0.003  # m: by more its near third is higher than that; a pen beside it is level
+    ring: int = 2  # pixels around a segment are its border:
+    segments: float = 0.1  # of it less is that of other segments beside a blurred edge,
+    borders: float = 0.04  # and more is the table's,
+    table: float = 0.008  # m: which is lower
     mixed: float = 0.65  # of a segment: more of it mixes robot and wall, or it is an object that the robot hides
     level: float = 0.005  # m: what mixes both has no level top, of which half is within this
 

@@ -69,7 +69,9 @@ def _explain_scenery_by_number(
     candidates = [one for one in candidates if not one.given]
     away = np.asarray(cv2.distanceTransform((~robot).astype(np.uint8), cv2.DIST_L2, 5), np.float64)
     why = {one.id: _explain_scenery_by_position(one, points, camera, table) for one in candidates}
-    why |= {one.id: ROBOT for one in candidates if robot.any() and _is_robot(away[one.mask], points[one.mask, 2])}
+    if robot.any():
+        owned = unite_mask_with_candidates(np.zeros_like(robot), candidates)
+        why |= {one.id: ROBOT for one in candidates if _is_robot(one.mask, away, points[..., 2], owned)}
     why |= {one.id: WALL for one in candidates if _mixes_robot_and_wall(mixed[one.mask], points[one.mask, 2])}
     return {number: reason for number, reason in why.items() if reason}
 
@@ -82,10 +84,24 @@ def unite_mask_with_candidates(mask: Mask, candidates: Sequence[Candidate]) -> M
     return united
 
 
-def _is_robot(away: Array, heights: Array) -> bool:
-    """Whether a segment is a hole in the robot's depth that smoothing filled, or its blurred edge; ``away`` (N,) and
-    ``heights`` (N,) as in `_is_blurred_edge`."""
-    return bool(np.count_nonzero(away <= 0) > CONFIG.robot * len(away)) or _is_blurred_edge(away, heights)
+def _is_robot(segment: Mask, away: Array, height: Array, owned: Mask) -> bool:
+    """Whether a segment (H, W) is a hole in the robot's depth that smoothing filled, or its blurred edge; ``away``
+    (H, W) says how many pixels each one is away from the robot, ``height`` (H, W) how high it is, m, and ``owned``
+    (H, W) whether it is a segment's."""
+    near = away[segment]
+    if np.count_nonzero(near <= 0) > CONFIG.robot * len(near):
+        return True
+    return _is_blurred_edge(near, height[segment]) and _is_beside_table(segment, height, owned)
+
+
+def _is_beside_table(segment: Mask, height: Array, owned: Mask) -> bool:
+    """Whether there is table beside a segment, and hardly another one: what fades into an object, as the side of a bowl
+    into its bottom, is a part of it. Arguments as in `_is_robot`."""
+    around = np.ones((2 * CONFIG.ring + 1,) * 2, np.uint8)
+    ring = (cv2.dilate(segment.astype(np.uint8), around) > 0) & ~segment
+    others, table = (np.count_nonzero(pixels) for pixels in (ring & owned, ring & ~owned & (height < CONFIG.table)))
+    count = np.count_nonzero(ring)
+    return bool(others < CONFIG.segments * count and table > CONFIG.borders * count)
 
 
 def _is_blurred_edge(away: Array, heights: Array) -> bool:

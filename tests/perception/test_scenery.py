@@ -135,8 +135,8 @@ def test_what_lies_beyond_the_workspace_is_no_object() -> None:
     assert len(reasons) == 1 and "beyond the workspace" in reasons[0]
 
 
-@pytest.mark.parametrize("fades", [True, False])
-def test_only_a_strip_that_fades_into_the_table_is_the_blurred_edge_of_the_robot(fades: bool) -> None:
+@pytest.mark.parametrize(("fades", "into_table"), [(True, True), (False, True), (True, False)])
+def test_only_a_strip_that_fades_into_the_table_is_the_blurred_edge_of_the_robot(fades: bool, into_table: bool) -> None:
     frame, owner = room_photo(room.BOXES.tobytes(), 1)
     table = find_table(frame, np.random.default_rng(0))
     box = owner == 4
@@ -148,11 +148,14 @@ def test_only_a_strip_that_fades_into_the_table_is_the_blurred_edge_of_the_robot
         behind = depth * camera / (camera - height)
         depth = np.where(strip, behind + (depth - behind) * 0.3 * columns / 8, depth).astype(np.float32)
     seen = RGBDFrame(frame.rgb, depth, frame.camera, frame.source)
-    parts = measure_candidates(seen, table, strip.astype(np.int32))
+    labels = strip.astype(np.int32)
+    if not into_table:  # but into what is another segment
+        labels[(cv2.dilate(labels.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0) & ~box] = 2
+    parts = measure_candidates(seen, table, labels)
     nowhere = np.zeros(owner.shape, bool)
     found = separate_scenery_from_objects(parts, box & ~strip, SeenWalls(nowhere, nowhere), seen, table)
-    assert len(parts) == 1
-    assert (len(found.objects) == 0) == fades
+    assert len(parts) == labels.max()
+    assert any(one.mask[strip].any() for one in found.objects) == (not fades or not into_table)
 
 
 def test_what_lies_between_a_near_link_and_a_far_one_is_no_robot() -> None:

@@ -123,7 +123,8 @@ class ShapeMirrors:
     tolerance: float = 0.004  # on the surface, or 2.5 deviations of the noise
     tolerance_deviations: float = 2.5
     breach: float = 0.06  # of the mirrored points may lie in space seen free
-    support: float = 0.35  # of them lie on the surface
+    support: float = 0.35  # of them lie on the surface,
+    facing: float = 0.3  # of which more face the camera
     breach_weight: float = 3.0  # against support
     alike: float = 0.1  # planes of which that differs by less agree as well
     hidden_support: float = 0.1  # of the images where most are hidden,

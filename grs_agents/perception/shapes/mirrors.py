@@ -6,7 +6,7 @@ import numpy as np
 
 from grs_agents.perception.shapes.configuration import DEFAULT
 from grs_agents.perception.shapes.observation import Observation
-from grs_agents.perception.types import Array
+from grs_agents.perception.types import Array, Mask
 
 CONFIG = DEFAULT.mirrors
 
@@ -18,6 +18,7 @@ class Mirror:
     normal: Array  # (3,) of unit length, level
     offset: float  # of the plane along the normal, m
     support: float  # share of the mirrored points that lie on the seen surface
+    facing: float  # share of them that do, and face the camera as what is seen does
     breach: float  # share of them that lie where the view saw through
 
     def image(self, points: Array) -> Array:
@@ -32,7 +33,9 @@ def find_symmetry_planes(seen: Observation) -> list[Mirror]:
     if not good:
         return []
     best = _nearest_to_middle(good)
-    across = [one for one in good if abs(float(one.normal @ best.normal)) < CONFIG.right_angle]
+    # A plane in a face that is seen from the front mirrors it onto itself, turned over.
+    facing = [one for one in good if one.facing > CONFIG.facing * one.support]
+    across = [one for one in facing if abs(float(one.normal @ best.normal)) < CONFIG.right_angle]
     return [best, _nearest_to_middle(across)] if across else [best, *_plane_of_hidden_images(planes, best, seen)]
 
 
@@ -59,7 +62,8 @@ def _plane_of_hidden_images(planes: list[Mirror], best: Mirror, seen: Observatio
 def _score_symmetry_planes(seen: Observation) -> list[Mirror]:
     """Planes at many angles and places, each with what speaks for it and against it, without those against which
     enough is said by the first points that are mirrored."""
-    points = seen.points[:: max(1, len(seen.points) // CONFIG.points)]
+    step = max(1, len(seen.points) // CONFIG.points)
+    points, normals = seen.points[::step], seen.normals[::step]
     tolerance = max(CONFIG.tolerance, CONFIG.tolerance_deviations * seen.noise)
     planes: list[Mirror] = []
     for angle in np.arange(CONFIG.angles) * np.pi / CONFIG.angles:
@@ -73,12 +77,22 @@ def _score_symmetry_planes(seen: Observation) -> list[Mirror]:
         if not len(offsets):
             continue
         free = _free_distance_of_images(seen, points, along, offsets, normal)
-        support, breach = (np.abs(free) < tolerance).mean(axis=1), (free > tolerance).mean(axis=1)  # NaN is neither
+        on_surface, breach = np.abs(free) < tolerance, (free > tolerance).mean(axis=1)  # NaN is neither
+        facing = on_surface & _is_facing_camera(seen, points, normals, along, offsets, normal)
         planes += [
-            Mirror(normal, float(offset), float(s), float(b))
-            for offset, s, b in zip(offsets, support, breach, strict=True)
+            Mirror(normal, *(float(value) for value in values))
+            for values in zip(offsets, on_surface.mean(axis=1), facing.mean(axis=1), breach, strict=True)
         ]
     return planes
+
+
+def _is_facing_camera(
+    seen: Observation, points: Array, normals: Array, along: Array, offsets: Array, normal: Array
+) -> Mask:
+    """(O, N) whether the images of points (N, 3) with ``normals`` (N, 3) in planes at ``offsets`` face the camera."""
+    turned = normals - 2 * np.outer(normals @ normal, normal)
+    to_camera = ((seen.eye - points) * turned).sum(axis=1) + 2 * (along - offsets[:, None]) * (turned @ normal)
+    return np.asarray(to_camera > 0, np.bool_)
 
 
 def _free_distance_of_images(seen: Observation, points: Array, along: Array, offsets: Array, normal: Array) -> Array:

@@ -200,6 +200,27 @@ def test_back_of_a_flattened_bottle_is_told_by_its_neck():
     assert 0.014 < shape.mesh.vertices[:, 0].max() < 0.026
 
 
+def carton(side=0.07, wall=0.13, ridge=0.17):
+    """A box with a gabled roof, its front towards the camera."""
+    x = side / 2
+    outline = [(-x, 0.0), (x, 0.0), (x, wall), (0.0, ridge), (-x, wall)]
+    corners = [(end, *corner) for end in (-x, x) for corner in outline]
+    sides = [(k, (k + 1) % 5) for k in range(5)]
+    faces = [face for a, b in sides for face in ((a, a + 5, b + 5), (a, b + 5, b))]
+    faces += [(0, k, k + 1) for k in (1, 2, 3)] + [(5, k + 6, k + 5) for k in (1, 2, 3)]
+    return trimesh.Trimesh(corners, faces)
+
+
+@pytest.mark.parametrize("seed", [0, 2, 3])
+def test_a_front_that_is_seen_head_on_is_not_the_whole_of_a_carton(seed):
+    view = photograph(carton(), tilt=0.6, distance=0.8, noise=0.0015, rng=np.random.default_rng(seed))
+
+    shape = reconstruct_shape(replace(view, noise=0.0015))
+
+    assert shape is not None
+    assert solid_of(shape).volume > 0.6 * abs(carton().volume)
+
+
 def test_texture_shows_no_table():
     shape = reconstruct_shape(photograph(on_table(trimesh.creation.icosphere(radius=0.05))))
 
