@@ -33,16 +33,18 @@ def reconstruct_shape(view: ObjectView) -> ObjectShape | None:
     turned = _reconstruct_turned_solid(seen) if measured else None
     open_top = _reconstruct_open_top(seen, view.size) if view.hollow else None
     hollow = [one for one in (turned, open_top) if one is not None and one.hollow]
-    if hollow:  # a mug's outline may be near to a box, but one can put things into it
-        return min(hollow, key=lambda one: _cost_of_shape(seen, one))
-    return _reconstruct_solid(seen, turned, view.size) if measured else None
+    if not hollow and not measured:
+        return None
+    box = fit_box(seen, view.size)
+    if hollow:
+        best = min(hollow, key=lambda one: _cost_of_shape(seen, one))
+        if not measured or _cost_of_shape(seen, best) < cost_of_mesh(seen, *box):
+            return best
+    return _reconstruct_solid(seen, turned, box)
 
 
-def _reconstruct_solid(
-    seen: Observation, turned: ObjectShape | None, size: tuple[float, float, float]
-) -> ObjectShape | None:
-    """The box that is fitted, if it looks like the object or no turned or carved solid agrees better with the view."""
-    mesh = fit_box(seen, size)
+def _reconstruct_solid(seen: Observation, turned: ObjectShape | None, mesh: tuple[Array, Faces]) -> ObjectShape | None:
+    """The box that was fitted, if it looks like the object or no turned or carved solid agrees better with the view."""
     found = compare_mesh_with_photo(seen, *mesh)
     if not _is_box_confirmed(found, seen):
         other = turned or _reconstruct_by_carving(seen)

@@ -67,6 +67,17 @@ def test_what_is_open_at_the_top_is_so_where_little_but_its_floor_was_measured(t
     assert plain is None or not plain.hollow  # that was not told
 
 
+@pytest.mark.parametrize("tilt", [0.5, 0.9])
+def test_a_closed_box_stays_closed_though_noise_made_its_top_look_hollow(tilt):
+    box = on_table(trimesh.creation.box((0.04, 0.12, 0.17)))
+    view = photograph(box, tilt=tilt, noise=0.003, rng=np.random.default_rng(0))
+
+    shape = reconstruct_shape(replace(view, hollow=True))
+
+    assert shape is not None
+    assert not shape.hollow
+
+
 @pytest.mark.parametrize("yaw", [0.3, 0.8, 1.2])
 @pytest.mark.parametrize(("mixed", "most"), [(False, 0.004), (True, 0.016)])
 def test_steep_walls_without_sound_depth_stand_on_their_foot(yaw, mixed, most):
