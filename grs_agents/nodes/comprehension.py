@@ -20,6 +20,7 @@ from grs_agents.nodes.scene_object_building import (
     MatchedCandidate,
     explain_why_no_scene_object,
     place_asset_or_proxy,
+    raise_confidence_of_fit,
     replace_misfit_assets,
 )
 from grs_agents.nodes.scene_settling import SettledScene, settle_scene
@@ -410,7 +411,7 @@ def _convert_candidates_to_objects(
     names = [other.name for other in others]
     registered = register_objects(objects, records, *photo, services.library, services.folder)
     placed, mismatched = replace_misfit_assets(registered, by_number, names, photo, services)
-    return placed, [*dropped, *mismatched]
+    return tuple(raise_confidence_of_fit(one) for one in placed), [*dropped, *mismatched]
 
 
 def _table_from_state(state: RunState) -> TableFrame:

@@ -25,6 +25,7 @@ from grs_agents.perception import (
     is_reachable_position,
     upright_box_from_aabb,
 )
+from grs_agents.perception.matching import confidence_of_fitting_asset
 from grs_agents.perception.proxies import Proxy, primitive_proxy, write_proxy
 from grs_agents.perception.shapes import MeshFile, fit_mesh_file, make_object_view
 
@@ -143,6 +144,15 @@ def replace_misfit_assets(
         else:
             kept.append(replaced)
     return tuple(kept), dropped
+
+
+def raise_confidence_of_fit(item: SceneObject) -> SceneObject:
+    """An object whose asset fits what was measured of it, with the confidence that this gives to the match."""
+    match = item.match
+    if not item.matched or match is None or match.confidence is None:
+        return item
+    sure = confidence_of_fitting_asset(match.confidence)
+    return item.model_copy(update={"match": match.model_copy(update={"confidence": sure})})
 
 
 def describe_size_mismatch(item: SceneObject, services: Services) -> str:

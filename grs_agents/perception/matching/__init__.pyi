@@ -15,6 +15,7 @@ from .color_histogram import histograms_from_rgb as histograms_from_rgb
 from .confidence import INPUTS as INPUTS
 from .confidence import asset_confidences as asset_confidences
 from .confidence import confidence_inputs as confidence_inputs
+from .confidence import confidence_of_fitting_asset as confidence_of_fitting_asset
 from .feature_cache import cache_folder_path as cache_folder_path
 from .feature_cache import hash_asset_files as hash_asset_files
 from .feature_cache import load_cached_arrays as load_cached_arrays

@@ -10,6 +10,7 @@ from grs_agents.library import Asset, Library
 from grs_agents.perception.matching import (
     asset_confidences,
     confidence_inputs,
+    confidence_of_fitting_asset,
     match_by_features,
     rank_assets_per_segment,
 )
@@ -41,6 +42,13 @@ def test_assets_that_look_the_same_share_what_is_said_of_them(likelihood: float)
     alone = confidences([likelihood, 0.05], np.eye(2, dtype=bool))
     twins = np.array([[True, True, False], [True, True, False], [False, False, True]])
     assert confidences([likelihood / 2, likelihood / 2, 0.05], twins)[:2] == pytest.approx(alone[0])
+
+
+@given(st.floats(0, 1), st.floats(0, 1))
+def test_an_asset_that_fits_is_more_surely_right_and_in_the_same_order(first: float, second: float) -> None:
+    low, high = sorted((first, second))
+    assert low - 1e-4 <= confidence_of_fitting_asset(low) <= confidence_of_fitting_asset(high) <= 1
+    assert confidence_of_fitting_asset(0.5) == pytest.approx(0.8)
 
 
 class Without(Library):
