@@ -22,6 +22,7 @@ class RunState(TypedDict):
     matches: dict[str, dict[str, Any]]  # what stands for a candidate, by its id: `MatchEvidence` as JSON
     objects: list[dict[str, Any]]  # the objects placed so far, `SceneObject` as JSON
     left_out: str  # the picture of what is neither table nor candidate: the robot, walls of a bin
+    robot: str  # the picture of the pixels that are known to show the robot
     blur: str  # the picture of pixels beside candidates that have their depth, but not their colour
     dropped: list[dict[str, Any]]  # the candidates that are no object, `DroppedCandidate` as JSON
     background: str  # library name of the reconstructed background; empty without one

@@ -74,7 +74,7 @@ from grs_agents.sim.world import compute_arm_spheres_at_home
 from grs_agents.state import RunState
 from grs_agents.trace import Note, SceneStage, read_events
 
-LEFT_OUT, BLUR = "scene/left_out.png", "scene/blur.png"
+LEFT_OUT, ROBOT, BLUR = "scene/left_out.png", "scene/robot.png", "scene/blur.png"
 
 
 def build_background_asset(
@@ -184,7 +184,7 @@ def segment_photo(state: RunState, services: Services) -> Update:
             f"{state['scene_path']}: nothing on the table is an object: {'; '.join(sorted(set(found.reasons)))}",
             "clear T_robot_cam (x forward, y left, z up, from the robot's base) of mistakes, or put objects before it",
         )
-    for name, mask in ((LEFT_OUT, found.left_out), (BLUR, found.blur)):
+    for name, mask in ((LEFT_OUT, found.left_out), (ROBOT, robot), (BLUR, found.blur)):
         write_png(services.folder / name, mask.astype(np.uint8) * 255)
     table, candidates = center_objects_in_workspace(table, found.objects)
     records = save_candidates(frame, candidates, services.folder)
@@ -210,6 +210,7 @@ def segment_photo(state: RunState, services: Services) -> Update:
         "candidates": [record.model_dump(mode="json") for record in records],
         "pending": [record.id for record in records],
         "left_out": LEFT_OUT,
+        "robot": ROBOT,
         "blur": BLUR,
         "dropped": [DroppedCandidate(id=0, reason=reason).model_dump(mode="json") for reason in found.reasons],
     }
@@ -276,8 +277,8 @@ def _raised_pixels(state: RunState, photo: Photo, services: Services) -> Mask:
     """(H, W) what rises above the table, and may be an object."""
     if "left_out" not in state:
         return raised_pixel_mask(*photo)
-    left_out, blur = (load_mask(services.folder / name) for name in (state["left_out"], state["blur"]))
-    return raised_pixel_mask(*photo, left_out) & ~blur
+    left_out, robot, blur = (load_mask(services.folder / state[name]) for name in ("left_out", "robot", "blur"))
+    return raised_pixel_mask(*photo, left_out, robot) & ~blur
 
 
 @logged_node("settle")

@@ -278,6 +278,8 @@ class Scenery:
     base: float = 0.0  # what has its middle behind this x is behind the robot's base
     beyond: float = 0.25  # what has its middle farther from the workspace than this is in no task's way
     robot: float = 0.5  # of its pixels: a segment of which more are the robot's is a hole in the arm's depth
+    thin: int = 4  # pixels: what lies nearer to the robot,
+    mostly: float = 0.98  # with more of its pixels, is its edge
     meets: int = 8  # pixels: what is so near to the robot is beside it
     widest: int = 20  # pixels: its blurred edge is narrower
     low: float = 0.025  # m: most of its blurred edge over the table is lower
@@ -302,7 +304,8 @@ class CoverageMeasuring:
     listed: float = 0.005  # of what rises: a smaller region is counted, but not listed
     most: float = 0.5  # of a region: what holds of more than this share of it is the reason
     thin: int = 5  # pixels: what is thinner is an edge
-    halo: int = 7  # pixels around what is left out: its blurred edges do not count
+    halo: int = 7  # pixels around what is left out: its blurred edges do not count, but for what beside the robot,
+    high: float = 0.02  # m: and not at it, is higher: of that 2 in 3 pixels show an object, of lower ones 1 in 10
     named: int = 3  # regions are named in a warning
 
 

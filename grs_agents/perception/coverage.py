@@ -56,8 +56,11 @@ class MeasuredCoverage:
         return Coverage(share=self.share, unowned=tuple(region for _, region in self.regions), picture=PICTURE)
 
 
-def raised_pixel_mask(frame: RGBDFrame, table: TableFrame, left_out: Mask | None = None) -> Mask:
-    """(H, W) the pixels that rise above the table, but for those ``left_out`` (H, W): the robot, walls of a bin."""
+def raised_pixel_mask(
+    frame: RGBDFrame, table: TableFrame, left_out: Mask | None = None, robot: Mask | None = None
+) -> Mask:
+    """(H, W) the pixels that rise above the table, but for those ``left_out`` (H, W), the ``robot`` (H, W) and walls of
+    a bin, and for their blurred edges."""
     small, factor = downscale_frame(frame)
     smooth = smooth_frame_depth(small)
     points = robot_frame_point_map(smooth, table)
@@ -84,7 +87,15 @@ def raised_pixel_mask(frame: RGBDFrame, table: TableFrame, left_out: Mask | None
         above = above | (np.asarray(cv2.dilate(above.astype(np.uint8), KERNEL), np.bool_) & low)
     # A floor has one height: where that is measured beside the blur, all of it counts.
     sure = _floors_measured_at(clear, floors, points[..., 2])
+    if left_out is not None and robot is not None:
+        sure |= (points[..., 2] > CONFIG.high) & downscale_mask(_only_beside_robot(left_out, robot), factor)
     return repeat_cells(above, frame, factor) & (~blurred | repeat_cells(sure, frame, factor))
+
+
+def _only_beside_robot(left_out: Mask, robot: Mask) -> Mask:
+    """(H, W) what the robot may blur, but no other of what was left out, apart from the pixels at it."""
+    own, others = (cv2.dilate(mask.astype(np.uint8), KERNEL) > 0 for mask in (robot, left_out & ~robot))
+    return ~own & ~np.asarray(cv2.dilate(others.astype(np.uint8), KERNEL, iterations=CONFIG.halo - 1), np.bool_)
 
 
 def _floors_measured_at(clear: Mask, floors: Labels, height: Array) -> Mask:

@@ -89,6 +89,8 @@ def _is_robot(segment: Mask, away: Array, height: Array, owned: Mask) -> bool:
     (H, W) says how many pixels each one is away from the robot, ``height`` (H, W) how high it is, m, and ``owned``
     (H, W) whether it is a segment's."""
     near = away[segment]
+    if np.count_nonzero(near < CONFIG.thin) > CONFIG.mostly * len(near):
+        return True  # an arm's thin parts mix with what is behind them: they may be measured so far from the model
     if np.count_nonzero(near <= 0) > CONFIG.robot * len(near):
         return True
     return _is_blurred_edge(near, height[segment]) and _is_beside_table(segment, height, owned)

@@ -126,7 +126,8 @@ def test_a_wall_is_found_of_which_only_what_is_low_is_in_the_picture(left: float
     assert np.count_nonzero(found & far[cut:]) > 0.8 * np.count_nonzero(far[cut:]) > 100
 
 
-def test_a_small_piece_of_wall_at_the_border_is_found() -> None:
+@pytest.mark.parametrize("beside_robot", [False, True])
+def test_a_small_piece_of_wall_at_the_border_is_found(beside_robot: bool) -> None:
     boxes = np.concatenate([room.BOXES, np.array(BIN)])
     frame, _, owner = room.photo(room.camera(yaw=0.3, width=640, height=480), 0.0, boxes)
     heights = robot_frame_point_map(frame, find_table(frame, np.random.default_rng(0)))[..., 2]
@@ -134,8 +135,13 @@ def test_a_small_piece_of_wall_at_the_border_is_found() -> None:
     camera = frame.camera.model_copy(update={"height": 480 - cut, "cy": frame.camera.cy - cut})
     frame = RGBDFrame(frame.rgb[cut:], frame.depth[cut:], camera, frame.source)
     piece = ((owner == FIRST + 3) & (heights > 0.01))[cut:]
-    found = find_bin_walls(frame, find_table(frame, np.random.default_rng(0)), np.zeros(piece.shape, bool)).pixels
-    assert np.count_nonzero(found & piece) > 0.8 * np.count_nonzero(piece) > 100
+    robot = np.zeros(piece.shape, bool)
+    if beside_robot:  # which hides where it meets other walls
+        rows, columns = (np.flatnonzero(piece.any(axis=axis)) for axis in (1, 0))
+        robot[: rows[-1] + 8, columns[len(columns) * 2 // 3] :] = True
+        piece &= ~robot
+    found = find_bin_walls(frame, find_table(frame, np.random.default_rng(0)), robot).pixels
+    assert np.count_nonzero(found & piece) > 0.8 * np.count_nonzero(piece) > 50
 
 
 def test_walls_are_found_where_the_depth_behind_a_rim_is_mixed() -> None:

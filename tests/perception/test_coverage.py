@@ -118,6 +118,25 @@ def test_a_floor_rises_up_to_the_robot_that_hides_a_part_of_it(thick: float, ris
     assert (found[beside].mean() > 0.9) == rises and not found[arm].any()
 
 
+@pytest.mark.parametrize(
+    ("known", "height", "counts"), [(True, 0.06, True), (False, 0.06, False), (True, 0.015, False)]
+)
+def test_what_is_high_beside_the_robot_counts_and_what_is_beside_a_wall_does_not(
+    known: bool, height: float, counts: bool
+) -> None:
+    boxes = np.concatenate([room.BOXES[:4], [((0.45, -0.05, 0.0), (0.5, 0.05, height))]])
+    frame, _, owner = room.photo(room.camera(width=640, height=480), boxes=boxes)
+    own = owner == 4
+    strip = own & (np.cumsum(own, axis=1) <= 7)  # from its left edge on
+    left_out = own & ~strip
+    table = find_table(frame, np.random.default_rng(0))
+    found = raised_pixel_mask(frame, table, left_out, left_out if known else np.zeros_like(own))
+    at = cv2.dilate(left_out.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    assert np.count_nonzero(strip & ~at) > 100
+    assert (found[strip & ~at].mean() > 0.5) == counts
+    assert not found[at].any()
+
+
 @pytest.mark.parametrize("around", [True, False])
 def test_what_only_the_blurred_edge_of_the_robot_encloses_is_table(around: bool) -> None:
     sides = [(0.4, -0.1, 0.6, -0.096), (0.4, 0.096, 0.6, 0.1), (0.4, -0.096, 0.404, 0.096), (0.596, -0.096, 0.6, 0.096)]

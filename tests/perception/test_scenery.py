@@ -158,6 +158,17 @@ def test_only_a_strip_that_fades_into_the_table_is_the_blurred_edge_of_the_robot
     assert any(one.mask[strip].any() for one in found.objects) == (not fades or not into_table)
 
 
+@pytest.mark.parametrize(("wide", "is_object"), [(3, False), (7, True)])
+def test_what_is_thin_and_beside_the_robot_is_its_edge(wide: int, is_object: bool) -> None:
+    frame, owner = room_photo(room.BOXES.tobytes(), 1)
+    table, box, nowhere = find_table(frame, np.random.default_rng(0)), owner == 4, np.zeros(owner.shape, bool)
+    strip = box & (np.cumsum(box[:, ::-1], axis=1)[:, ::-1] <= wide)
+    parts = measure_candidates(frame, table, strip.astype(np.int32))
+    found = separate_scenery_from_objects(parts, box & ~strip, SeenWalls(nowhere, nowhere), frame, table)
+    assert len(parts) == 1
+    assert len(found.objects) == is_object
+
+
 def test_what_lies_between_a_near_link_and_a_far_one_is_no_robot() -> None:
     frame, arm = photo_of_arm(HOME)
     around = np.ones((9, 9), np.uint8)

@@ -66,7 +66,8 @@ def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> SeenWall
     own = pixels_near_walls(walls, axes, full, low, (CONFIG.margin, CONFIG.level))
     own |= pixels_near_walls(walls, axes, full, low, (CONFIG.margin, CONFIG.mixed)) & beside
     own = np.asarray(cv2.morphologyEx(own.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)), np.bool_)
-    own |= repeat_cells(_pieces_at_border(walls, axes, points, above, downscale_mask(own, factor)), frame, factor)
+    known = downscale_mask(own, factor), downscale_mask(robot, factor)
+    own |= repeat_cells(_pieces_at_border(walls, axes, points, above, *known), frame, factor)
     # What mixes robot and wall lies on a ray that meets the wall.
     height = walls[0].height
     down = _lowered_along_rays(full, pose[:3, 3], height)
@@ -82,10 +83,11 @@ def _mixed_pixels(depth: npt.NDArray[np.float32]) -> Mask:
     return np.asarray((depth - nearest > CONFIG.apart) & (cv2.dilate(depth, around) - depth > CONFIG.apart), np.bool_)
 
 
-def _pieces_at_border(walls: Sequence[Wall], axes: Array, points: Array, above: Mask, own: Mask) -> Mask:
+def _pieces_at_border(walls: Sequence[Wall], axes: Array, points: Array, above: Mask, own: Mask, robot: Mask) -> Mask:
     """(H, W) what the picture's border leaves of further walls: thin pieces of what is ``above`` (H, W) the table, at
-    the border and at a wall that is found, with nothing beyond. ``own`` (H, W) are the walls' pixels."""
-    beside = cv2.dilate(own.astype(np.uint8), np.ones((2 * CONFIG.edge + 1,) * 2, np.uint8)) > 0
+    the border and at a wall that is found or at the robot, with nothing beyond. ``own`` and ``robot`` (H, W) are the
+    walls' and the robot's pixels."""
+    beside = cv2.dilate((own | robot).astype(np.uint8), np.ones((2 * CONFIG.edge + 1,) * 2, np.uint8)) > 0
     border = np.ones(own.shape, np.bool_)
     border[CONFIG.edge : -CONFIG.edge, CONFIG.edge : -CONFIG.edge] = False
     rest, found = above & ~own, np.zeros(own.shape, np.bool_)
