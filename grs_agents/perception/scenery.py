@@ -47,8 +47,8 @@ def separate_scenery_from_objects(
     points = robot_frame_point_map(small, table)
     known = robot | walls.pixels
     reduced = [replace(one, mask=downscale_mask(one.mask, factor)) for one in candidates]
-    scenery = [downscale_mask(mask, factor) for mask in (robot, walls.mixed)]
-    why = _explain_scenery_by_number(reduced, scenery[0], scenery[1], points, small.camera, table)
+    seen = replace(walls, pixels=downscale_mask(walls.pixels, factor), mixed=downscale_mask(walls.mixed, factor))
+    why = _explain_scenery_by_number(reduced, downscale_mask(robot, factor), seen, points, small.camera, table)
     kept = [one for one in candidates if one.id not in why]
     left_out = unite_mask_with_candidates(known, [one for one in candidates if one.id in why])
     owned = unite_mask_with_candidates(left_out, kept)
@@ -63,16 +63,16 @@ def separate_scenery_from_objects(
 
 
 def _explain_scenery_by_number(
-    candidates: Sequence[Candidate], robot: Mask, mixed: Mask, points: Array, camera: Camera, table: TableFrame
+    candidates: Sequence[Candidate], robot: Mask, walls: SeenWalls, points: Array, camera: Camera, table: TableFrame
 ) -> dict[int, str]:
     """Why segments, by number, are no objects; those that may be objects, or were given as such, are not in it."""
     candidates = [one for one in candidates if not one.given]
     away = np.asarray(cv2.distanceTransform((~robot).astype(np.uint8), cv2.DIST_L2, 5), np.float64)
     why = {one.id: _explain_scenery_by_position(one, points, camera, table) for one in candidates}
+    owned = unite_mask_with_candidates(np.zeros_like(robot), candidates)
     if robot.any():
-        owned = unite_mask_with_candidates(np.zeros_like(robot), candidates)
         why |= {one.id: ROBOT for one in candidates if _is_robot(one.mask, away, points[..., 2], owned)}
-    why |= {one.id: WALL for one in candidates if _mixes_robot_and_wall(mixed[one.mask], points[one.mask, 2])}
+    why |= {one.id: WALL for one in candidates if _is_wall(one.mask, walls, points, owned)}
     return {number: reason for number, reason in why.items() if reason}
 
 
@@ -117,6 +117,13 @@ def _is_blurred_edge(away: Array, heights: Array) -> bool:
     parts = (heights[away < width / 3], heights, heights[away > width * 2 / 3])
     near, middle, far = (float(np.nanmedian(part)) if np.isfinite(part).any() else 0.0 for part in parts)
     return middle < CONFIG.low and far < CONFIG.fades and near - far > CONFIG.falls
+
+
+def _is_wall(segment: Mask, walls: SeenWalls, points: Array, owned: Mask) -> bool:
+    """Whether a segment (H, W) mixes robot and wall, or is the rim of a wall; ``owned`` (H, W) are all segments."""
+    if _mixes_robot_and_wall(walls.mixed[segment], points[segment, 2]):
+        return True
+    return walls.has_as_rim(points[segment], points[owned & ~segment])
 
 
 def _mixes_robot_and_wall(mixed: Mask, heights: Array) -> bool:

@@ -1,5 +1,6 @@
 """What is no object: the robot, the walls of a bin, what lies behind the base or beyond the workspace."""
 
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -27,6 +28,8 @@ from tests.perception import room
 HOME = tuple(float(joint) for joint in get_arm().home_joints)
 WALLS = ((0.3, -0.3, 0.72, -0.29), (0.3, 0.29, 0.72, 0.3), (0.3, -0.29, 0.31, 0.29), (0.71, -0.29, 0.72, 0.29))
 """Lowest and highest x and y of the walls of a bin, m."""
+FARTHEST = 1
+"""The side of the wall that is farthest from the robot."""
 
 
 def photo_of_arm(joints: tuple[float, ...] | None) -> tuple[RGBDFrame, np.ndarray]:
@@ -121,6 +124,23 @@ def test_a_segment_that_mixes_the_robot_with_a_wall_is_no_object() -> None:
         found[share] = separate_scenery_from_objects(parts, nothing, SeenWalls(mixed, mixed), frame, table)
     assert [len(one.objects) for one in found.values()] == [2, 1, 2]  # a level top is a thing's
     assert found[1.0].left_out[owner == 4].all() and "bin" in found[1.0].reasons[0]
+
+
+@pytest.mark.parametrize(("low", "high", "is_wall"), [(0.07, 0.09, True), (0.02, 0.09, False), (0.03, 0.05, False)])
+def test_what_the_robot_leaves_of_a_rim_is_no_object(low: float, high: float, is_wall: bool) -> None:
+    frame, owner = room_photo(with_boxes(*(((x, y, 0.0), (far, wide, 0.08)) for x, y, far, wide in WALLS)).tobytes(), 1)
+    table, nothing = find_table(frame, np.random.default_rng(0)), np.zeros(owner.shape, bool)
+    points = robot_frame_point_map(frame, table)
+    shown = (owner == 9) & (np.abs(points[..., 1]) < 0.1) & (points[..., 2] > low) & (points[..., 2] < high)
+    found = find_bin_walls(frame, table, nothing)
+    hidden = next(wall for wall in found.walls if wall.side == FARTHEST)
+    labels = np.where(owner == 4, 1, np.where(owner == 5, 2, 0)).astype(np.int32)
+    labels[shown] = 3
+    walls = replace(found, pixels=nothing, mixed=nothing, walls=tuple(set(found.walls) - {hidden}))
+    parts = measure_candidates(frame, table, labels)
+    left = separate_scenery_from_objects(parts, nothing, walls, frame, table)
+    assert len(parts) == 3
+    assert len(left.objects) == 3 - is_wall
 
 
 def test_a_thing_that_others_stand_beside_is_an_object() -> None:

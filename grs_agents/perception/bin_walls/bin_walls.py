@@ -5,13 +5,14 @@ It is checked against the photo: where the camera looks past a rim that should b
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from grs_agents.perception.bin_walls.configuration import CONFIG
+from grs_agents.perception.bin_walls.seen_walls import SeenWalls
 from grs_agents.perception.bin_walls.straight_lines import likely_axes, raised_cells
 from grs_agents.perception.bin_walls.view import Sight, View
 from grs_agents.perception.bin_walls.wall import SIDES, Wall, pixels_near_walls
@@ -21,14 +22,6 @@ from grs_agents.perception.segmentation import foreground_pixel_mask, smooth_fra
 from grs_agents.perception.table_finding import robot_frame_point_map
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
 from grs_agents.perception.working_resolution import downscale_frame, downscale_mask, repeat_cells
-
-
-@dataclass(frozen=True)
-class SeenWalls:
-    """Where a photo shows the walls of a bin; nowhere where there is none."""
-
-    pixels: Mask  # (H, W)
-    mixed: Mask  # (H, W) beside the robot, and so near to a wall that the sensor may have mixed the depth of both
 
 
 def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> SeenWalls:
@@ -72,7 +65,7 @@ def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> SeenWall
     height = walls[0].height
     down = _lowered_along_rays(full, pose[:3, 3], height)
     mixed = pixels_near_walls(walls, axes, down, low, (CONFIG.blur, CONFIG.level)) & beside
-    return SeenWalls(own & ~robot, mixed & (full[..., 2] < height + CONFIG.mixed) & ~robot)
+    return SeenWalls(own & ~robot, mixed & (full[..., 2] < height + CONFIG.mixed) & ~robot, tuple(walls), axes)
 
 
 def _mixed_pixels(depth: npt.NDArray[np.float32]) -> Mask:
