@@ -146,7 +146,9 @@ class PlainColor:
     are joined, and one of two."""
 
     hue: float = 2.0  # of CIE a* and b*, both seen as dark as the darker one: 1 is just seen, noise is as much again
-    brightness: float = 2.0  # times the luminance: so much do two sides of one thing differ in the light of a room
+    brightness: float = 2.0  # times the luminance: so much do two sides of one thing differ in the light of a room;
+    chroma: float = 8.0  # of a* and b*: what is more colourful than grey may have any brightness,
+    colored: float = 3.5  # and hues so far apart: of 1,014 pairs 12 more of one object are joined, and none of two
     spread: float = 20.0  # of a* and b*: what is printed spreads farther
     fewest: int = 20  # pixels within its border: a smaller piece has no sure colour
 

@@ -66,9 +66,12 @@ class PlainColorTest:
             return False
         first, second, config = self.colors[one], self.colors[other], self.config
         dark, bright = sorted((first.lightness, second.lightness))
-        if max(first.spread, second.spread) > config.spread or bright**3 > config.brightness * dark**3:
+        if max(first.spread, second.spread) > config.spread:
             return False
-        return bool(np.linalg.norm(first.hue - second.hue) * dark < config.hue)
+        apart, *chroma = (float(np.linalg.norm(hue)) * dark for hue in (first.hue - second.hue, first.hue, second.hue))
+        if min(chroma) > config.chroma:
+            return apart < config.colored
+        return apart < config.hue and bright**3 <= config.brightness * dark**3
 
 
 def _measure_color(colors: Colors, pixels: Index) -> PieceColor:

@@ -32,15 +32,22 @@ def bracket() -> Rendered:
     return render(PLATES, noise=0.0005)
 
 
-def test_the_plates_of_a_bracket_are_one_object_in_light_and_in_shadow(bracket: Rendered) -> None:
-    frame = _painted(bracket, GREEN, (45, 98, 60))
+@pytest.mark.parametrize(("color", "shadow"), [(GREEN, (45, 98, 60)), (GREEN, (31, 73, 43)), ((120,) * 3, (95,) * 3)])
+def test_the_plates_of_a_bracket_are_one_object_in_light_and_in_shadow(
+    bracket: Rendered, color: tuple[int, int, int], shadow: tuple[int, int, int]
+) -> None:
+    frame = _painted(bracket, color, shadow)
     assert _count_segments(frame) == 1
     assert _count_segments(frame, "plain_color") == 2
 
 
-@pytest.mark.parametrize("other", [(60, 80, 130), (75, 130, 60), (31, 73, 43)])
-def test_plates_of_different_colors_are_two_objects(bracket: Rendered, other: tuple[int, int, int]) -> None:
-    assert _count_segments(_painted(bracket, GREEN, other)) == 2
+@pytest.mark.parametrize(
+    ("color", "other"), [(GREEN, (60, 80, 130)), (GREEN, (75, 130, 60)), ((120, 120, 120), (60, 60, 60))]
+)
+def test_plates_of_different_colors_are_two_objects(
+    bracket: Rendered, color: tuple[int, int, int], other: tuple[int, int, int]
+) -> None:
+    assert _count_segments(_painted(bracket, color, other)) == 2
 
 
 def test_plates_of_one_print_are_two_objects(bracket: Rendered) -> None:
