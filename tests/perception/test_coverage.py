@@ -137,6 +137,26 @@ def test_what_is_high_beside_the_robot_counts_and_what_is_beside_a_wall_does_not
     assert not found[at].any()
 
 
+def test_what_goes_on_from_a_thing_and_is_no_noise_counts() -> None:
+    ends = [((0.7, -0.1, 0.0), (0.712, 0.0, 0.02)), ((0.7, 0.0, 0.0), (0.712, 0.1, 0.0065))]
+    boxes = np.concatenate([room.BOXES[:4], np.array(ends)])
+    frame, _, owner = room.photo(room.camera(width=640, height=480), noise=0.0015, boxes=boxes)
+    found = raised_pixel_mask(frame, find_table(frame, np.random.default_rng(0)))
+    assert found[owner == 5].mean() > 0.5
+    assert found[owner == 0].mean() < 0.001
+
+
+def test_where_the_blurred_edge_of_the_robot_ends_is_table(seen: Seen) -> None:
+    frame, table, owner, _ = seen
+    height = np.asarray(table.T_robot_cam)[2, 3]
+    away = cv2.distanceTransform((owner != THING).astype(np.uint8), cv2.DIST_L2, 5)
+    raised = np.where((away > 0) & (away < 6), 0.014, np.where((away > 0) & (away < 13), 0.005, 0.0))
+    depth = np.where(owner == 0, frame.depth * (height - raised) / height, frame.depth).astype(np.float32)
+    blurred = RGBDFrame(frame.rgb, depth, frame.camera, frame.source)
+    found = raised_pixel_mask(blurred, table, left_out=owner == THING)
+    assert not found[(away > 0) & (away < 20) & (owner == 0)].any()
+
+
 @pytest.mark.parametrize("around", [True, False])
 def test_what_only_the_blurred_edge_of_the_robot_encloses_is_table(around: bool) -> None:
     sides = [(0.4, -0.1, 0.6, -0.096), (0.4, 0.096, 0.6, 0.1), (0.4, -0.096, 0.404, 0.096), (0.596, -0.096, 0.6, 0.096)]
