@@ -299,9 +299,7 @@ class CoverageMeasuring:
 
     lowest: float = 0.004  # what is lower is the table
     deviations: float = 1.5  # and what is lower than so many standard deviations of the table's points
-    foot: int = 4  # pixels: a foot reaches so far from what clearly rises, and what goes on from there is no noise that
-    sure: float = 0.006  # m: is higher,
-    surely: float = 3.0  # and higher than so many standard deviations
+    foot: int = 4  # pixels: a foot reaches so far from what clearly rises
     enclosed: float = 0.7  # of its border: what rises encloses a piece with more than this
     listed: float = 0.005  # of what rises: a smaller region is counted, but not listed
     most: float = 0.5  # of a region: what holds of more than this share of it is the reason

@@ -83,24 +83,15 @@ def raised_pixel_mask(
     floors[((beside == 0) & (blurred_beside > 0))[floors]] = 0
     above |= floors > 0
     above |= find_low_things(small, table, above | scenery) > 0
-    far = cv2.dilate(scenery.astype(np.uint8), KERNEL, iterations=2 * CONFIG.halo) == 0
-    sure = far & (points[..., 2] > max(CONFIG.sure, CONFIG.surely * table.residual))
-    above |= _feet(above & clear, low & ~scenery, sure)
+    feet = above & clear  # what is blurred beside the robot has none
+    for _ in range(CONFIG.foot):
+        feet = feet | (np.asarray(cv2.dilate(feet.astype(np.uint8), KERNEL), np.bool_) & low & ~scenery)
+    above |= feet
     # A floor has one height: where that is measured beside the blur, all of it counts.
     sure = _floors_measured_at(clear, floors, points[..., 2])
     if left_out is not None and robot is not None:
         sure |= (points[..., 2] > CONFIG.high) & downscale_mask(_only_beside_robot(left_out, robot), factor)
     return repeat_cells(above, frame, factor) & (~blurred | repeat_cells(sure, frame, factor))
-
-
-def _feet(above: Mask, low: Mask, sure: Mask) -> Mask:
-    """(H, W) what is ``low`` (H, W) and at the foot of what is ``above`` (H, W), or goes on from there and is no noise,
-    for ``sure`` (H, W): a pen of which a part clearly rises."""
-    pieces = label_connected_components(((above | sure) & low).astype(np.uint8), 1)
-    found = np.isin(pieces, np.unique(pieces[above & (pieces > 0)]))
-    for _ in range(CONFIG.foot):
-        found = above | found | (np.asarray(cv2.dilate((above | found).astype(np.uint8), KERNEL), np.bool_) & low)
-    return found
 
 
 def _only_beside_robot(left_out: Mask, robot: Mask) -> Mask:

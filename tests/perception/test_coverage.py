@@ -137,15 +137,6 @@ def test_what_is_high_beside_the_robot_counts_and_what_is_beside_a_wall_does_not
     assert not found[at].any()
 
 
-def test_what_goes_on_from_a_thing_and_is_no_noise_counts() -> None:
-    ends = [((0.7, -0.1, 0.0), (0.712, 0.0, 0.02)), ((0.7, 0.0, 0.0), (0.712, 0.1, 0.0065))]
-    boxes = np.concatenate([room.BOXES[:4], np.array(ends)])
-    frame, _, owner = room.photo(room.camera(width=640, height=480), noise=0.0015, boxes=boxes)
-    found = raised_pixel_mask(frame, find_table(frame, np.random.default_rng(0)))
-    assert found[owner == 5].mean() > 0.5
-    assert found[owner == 0].mean() < 0.001
-
-
 def test_where_the_blurred_edge_of_the_robot_ends_is_table(seen: Seen) -> None:
     frame, table, owner, _ = seen
     height = np.asarray(table.T_robot_cam)[2, 3]
