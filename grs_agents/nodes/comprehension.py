@@ -277,7 +277,8 @@ def _raised_pixels(state: RunState, photo: Photo, services: Services) -> Mask:
     """(H, W) what rises above the table, and may be an object."""
     if "left_out" not in state:
         return raised_pixel_mask(*photo)
-    left_out, robot, blur = (load_mask(services.folder / state[name]) for name in ("left_out", "robot", "blur"))
+    left_out, blur = (load_mask(services.folder / state[name]) for name in ("left_out", "blur"))
+    robot = load_mask(services.folder / state["robot"]) if "robot" in state else None
     return raised_pixel_mask(*photo, left_out, robot) & ~blur
 
 
@@ -454,6 +455,8 @@ def _check_robot_joints(frame: RGBDFrame, services: Services) -> list[str]:
 
 def _take_out_stray_light(frame: RGBDFrame, services: Services) -> RGBDFrame:
     """The frame without the light that a known robot scatters into the depth of what is beside it."""
+    if not frame.camera.arm_is_known:
+        return frame
     arm = render_robot_depth(frame, services.robot_name_or_path, services.library)
     if not np.isfinite(arm).any():
         return frame

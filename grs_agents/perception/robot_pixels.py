@@ -54,6 +54,8 @@ def robot_pixel_mask(frame: RGBDFrame, robot: str, library: Library) -> Mask:
     Raises:
         InputError: the arm cannot be at these joints.
     """
+    if not frame.camera.arm_is_known:
+        return np.zeros(frame.depth.shape, np.bool_)
     seen, step = _render_arm_depth(frame, robot, library)
     on_arm = np.isfinite(_enlarge(seen, frame)) & (frame.depth <= 0)
     if not np.isfinite(seen).any():

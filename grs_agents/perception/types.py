@@ -89,9 +89,9 @@ class Camera(Intrinsics):
         return matrix
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RGBDFrame:
-    """A photo with depth."""
+    """A photo with depth; two are the same only if they are one."""
 
     rgb: Image  # (H, W, 3) uint8
     depth: npt.NDArray[np.float32]  # (H, W) float32 metres along the optical axis, 0 where nothing was measured

@@ -1,6 +1,7 @@
 """Large photos: segmented at a working size, then each pixel of the full size chooses between segments around it."""
 
 from typing import TypeVar
+from weakref import WeakKeyDictionary
 
 import cv2
 import numpy as np
@@ -13,6 +14,7 @@ from grs_agents.perception.types import Array, Mask, RGBDFrame
 
 CONFIG = DEFAULT.resolution
 Value = TypeVar("Value", bound=np.generic)
+_DOWNSCALED: WeakKeyDictionary[RGBDFrame, RGBDFrame] = WeakKeyDictionary()  # many stages ask for the same one's
 
 
 def working_size_factor(frame: RGBDFrame) -> int:
@@ -26,6 +28,13 @@ def downscale_frame(frame: RGBDFrame) -> tuple[RGBDFrame, int]:
     factor = working_size_factor(frame)
     if factor == 1:
         return frame, 1
+    small = _DOWNSCALED.get(frame)
+    if small is None:
+        _DOWNSCALED[frame] = small = _downscale_by(factor, frame)
+    return small, factor
+
+
+def _downscale_by(factor: int, frame: RGBDFrame) -> RGBDFrame:
     height, width = frame.depth.shape
     rows, columns = height // factor, width // factor
     whole = frame.depth[: rows * factor, : columns * factor]
@@ -40,7 +49,7 @@ def downscale_frame(frame: RGBDFrame) -> tuple[RGBDFrame, int]:
     focal = {"fx": camera.fx / factor, "fy": camera.fy / factor}
     center = {"cx": (camera.cx + 0.5) / factor - 0.5, "cy": (camera.cy + 0.5) / factor - 0.5}
     small = camera.model_copy(update={**focal, **center, "width": columns, "height": rows})
-    return RGBDFrame(rgb.astype(np.uint8), depth, small, frame.source), factor
+    return RGBDFrame(rgb.astype(np.uint8), depth, small, frame.source)
 
 
 def downscale_mask(mask: Mask, factor: int) -> Mask:

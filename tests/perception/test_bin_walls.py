@@ -140,8 +140,25 @@ def test_a_small_piece_of_wall_at_the_border_is_found(beside_robot: bool) -> Non
         rows, columns = (np.flatnonzero(piece.any(axis=axis)) for axis in (1, 0))
         robot[: rows[-1] + 8, columns[len(columns) * 2 // 3] :] = True
         piece &= ~robot
+        mixed = piece & (np.cumsum(piece[:, ::-1], axis=1)[:, ::-1] == 1)
+        depth = np.where(mixed, frame.depth - 0.15, frame.depth).astype(np.float32)
+        frame = RGBDFrame(frame.rgb, depth, camera, frame.source)
     found = find_bin_walls(frame, find_table(frame, np.random.default_rng(0)), robot).pixels
     assert np.count_nonzero(found & piece) > 0.8 * np.count_nonzero(piece) > 50
+
+
+def test_only_what_lies_beyond_a_wall_and_beside_the_robot_may_mix_both() -> None:
+    boxes = np.concatenate([room.BOXES, np.array([*BIN, ((0.45, 0.37, 0.0), (0.6, 0.4, 0.05))])])
+    frame, _, owner = room.photo(room.camera(width=640, height=480), 0.0, boxes)
+    outside, robot = owner == len(boxes) - 1, np.zeros(owner.shape, bool)
+    rows, columns = (np.flatnonzero(outside.any(axis=axis)) for axis in (1, 0))
+    robot[rows[0] : rows[-1], : columns[0] + 10] = True
+    found = find_bin_walls(frame, find_table(frame, np.random.default_rng(0)), robot)
+    assert len(found.walls) == 4
+    beside = np.zeros_like(robot)
+    beside[rows[0] : rows[-1], columns[0] + 10 : columns[0] + 20] = True
+    assert found.mixed[outside & beside].all() and np.count_nonzero(outside & beside) > 50
+    assert not found.mixed[outside & (np.arange(640) > columns[0] + 40)].any()
 
 
 def test_walls_are_found_where_the_depth_behind_a_rim_is_mixed() -> None:

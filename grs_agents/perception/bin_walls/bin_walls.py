@@ -15,7 +15,7 @@ from grs_agents.perception.bin_walls.configuration import CONFIG
 from grs_agents.perception.bin_walls.seen_walls import SeenWalls
 from grs_agents.perception.bin_walls.straight_lines import likely_axes, raised_cells
 from grs_agents.perception.bin_walls.view import Sight, View
-from grs_agents.perception.bin_walls.wall import SIDES, Wall, pixels_near_walls
+from grs_agents.perception.bin_walls.wall import SIDES, Wall, pixels_beyond_walls, pixels_near_walls
 from grs_agents.perception.bin_walls.wall_search import find_walls, holds_things
 from grs_agents.perception.image_geometry import label_connected_components, values_in_mask
 from grs_agents.perception.segmentation import foreground_pixel_mask, smooth_frame_depth
@@ -61,11 +61,14 @@ def find_bin_walls(frame: RGBDFrame, table: TableFrame, robot: Mask) -> SeenWall
     own = np.asarray(cv2.morphologyEx(own.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)), np.bool_)
     known = downscale_mask(own, factor), downscale_mask(robot, factor)
     own |= repeat_cells(_pieces_at_border(walls, axes, points, above, *known), frame, factor)
-    # What mixes robot and wall lies on a ray that meets the wall.
+    # What mixes robot and wall lies on a ray that meets the wall, or beyond the wall.
     height = walls[0].height
     down = _lowered_along_rays(full, pose[:3, 3], height)
-    mixed = pixels_near_walls(walls, axes, down, low, (CONFIG.blur, CONFIG.level)) & beside
-    return SeenWalls(own & ~robot, mixed & (full[..., 2] < height + CONFIG.mixed) & ~robot, tuple(walls), axes)
+    mixed = pixels_near_walls(walls, axes, down, low, (CONFIG.blur, CONFIG.level)) | pixels_beyond_walls(
+        walls, axes, full, CONFIG.margin
+    )
+    mixed &= beside & (full[..., 2] < height + CONFIG.mixed) & ~robot
+    return SeenWalls(own & ~robot, mixed, tuple(walls), axes)
 
 
 def _mixed_pixels(depth: npt.NDArray[np.float32]) -> Mask:
@@ -91,7 +94,7 @@ def _pieces_at_border(walls: Sequence[Wall], axes: Array, points: Array, above: 
         across = sign * (points[..., :2] @ axes.T)[..., axis]
         for label in both:
             piece = labels == label
-            low, high = np.nanpercentile(across[piece], (2, 98))
+            low, high = np.nanpercentile(across[piece], (10, 90))  # some of it is mixed with the robot
             beyond = rest & ~piece & (across > low)
             if high - low < CONFIG.thick and beyond.sum() <= CONFIG.stray * rest.sum():
                 found |= piece

@@ -14,7 +14,7 @@ class SeenWalls:
     """Where a photo shows the walls of a bin; nowhere where there is none."""
 
     pixels: Mask  # (H, W)
-    mixed: Mask  # (H, W) beside the robot, and so near to a wall that the sensor may have mixed the depth of both
+    mixed: Mask  # (H, W) beside the robot, and so near to a wall, or beyond it, that the depth may be mixed of both
     walls: tuple[Wall, ...] = ()
     axes: Array = field(default_factory=lambda: np.eye(2))  # (2, 2) the directions across them
 

@@ -82,3 +82,13 @@ def pixels_near_walls(
         own &= (along > wall.start - margin) & (along < wall.end + margin)
         found |= own & (points[..., 2] > low) & (points[..., 2] < wall.height + over)
     return found
+
+
+def pixels_beyond_walls(walls: Sequence[Wall], axes: Array, points: Array, margin: float) -> Mask:
+    """(H, W) the pixels of which the ``points`` (H, W, 3) lie farther than ``margin``, m, outside of a wall."""
+    local = points[..., :2] @ axes.T
+    beyond = np.zeros(points.shape[:2], np.bool_)
+    for wall in walls:
+        axis, sign = SIDES[wall.side]
+        beyond |= sign * local[..., axis] > wall.outer + margin
+    return beyond

@@ -40,7 +40,8 @@ def measure_candidates(
 ) -> tuple[Candidate, ...]:
     """Measure each segment; those that the user gave are objects, however large.
     Raises InputError: nothing stands on the table, or one object fills it."""
-    clouds = {key: one for key, one in _clouds_by_label(frame, table, labels).items() if len(one) >= CONFIG.fewest}
+    counted = _clouds_by_label(frame, table, labels)
+    clouds = {key: cloud for key, (cloud, count) in counted.items() if count >= CONFIG.fewest}
     supports = {
         label: (convex_footprint_hull(cloud[::5]), float(compute_percentiles(cloud[::5, 2], [95])[0]))
         for label, cloud in clouds.items()
@@ -49,7 +50,8 @@ def measure_candidates(
     too_large: Vec3 | None = None
     for label, cloud in clouds.items():
         others = [support for key, support in supports.items() if key != label]
-        candidate = _measure_candidate(len(candidates) + 1, frame, table, labels == label, cloud, others)
+        sampled = cloud, counted[label][1]
+        candidate = _measure_candidate(len(candidates) + 1, frame, table, labels == label, sampled, others)
         if max(candidate.upright.size) > CONFIG.largest and not given:
             too_large = candidate.upright.size
         else:
@@ -63,12 +65,16 @@ def measure_candidates(
     raise InputError("; ".join([f"{frame.source}: {problem}", *describe_table_doubts(table)]), remedy)
 
 
-def _clouds_by_label(frame: RGBDFrame, table: TableFrame, labels: Labels) -> dict[int, Array]:
-    """The (N, 3) measured points of each label from 1, row by row, robot frame."""
-    pixels = pixels_by_label(np.where(frame.depth > 0, labels, 0))
+def _clouds_by_label(frame: RGBDFrame, table: TableFrame, labels: Labels) -> dict[int, tuple[Array, int]]:
+    """A sample of the measured points of each label from 1, (N, 3), row by row, robot frame, and how many there are."""
     eye = np.asarray(table.T_robot_cam)[:3, 3]
-    clouds = (pixels_to_robot_frame(frame, table, *divmod(own, labels.shape[1])) for own in pixels)
-    return {label: cloud.compress(_range_inlier_mask(cloud, eye), axis=0) for label, cloud in enumerate(clouds, 1)}
+    clouds: dict[int, tuple[Array, int]] = {}
+    for label, pixels in enumerate(pixels_by_label(np.where(frame.depth > 0, labels, 0)), 1):
+        step = len(pixels) // CONFIG.most + 1
+        points = pixels_to_robot_frame(frame, table, *divmod(pixels[::step], labels.shape[1]))
+        cloud = points.compress(_range_inlier_mask(points, eye), axis=0)
+        clouds[label] = cloud, len(cloud) * step
+    return clouds
 
 
 def _range_inlier_mask(cloud: Array, eye: Array) -> Mask:
@@ -81,9 +87,15 @@ def _range_inlier_mask(cloud: Array, eye: Array) -> Mask:
 
 
 def _measure_candidate(
-    number: int, frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array, others: Sequence[tuple[Array, float]]
+    number: int,
+    frame: RGBDFrame,
+    table: TableFrame,
+    mask: Mask,
+    sampled: tuple[Array, int],
+    others: Sequence[tuple[Array, float]],
 ) -> Candidate:
-    count, cloud = len(cloud), cloud[:: len(cloud) // (2 * CONFIG.samples) + 1]
+    cloud, count = sampled
+    cloud = cloud[:: len(cloud) // (2 * CONFIG.samples) + 1]
     low, high = compute_percentiles(cloud, (1, 99))
     inner = cloud.compress(points_in_box_mask(cloud, low, high), axis=0)
     top = max(float(high[2]), THINNEST)

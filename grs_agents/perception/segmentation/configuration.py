@@ -222,6 +222,7 @@ class Measuring:
 
     largest: float = 0.5  # a longer segment is not an object that the arm could move
     fewest: int = 30  # points: a segment of fewer is not measured
+    most: int = 60_000  # points of a segment are looked at: in a photo of 640 x 480 hardly one has as many
     samples: int = 3000  # points: a footprint is measured from about so many
     overhang: float = 0.12  # of the diameter: points beyond a round footprint by more tell of more than that
     outliers: float = 0.4  # percent of the points at each end of each axis that are left out of a footprint
