@@ -112,6 +112,17 @@ class PoseCost:
 
 
 @dataclass(frozen=True)
+class SilhouetteCost:
+    """How well an asset's silhouette agrees with an object's pixels."""
+
+    weight: float = 0.01  # m: a silhouette that nothing agrees with costs as much as being so far off the points
+    pixels: int = 100  # along the object's longer side: no more are drawn
+    margin: float = 0.5  # of that side, around it: what reaches farther out is not seen to
+    nearer: float = 0.008  # m: what was measured so much nearer hides the asset
+    nearest: float = 0.001  # m: nothing is nearer to the camera
+
+
+@dataclass(frozen=True)
 class PoseHypotheses:
     """Poses from which a registration begins."""
 
@@ -136,6 +147,7 @@ class Registration:
     steps: tuple[tuple[float, float], ...] = ((0.008, 0.16), (0.004, 0.08), (0.002, 0.04), (0.001, 0.02))
     """A pose is shifted and turned about z by so much to see whether that costs less: each half of the one before."""
     refined: int = 2  # so many of the aligned poses are refined
+    last: int = 3  # the best of them once more, by so many of the steps, also to the silhouette
     partner_distance: float = 0.03  # partners of an alignment are at most so far apart
     lying: float = 0.0015  # a pose that is not upright has to fit better by so much
     tilted: float = 0.001  # and one that rests on none of its sides
@@ -147,6 +159,7 @@ class Registration:
     entered: float = 0.004  # what enters another object no deeper touches it; poses are known no better
     entered_weight: float = 0.5  # of what it enters deeper, against the residual
     cost: PoseCost = PoseCost()
+    silhouette: SilhouetteCost = SilhouetteCost()
     hypotheses: PoseHypotheses = PoseHypotheses()
 
 

@@ -15,6 +15,7 @@ from grs_agents.perception.asset_surfaces import (
     Symmetry,
     Tree,
     align_point_clouds,
+    asset_triangle_corners,
     find_asset_symmetry,
     sample_asset_surface,
 )
@@ -26,6 +27,7 @@ from grs_agents.perception.registration.pose_cost import (
     total_cost_per_pose,
 )
 from grs_agents.perception.registration.pose_hypotheses import propose_initial_poses, propose_shifted_poses
+from grs_agents.perception.registration.silhouette import SeenSilhouette
 from grs_agents.perception.segmentation import fit_asset_to_box
 from grs_agents.perception.types import Array, Mask, PoseMethod, RGBDFrame, TableFrame, UprightBox
 
@@ -118,7 +120,9 @@ def register_asset(
     search = _Search.from_asset(asset, library, upright, seen, entered)
     if len(seen.points) < CONFIG.fewest:
         return Registered(position, orientation, size, 0.0, "box", _is_yaw_symmetric(begin, search.symmetry))
-    best = _find_cheapest_pose(search)
+    corners = asset_triangle_corners(asset, library)
+    corners = corners - (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
+    best = _find_cheapest_pose(search, corners, SeenSilhouette.from_mask(frame, table, mask))
     off, (registered, boxed) = search.residual_at_pose(best), search.cost_per_pose(np.stack([best, begin]))
     if registered > boxed - CONFIG.better or off > CONFIG.worst:
         off, cost = search.residual_at_pose(begin), float(search.cost_without_neighbors(begin[None])[0])
@@ -153,8 +157,14 @@ def _extents_without_yaw(turn: Array, surface: Surface) -> Vec3:
     return (x, y, z)
 
 
-def _find_cheapest_pose(search: _Search) -> Array:
-    """The pose (4, 4) that costs least."""
+def _find_cheapest_pose(search: _Search, corners: Array, silhouette: SeenSilhouette) -> Array:
+    """The pose (4, 4) that costs least; of poses that agree with the points, the ``silhouette`` tells.
+    ``corners`` (T, 3, 3) are the asset's triangles around the centre of its bounding box."""
+
+    def cost_with_silhouette(poses: Array, factor: int) -> Array:
+        differs = silhouette.difference_per_pose(corners, poses)
+        return search.cost_per_pose(poses, factor) + CONFIG.silhouette.weight * differs
+
     half = search.surface.half
     seen = search.seen.subsample_points(CONFIG.medium)
     source = Cloud(seen.points)
@@ -168,9 +178,10 @@ def _find_cheapest_pose(search: _Search) -> Array:
         straight = _snap_pose_to_resting_side(aligned, search)
         poses += [aligned] if straight is None else [aligned, straight]
     stack = np.stack(poses)
-    best = stack[np.argsort(search.cost_per_pose(stack, CONFIG.medium), kind="stable")[: CONFIG.refined]]
-    refined = np.stack([_refine_pose(pose, search, CONFIG.steps, CONFIG.medium) for pose in best])
-    return _refine_pose(refined[int(search.cost_per_pose(refined).argmin())], search, CONFIG.steps[-2:], 1)
+    best = stack[np.argsort(cost_with_silhouette(stack, CONFIG.medium), kind="stable")[: CONFIG.refined]]
+    refined = np.stack([_refine_pose(pose, search.cost_per_pose, CONFIG.steps, CONFIG.medium) for pose in best])
+    cheapest = refined[int(cost_with_silhouette(refined, 1).argmin())]
+    return _refine_pose(cheapest, cost_with_silhouette, CONFIG.steps[-CONFIG.last :], 1)
 
 
 def _select_distinct_poses(poses: Array, search: _Search) -> list[Array]:
@@ -223,9 +234,11 @@ def _snap_pose_to_resting_side(pose: Array, search: _Search) -> Array | None:
     )
 
 
-def _refine_pose(pose: Array, search: _Search, steps: Sequence[tuple[float, float]], factor: int) -> Array:
+def _refine_pose(
+    pose: Array, cost_per_pose: Callable[[Array, int], Array], steps: Sequence[tuple[float, float]], factor: int
+) -> Array:
     """Shift and turn about z in ever smaller steps for as long as it costs less, by one of ``factor`` samples."""
-    best, least = pose, float(search.cost_per_pose(pose[None], factor)[0])
+    best, least = pose, float(cost_per_pose(pose[None], factor)[0])
     for shift, angle in steps:
         for _ in range(3):
             tried = np.stack([best] * 8)
@@ -234,7 +247,7 @@ def _refine_pose(pose: Array, search: _Search, steps: Sequence[tuple[float, floa
                 tried[2 * axis + 1, axis, 3] -= shift
             tried[6, :3, :3] = rotation_about_z(angle) @ best[:3, :3]
             tried[7, :3, :3] = rotation_about_z(-angle) @ best[:3, :3]
-            values = search.cost_per_pose(tried, factor)
+            values = cost_per_pose(tried, factor)
             first = int(values.argmin())
             if values[first] >= least:
                 break

@@ -16,8 +16,7 @@ class ShapeObservation:
     jump: float = 0.012  # depth differs by more between two surfaces, and by this many deviations of the noise
     jump_deviations: float = 6.0
     farthest: float = 0.25  # in depth from the object's middle: objects are smaller
-    low: float = 0.003  # what is lower above the support at the mask's edge is support that bled in
-    low_deviations: float = 1.5  # or by the noise
+    low: float = 0.003  # what is lower above the support, or than two deviations of the noise, may be support
     smallest: int = 12  # pixels: smaller pieces are stray
     hole: float = 0.08  # of the mask: larger holes are holes
     apart: float = 0.03  # pieces farther from the largest are another thing's
@@ -139,6 +138,7 @@ class ShapeSolid:
 
     cells: int = 44  # along the longest side: 40 lose a hundredth of F on open boxes, 48 cost a fifth more time
     finest: float = 0.0018  # edge of a cell: depth is not better
+    lowest: float = 0.25  # of a cell above the support is the lowest layer: a floor thinner than a cell has no holes
     margin: float = 0.006  # around the hull
     hull_points: int = 3000  # of which the hull is made
     wall: float = 0.004  # behind what is seen

@@ -195,8 +195,6 @@ def _clean_mask_and_sound_depth(mask: Mask, depth: Depth, points: Array, noise: 
     height, jump = points[..., 2], _depth_jump_threshold(noise)
     mask = _fill_holes(mask, depth)
     known = depth > 0
-    low = height < max(CONFIG.low, CONFIG.low_deviations * noise)
-    mask &= ~(mask & ~erode(mask, 7) & known & low)  # table that bled in
     low = height < max(CONFIG.low, 2 * noise)
     highest, lowest = cv2.dilate(depth, np.ones((3, 3))), cv2.erode(np.where(known, depth, 9), np.ones((3, 3)))
     middle = float(np.median(depth[mask & known])) if (mask & known).any() else 0.0
@@ -286,8 +284,3 @@ def connected_pieces(mask: Mask, smallest: int) -> list[Mask]:
 def dilate(mask: Mask, side: int) -> Mask:
     """The mask grown by half a square of ``side`` pixels."""
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)), np.bool_)
-
-
-def erode(mask: Mask, side: int) -> Mask:
-    """The mask shrunk by half a square of ``side`` pixels."""
-    return np.asarray(cv2.erode(mask.astype(np.uint8), np.ones((side, side), np.uint8)), np.bool_)

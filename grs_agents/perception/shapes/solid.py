@@ -24,6 +24,7 @@ def carve_solid(seen: Observation, mirrors: list[Mirror], most_faces: int) -> tu
     body = np.concatenate([known, known * (1, 1, 0)])
     low, high = body.min(axis=0) - CONFIG.margin, body.max(axis=0) + CONFIG.margin
     step = max(CONFIG.finest, float((high - low).max()) / CONFIG.cells)
+    low[2] = (CONFIG.lowest - 2) * step
     counts = np.ceil((high - low) / step).astype(int) + 1
     grid = np.indices(tuple(counts)).reshape(3, -1).T * step + low
     values = seen.free_distance(grid)
