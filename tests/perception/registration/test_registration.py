@@ -1,6 +1,7 @@
 """An asset that is seen from one side is found where it stands."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,17 @@ def test_what_is_hardly_seen_stays_in_its_box() -> None:
     found = register_asset(asset, LIBRARY, box_around(asset, turn, 0.0), frame, table, nothing)
     assert found.method == "box"
     assert found.position[:2] == pytest.approx((0.512, 0.008))
+
+
+def test_where_little_depth_was_measured_the_silhouette_tells_where_an_asset_stands() -> None:
+    asset, turn = "HOPE/Corn.urdf", quaternion_from_rpy(0.0, 0.0, 0.3)
+    middle = _resting(asset, turn)
+    frame, table, mask = photo_of([PlacedObject(asset, (middle, turn))], LIBRARY)
+    rows, columns = np.indices(mask.shape)
+    apart = np.hypot(rows - rows[mask].mean(), columns - columns[mask].mean())
+    depth = np.where(mask & (apart > 0.17 * np.ptp(columns[mask])), 0, frame.depth).astype(np.float32)
+    found = register_asset(asset, LIBRARY, box_around(asset, turn), replace(frame, depth=depth), table, mask)
+    assert np.linalg.norm(np.subtract(found.position, middle)) < 0.002
 
 
 def test_another_asset_is_no_fit() -> None:

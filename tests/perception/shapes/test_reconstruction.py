@@ -67,6 +67,25 @@ def test_what_is_open_at_the_top_is_so_where_little_but_its_floor_was_measured(t
     assert plain is None or not plain.hollow  # that was not told
 
 
+def agreement_from_above(thing, tilt, noise):
+    """Intersection over union of the pixels of a thing on a table and of the shape that is made of it."""
+    view = photograph(on_table(thing), tilt, noise=noise, rng=np.random.default_rng(0))
+    view.depth[~view.mask] = depth_of_table(view.T_object_cam)[~view.mask]
+    shown = np.isfinite(depth_of(solid_of(reconstruct_shape(view)), view.T_object_cam))
+    return (shown & view.mask).sum() / (shown | view.mask).sum()
+
+
+@pytest.mark.parametrize("tilt", [1.1, 1.35])
+@pytest.mark.parametrize("height", [0.05, 0.08])
+def test_a_cone_reaches_to_its_foot(height, tilt):
+    assert agreement_from_above(trimesh.creation.cone(0.04, height), tilt, 0.001) > 0.95
+
+
+@pytest.mark.parametrize("length", [0.17, 0.1775, 0.185])
+def test_a_floor_that_is_thinner_than_a_cell_has_no_holes(length):
+    assert agreement_from_above(open_box(length, 0.1, 0.05, 0.0025), 1.3, 0.0005) > 0.9
+
+
 @pytest.mark.parametrize("tilt", [0.5, 0.9])
 def test_a_closed_box_stays_closed_though_noise_made_its_top_look_hollow(tilt):
     box = on_table(trimesh.creation.box((0.04, 0.12, 0.17)))
