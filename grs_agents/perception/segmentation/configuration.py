@@ -10,7 +10,6 @@ RULES: Final = {
     "common_rim": "walls whose tops are level, and the inside seen over them, are one hollow object",
     "interior": "what lies within walls and below their rim is the inside of a hollow object",
     "cap": "what is small and on top of something larger is its cap",
-    "ridge": "what is thin and along the top of something larger is its ridge",
     "tab": "what is thin and small and sticks out of something higher is its tab",
     "unsupported": "a narrow part in the air that nothing carries belongs to what it touches",
     "solid": "what is highest in its middle is an object of its own, neither a wall nor an inside",
@@ -90,12 +89,11 @@ class PartMerging:
     below_rim: float = 0.008  # the inside reaches no higher than this above the walls
     thickest_wall: float = 0.04  # what is thicker is no wall, however a bad sensor blurs it
     smaller: float = 0.4  # of the other's pixels: an attached part has fewer
-    tiny: float = 0.2  # of the other's pixels: a tab or a ridge has fewer
+    tiny: float = 0.2  # of the other's pixels: a tab has fewer
     tab: tuple[float, float] = (0.025, 0.065)  # what is thinner and shorter, and sticks out of something higher
-    on_top: float = 0.03  # what begins no lower than this below the top of another may be its cap or ridge
-    covered: float = 0.5  # of the points of a cap or ridge lie over what it is on
+    on_top: float = 0.03  # what begins no lower than this below the top of another may be its cap
+    covered: float = 0.5  # of the points of a cap lie over what it is on
     cap: float = 0.045  # what is smaller across and lower, on top of something larger, is its cap
-    ridge: float = 0.1  # along the top of something larger, as thin as a tab, and at most so long
     unsupported: float = 0.02  # what hangs higher above the table wants a support
     carrier_distance: float = 0.025  # what carries a part ends within this of the part's underside
     carried: float = 0.25  # of the part's points lie over what carries it

@@ -111,7 +111,6 @@ class Merger:
         self.attachments = {
             "interior": self._is_interior_part,
             "cap": self._is_short_part_on_top,
-            "ridge": self._is_thin_part_on_top,
             "tab": self._is_thin_lower_part,
             "unsupported": self._is_unsupported_handle,
         }
@@ -218,22 +217,13 @@ class Merger:
             and self._form_open_hollow_object(one, other)
         )
 
-    def _is_on_top_of(self, one: Part, other: Part) -> bool:
-        """Whether the smaller part is on top of the other."""
-        config = self.config.merging
+    def _is_short_part_on_top(self, small: int, big: int) -> bool:
+        """Whether a part is short, and on top of the other."""
+        one, other, config = self.parts[small], self.parts[big], self.config.merging
         if one.count >= config.smaller * other.count or one.top >= other.top + config.cap:
             return False
-        return other.top - config.on_top < one.bottom and share_over_footprint(one, other) > config.covered
-
-    def _is_short_part_on_top(self, small: int, big: int) -> bool:
-        return self.parts[small].length < self.config.merging.cap and self._is_on_top_of(
-            self.parts[small], self.parts[big]
-        )
-
-    def _is_thin_part_on_top(self, small: int, big: int) -> bool:
-        one, other, config = self.parts[small], self.parts[big], self.config.merging
-        thin = one.width < config.tab[0] and one.length < config.ridge and one.count < config.tiny * other.count
-        return thin and self._is_on_top_of(one, other)
+        on_top = one.length < config.cap and other.top - config.on_top < one.bottom
+        return on_top and share_over_footprint(one, other) > config.covered
 
     def _is_thin_lower_part(self, small: int, big: int) -> bool:
         """Whether a part is a tab, lip or fin of a higher one."""

@@ -15,7 +15,6 @@ SCENES: dict[str, tuple[Thing, ...]] = {
     "hollow_floor": (Thing("cylinder", (0.45, 0.05), (0.2, 0.2, 0.05), wall=0.004),),
     "tab": (Thing("box", (0.5, 0.0), (0.1, 0.12, 0.16)), FRONT),
     "cap": (Thing("box", (0.5, 0.0), (0.1, 0.12, 0.16)), Thing("box", (0.5, 0.0), (0.03, 0.04, 0.03), bottom=0.16)),
-    "ridge": (Thing("box", (0.5, 0.0), (0.1, 0.16, 0.12)), Thing("box", (0.5, 0.0), (0.02, 0.08, 0.03), bottom=0.12)),
     "low_thing": (Thing("box", (0.45, 0.05), (0.14, 0.012, 0.0055)),),
     "sensor_noise": (Thing("box", (0.4, 0.0), (0.03, 0.03, 0.0115)),),
 }
