@@ -198,3 +198,12 @@ def test_the_share_is_right_within_three_points_on_real_photos(name: str) -> Non
     owned = (labels > 0) & (labels != 1)
     found = measure_coverage(frame, table, raised_pixel_mask(frame, table), owned)
     assert found.share == pytest.approx(np.count_nonzero(owned & truth) / np.count_nonzero(truth), abs=0.03)
+
+
+@needs("real scenes")
+@pytest.mark.parametrize("name", ["uois_0", "uois_4"])
+def test_the_blurred_far_edge_of_a_real_table_is_nothing_that_was_missed(name: str) -> None:
+    frame = read_scene(REAL_SCENES / name)
+    table = find_table(frame, np.random.default_rng(0))
+    labels = segment_objects_on_table(frame, table)
+    assert measure_coverage(frame, table, raised_pixel_mask(frame, table), labels > 0).share > 0.85

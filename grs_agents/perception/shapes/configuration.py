@@ -188,7 +188,6 @@ class ViewFit:
 class ShapeChoice:
     """Which kind of shape stands for an object."""
 
-    least_measured: float = 0.3  # of the mask has depth, else a primitive stays
     box_overlap: float = 0.88  # silhouette of the fitted box with the mask: it is a box
     box_depth: float = 0.004  # and off in depth by less, 90th percentile, or by this many deviations of the noise
     deviations: float = 1.5

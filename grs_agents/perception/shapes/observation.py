@@ -36,7 +36,6 @@ class Observation:
     points: Array  # (N, 3) of the surface, away from its edges
     normals: Array  # (N, 3) towards the camera
     noise: float  # standard deviation of depth, m
-    measured_share: float  # of the mask that has depth of its own
 
     @property
     def eye(self) -> Array:
@@ -150,7 +149,6 @@ def observe_object(view: ObjectView) -> Observation | None:
         points=surface.reshape(-1, 3)[inner],
         normals=normals.reshape(-1, 3)[inner],
         noise=view.noise,
-        measured_share=float(np.count_nonzero(sound & mask) / max(np.count_nonzero(mask), 1)),
     )
 
 

@@ -29,16 +29,13 @@ def reconstruct_shape(view: ObjectView) -> ObjectShape | None:
     seen = observe_object(view)
     if seen is None:
         return None
-    measured = seen.measured_share >= CONFIG.least_measured
-    turned = _reconstruct_turned_solid(seen) if measured else None
+    turned = _reconstruct_turned_solid(seen)
     open_top = _reconstruct_open_top(seen, view.size) if view.hollow else None
     hollow = [one for one in (turned, open_top) if one is not None and one.hollow]
-    if not hollow and not measured:
-        return None
     box = fit_box(seen, view.size)
     if hollow:
         best = min(hollow, key=lambda one: _cost_of_shape(seen, one))
-        if not measured or _cost_of_shape(seen, best) < cost_of_mesh(seen, *box):
+        if _cost_of_shape(seen, best) < cost_of_mesh(seen, *box):
             return best
     return _reconstruct_solid(seen, turned, box)
 

@@ -15,12 +15,13 @@ CONFIG = DEFAULT.solid
 
 
 def carve_solid(seen: Observation, mirrors: list[Mirror], most_faces: int) -> tuple[Array, Faces] | None:
-    """The closed mesh of what the view and its images in the mirrors leave of the hull of what is seen, its images and
-    its footprint; ``None`` where nothing is left."""
+    """The closed mesh of what the view and its images in the mirrors leave of the hull of what is seen, measured or
+    not, of the images of what was measured and of its footprint; ``None`` where nothing is left."""
     images = [seen.points, *(mirror.image(seen.points) for mirror in mirrors)]
     if len(mirrors) == 2:
         images.append(mirrors[1].image(images[1]))
-    known = np.concatenate(images)
+    shown = seen.lift(seen.depth)[seen.mask & (seen.edge < -1)]
+    known = np.concatenate([*images, shown[:: max(1, len(shown) // CONFIG.hull_points)]])
     body = np.concatenate([known, known * (1, 1, 0)])
     low, high = body.min(axis=0) - CONFIG.margin, body.max(axis=0) + CONFIG.margin
     step = max(CONFIG.finest, float((high - low).max()) / CONFIG.cells)

@@ -118,12 +118,35 @@ def test_steep_walls_without_sound_depth_stand_on_their_foot(yaw, mixed, most):
     assert np.percentile(np.abs(drawn - true)[both], 90) < most
 
 
-def test_no_shape_where_most_depth_is_missing():
+def test_a_cup_is_one_though_most_depth_is_missing():
     view = photograph(cup())
     view.depth[:, ::2] = 0
     view.depth[::2] = 0
 
+    shape = reconstruct_shape(view)
+
+    assert shape is not None
+    assert (shape.method, shape.hollow) == ("lathe", True)
+    assert shape.silhouette_iou > 0.95
+
+
+def test_no_shape_where_hardly_any_depth_was_measured():
+    view = photograph(cup())
+    rows, columns = np.nonzero(view.mask)
+    view.depth[rows[50:], columns[50:]] = 0
+
     assert reconstruct_shape(view) is None
+
+
+def test_a_side_that_was_not_measured_belongs_to_the_shape():
+    view = photograph(cup(), 1.35, noise=0.001, rng=np.random.default_rng(0))
+    columns = np.flatnonzero(view.mask.any(axis=0))
+    view.depth[:, columns[int(0.55 * len(columns))] :] = 0
+
+    shape = reconstruct_shape(view)
+
+    assert shape is not None
+    assert shape.silhouette_iou > 0.9
 
 
 def test_a_cup_of_which_little_was_measured_is_still_round():
