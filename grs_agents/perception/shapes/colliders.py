@@ -81,7 +81,15 @@ def fit_colliders(shape: ObjectShape, solid: Solid, hollow: bool) -> tuple[Colli
             else ring_colliders(_wall_profile_about_center(body, middle), middle)
         )
     primitive = _fit_box_or_cylinder(body)
-    return tuple(Hull(corners) for corners in split_into_hulls(body)) if primitive is None else (primitive,)
+    if primitive is not None:
+        return (primitive,)
+    return tuple(Hull(corners) for corners in split_into_hulls(body)) or (_box_between(low, high),)
+
+
+def _box_between(low: Array, high: Array) -> Shape:
+    """A box between two corners, (3,) m, no thinner than what touches may be."""
+    size = np.maximum(high - low, CONFIG.thinnest)
+    return Shape(kind="box", size=to_vec3(size), position=to_vec3(low + size / 2))
 
 
 def lower_underside(colliders: Sequence[Collider], by: float) -> tuple[Collider, ...]:

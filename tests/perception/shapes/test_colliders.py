@@ -167,3 +167,13 @@ def test_a_cut_hull_is_what_lies_on_one_side(seed: int, share: float) -> None:
     }
     if along.min() < offset < along.max():
         assert (left @ normal).max() == pytest.approx(offset, abs=1e-9)
+
+
+def test_a_shape_that_is_thinner_than_what_touches_may_be_is_a_thin_box() -> None:
+    plate = joined(
+        trimesh.creation.box((0.05, 0.01, 0.0015)), moved(trimesh.creation.box((0.01, 0.05, 0.0015)), 0, 0.03, 0)
+    )
+    (collider,) = fit_colliders(shape_of(plate), "box", hollow=False)
+    assert isinstance(collider, Shape)
+    assert collider.size == pytest.approx((0.05, 0.06, 0.002))
+    assert collider.position[2] == pytest.approx(0.001)  # on its support
