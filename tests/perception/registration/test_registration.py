@@ -64,9 +64,10 @@ def test_where_little_depth_was_measured_the_silhouette_tells_where_an_asset_sta
     asset, turn = "HOPE/Corn.urdf", quaternion_from_rpy(0.0, 0.0, 0.3)
     middle = _resting(asset, turn)
     frame, table, mask = photo_of([PlacedObject(asset, (middle, turn))], LIBRARY)
-    rows, columns = np.indices(mask.shape)
-    apart = np.hypot(rows - rows[mask].mean(), columns - columns[mask].mean())
-    depth = np.where(mask & (apart > 0.17 * np.ptp(columns[mask])), 0, frame.depth).astype(np.float32)
+    seen = np.argwhere(mask)
+    apart = np.hypot(*(seen - seen.mean(axis=0)).T)
+    depth = frame.depth.copy()
+    depth[tuple(seen[apart > 0.17 * np.ptp(seen[:, 1])].T)] = 0
     found = register_asset(asset, LIBRARY, box_around(asset, turn), replace(frame, depth=depth), table, mask)
     assert np.linalg.norm(np.subtract(found.position, middle)) < 0.002
 
