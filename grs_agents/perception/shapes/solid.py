@@ -20,7 +20,8 @@ def carve_solid(seen: Observation, mirrors: list[Mirror], most_faces: int) -> tu
     images = [seen.points, *(mirror.image(seen.points) for mirror in mirrors)]
     if len(mirrors) == 2:
         images.append(mirrors[1].image(images[1]))
-    shown = seen.lift(seen.depth)[seen.mask & (seen.edge < -1)]
+    farthest = seen.project(seen.points)[2].max(initial=0.0)  # what seems to lie behind all of it was guessed
+    shown = seen.lift(seen.depth)[seen.mask & (seen.edge < -1) & (seen.depth <= farthest)]
     known = np.concatenate([*images, shown[:: max(1, len(shown) // CONFIG.hull_points)]])
     body = np.concatenate([known, known * (1, 1, 0)])
     low, high = body.min(axis=0) - CONFIG.margin, body.max(axis=0) + CONFIG.margin
