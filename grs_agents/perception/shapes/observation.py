@@ -14,6 +14,7 @@ from grs_agents.perception.shapes.types import ObjectView
 from grs_agents.perception.types import Array, Image, Mask
 
 CONFIG = DEFAULT.observation
+CORNERS = 4  # points of a surface: fewer span no solid
 FAR = 0.02  # signed distances are told up to this, m: farther is far
 Depth = npt.NDArray[np.float32]
 Value = TypeVar("Value", bound=np.generic)
@@ -133,6 +134,8 @@ def observe_object(view: ObjectView) -> Observation | None:
     reach = int(np.clip(np.ceil(CONFIG.reach_deviations * view.noise / pixel), 1, CONFIG.longest_reach))
     normals, slope, even = _surface_normals(surface, view.T_object_cam[:3, 3], reach, _depth_jump_threshold(view.noise))
     inner = np.flatnonzero(sound & mask & even & (edge < -1))
+    if len(inner) < CORNERS:
+        return None
     inner = inner[:: max(1, len(inner) // CONFIG.points)]
     height, width = view.depth.shape
     return Observation(
