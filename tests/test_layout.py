@@ -1,17 +1,15 @@
-"""The house: imports go down only, sandboxed code stays light, modules and functions stay small."""
+"""The layers: imports go down only, and sandboxed code stays light."""
 
 import ast
 import importlib
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
 import networkx
 import pytest
-from radon.complexity import cc_visit_ast
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "grs_agents"
@@ -47,10 +45,6 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"scripts/"}),
 )
 """From the ground up; a room imports only from floors below its own. A slash marks a content folder."""
-
-MODULE_LINES, FUNCTION_LINES, COMPLEXITY, FOLDER_FILES = 500, 60, 12, 20
-"""The most lines of a module and of a function, the most of a function's complexity as radon counts it, and the most
-modules of a folder."""
 
 
 def floor_of(room: str) -> int:
@@ -236,37 +230,10 @@ def test_the_package_itself_imports_next_to_nothing_and_is_silent() -> None:
     assert done.stdout + done.stderr == ""
 
 
-def test_modules_and_functions_stay_small() -> None:
-    large: list[str] = []
-    for _, file in SOURCES:
-        text = file.read_text(encoding="utf-8")
-        if (lines := len(text.splitlines())) > MODULE_LINES:
-            large.append(f"{file.relative_to(ROOT)}: {lines} lines, over {MODULE_LINES}")
-        for node in ast.walk(parse(file)):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                lines = (node.end_lineno or node.lineno) - node.lineno + 1
-                if lines > FUNCTION_LINES:
-                    large.append(f"{file.relative_to(ROOT)}: {node.name} has {lines} lines, over {FUNCTION_LINES}")
-    assert not large
-
-
-def test_functions_stay_simple() -> None:
-    complex_ones = {
-        f"{file.relative_to(ROOT)}:{function.name}": function.complexity
-        for _, file in SOURCES
-        for block in cc_visit_ast(parse(file))
-        if block.letter != "C"  # a class has the mean of its methods, which are listed beside it
-        for function in (block, *block.closures)
-        if function.complexity > COMPLEXITY
-    }
-    assert complex_ones == {}
-
-
 @pytest.mark.parametrize("file", sorted((ROOT / "graphs").glob("*.py")), ids=lambda file: file.stem)
 def test_a_graph_is_topology_without_logic(file: Path) -> None:
     text = file.read_text(encoding="utf-8")
     logic = (ast.If, ast.For, ast.While, ast.Try, ast.Lambda, ast.ClassDef)
-    assert len(text.splitlines()) <= 100
     assert not [node for node in ast.walk(ast.parse(text)) if isinstance(node, logic)]
 
 
@@ -290,8 +257,3 @@ def test_no_check_is_silenced() -> None:
         if any(marker in line for marker in markers)
     ]
     assert not silenced
-
-
-def test_folders_stay_small() -> None:
-    counts = Counter(file.parent.relative_to(ROOT).as_posix() for file in PACKAGE.rglob("*.py"))
-    assert {folder: count for folder, count in counts.items() if count > FOLDER_FILES} == {}
