@@ -14,7 +14,7 @@ from threading import Thread
 from typing import Any
 
 from grs_agents.agents import TaskDefinition
-from grs_agents.config import load_config, validate_config
+from grs_agents.config import load_config
 from grs_agents.foreign import read_json, read_text
 from grs_agents.perception import SceneDescription, read_scene_description, resolve_scene_path
 from grs_agents.runs import (
@@ -95,16 +95,28 @@ class Run:
         write_film(make_rollout_shot(self.folder, seed), Path(path))
         return Path(path)
 
-    def resume(self, reply: str | None = None, *, progress: bool = False) -> "Run":
-        """Go on with a run that was interrupted, or that waits for a person's reply."""
-        order = Order(
-            self.record.command,
-            Path(self.record.source),
-            validate_config(self.record.config),
-            self.folder,
-            resume=True,
-            reply=reply,
-        )
+    def resume(
+        self,
+        reply: str | None = None,
+        *,
+        config: Path | str | None = None,
+        progress: bool = False,
+        **settings: Any,
+    ) -> "Run":
+        """Go on with a run that was interrupted, or that waits for a person's reply.
+
+        Args:
+            reply: to the question that the run waits for.
+            config: a TOML file.
+            progress: show each step on standard error.
+            **settings: of this machine, as for `run`: models, endpoints, files, limits. The run's folder cannot choose
+                them; seed, graph, tools, prompts and bounds of the scene stay those of the run.
+
+        Raises:
+            ConfigError: a setting of the run is to be stated again, or a stated one is not to be changed.
+        """
+        local = load_config(None if config is None else Path(config), overrides=settings)
+        order = Order(self.record.command, Path(self.record.source), local, self.folder, resume=True, reply=reply)
         return _execute_run_or_raise(order, partial(attach_live_views, progress=progress))
 
 
@@ -246,8 +258,8 @@ def _attach_subscriber(folder: Path, log: EventLog, subscriber: Subscriber) -> G
 def _build_order_from_config(
     scene: Path | str, out: Path | str | None, config: Path | str | None, settings: dict[str, Any]
 ) -> Order:
-    chosen = load_config(None if config is None else Path(config), overrides=settings).config
-    command = "run" if getattr(load_graph(chosen.graph), "VERDICT", True) else "scene"
+    chosen = load_config(None if config is None else Path(config), overrides=settings)
+    command = "run" if getattr(load_graph(chosen.config.graph), "VERDICT", True) else "scene"
     return Order(command, resolve_scene_path(Path(scene)), chosen, None if out is None else Path(out))
 
 

@@ -175,7 +175,7 @@ def main() -> int:
     from grs_agents.views import attach_live_views
     from grs_agents.views.film import make_rollout_shot, write_film
 
-    scene, config = content.sample_scenes()["groceries"], load_config().config
+    scene, config = content.sample_scenes()["groceries"], load_config()
     with tempfile.TemporaryDirectory() as temporary:
         accepted, fixed = Path(temporary) / "groceries", Path(temporary) / "fixed"
         if status := execute_run(Order("run", scene, config, accepted), attach_live_views).record.exit_status:
@@ -184,7 +184,7 @@ def main() -> int:
         frames = write_film(make_rollout_shot(accepted), FILM)
         print(f"{FILM}: {FILM.stat().st_size // 1024} KiB, {frames} pictures")
         fixed.mkdir()
-        content.load_module("evals", "trace_cost").measure(scene, fixed, FIXES, config)
+        content.load_module("evals", "trace_cost").measure(scene, fixed, FIXES, config.config)
         shoot(fixed, FIXED)
     DIGEST.write_text(f"{digest()}\n", "utf-8")
     return 0

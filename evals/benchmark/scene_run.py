@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from grs_agents.config import load_config, validate_config
+from grs_agents.config import load_config
 from grs_agents.files import write_bytes
 from grs_agents.library import Library
 from grs_agents.metrics import cpu_seconds
@@ -59,10 +59,10 @@ def comprehend_scene(source: str, folder: Path, settings: Sequence[str]) -> Scen
         GrsError: the run ended with an error before it described the scene.
     """
     shutil.rmtree(folder, ignore_errors=True)
-    config = load_config(None, ["background.on=false", *settings]).config
+    config = load_config(None, ["background.on=false", *settings, "graph=scene"])
     begin = cpu_seconds()
     ended = execute_run(
-        Order("scene", Path(source), validate_config({**config.model_dump(), "graph": "scene"}), folder),
+        Order("scene", Path(source), config, folder),
         lambda _folder, _log: nullcontext(),
     )
     seconds = cpu_seconds() - begin

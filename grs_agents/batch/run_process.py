@@ -10,7 +10,7 @@ from typing import Final
 
 from grs_agents import content
 from grs_agents.errors import InputError
-from grs_agents.perception import is_known_scene
+from grs_agents.perception import is_known_scene, resolve_scene_path
 from grs_agents.runs import RunRecord, read_record
 
 ENDED: Final = ("accepted", "rejected", "waiting")
@@ -52,9 +52,11 @@ def run_job(job: RunJob, timeout: float) -> RunEnd:
     if earlier is not None and earlier.status in ENDED:
         return RunEnd(job, earlier.exit_status)
     overlays = [part for root in reversed(content.content_search_roots()[:-1]) for part in ("--content", str(root))]
-    options = ("--resume",) if earlier is not None else ("--seed", str(job.seed), *job.options)
-    source = job.source if earlier is None else earlier.source
-    command = [*overlays, "run", source, "--out", str(job.folder), "--json", *options]
+    begin = ("--resume",) if earlier is not None else ("--seed", str(job.seed))
+    source = job.source
+    if earlier is not None and resolve_scene_path(Path(job.scene)) == Path(earlier.source):
+        source = job.scene  # begun before there was a run of the same photo to take the scene over from
+    command = [*overlays, "run", source, "--out", str(job.folder), "--json", *begin, *job.options]
     # The environment is the user's own: a model may need its key.
     starter = [sys.executable, "-m", "grs_agents.batch.child", str(os.getpid())]
     job.folder.parent.mkdir(parents=True, exist_ok=True)

@@ -52,7 +52,6 @@ from grs_agents.cli.options import (
     check_graph_is_scene,
     find_unnamed_scene,
     load_effective_config,
-    refuse_config_on_resume,
 )
 from grs_agents.terminal import print_escaped, print_json
 
@@ -137,8 +136,7 @@ def run(
     from grs_agents.cli.run import run_graph
 
     settings = [*build_recording_settings(record, cassette), *add_model_setting(settings, models)]
-    refuse_config_on_resume(resume, config, settings, seed, unsafe)
-    chosen = load_effective_config(config, settings, seed, unsafe).config
+    chosen = load_effective_config(config, settings, seed, unsafe)
     scene = scene or find_unnamed_scene(out if resume else None, cassette)
     sys.exit(run_graph("run", scene, chosen, out, resume, json, view, otel))
 
@@ -158,7 +156,7 @@ def scene(
 
     settings = add_model_setting(settings, models)
     check_graph_is_scene(load_effective_config(config, settings, seed))
-    chosen = load_effective_config(config, [*settings, "graph=scene"], seed).config
+    chosen = load_effective_config(config, [*settings, "graph=scene"], seed)
     sys.exit(run_graph("scene", scene, chosen, out, False, json))
 
 
@@ -254,12 +252,17 @@ def compare(
 def approve(
     run: RunFolder,
     reply: Annotated[str | None, typer.Option("--reply", help=_REPLY, metavar="TEXT")] = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    models: Models = None,
     json: Json = False,
+    unsafe: Unsafe = False,
 ) -> None:
     """Answer the question that a waiting run asks, and let it go on. Exit status as for run; 4: it waits."""
     from grs_agents.cli.run import approve_run
 
-    sys.exit(approve_run(run, reply, json))
+    chosen = load_effective_config(config, add_model_setting(settings, models), unsafe=unsafe)
+    sys.exit(approve_run(run, reply, chosen, json))
 
 
 @app.command()

@@ -135,11 +135,11 @@ def find_unnamed_scene(resumed: Path | None, cassette: str | None) -> Path:
 def build_recording_settings(record: Path | None, cassette: str | None) -> list[str]:
     """The settings that ``--record`` and ``--cassette`` make: a run is repeated with those it was recorded with."""
     from grs_agents.agents import read_cassette
-    from grs_agents.runs import select_portable_settings
+    from grs_agents.runs import select_cassette_settings
 
     values: dict[str, object] = {}
     if cassette is not None:
-        values = select_portable_settings(read_cassette(cassette).settings)
+        values = select_cassette_settings(read_cassette(cassette).settings)
         values["cassette"] = str(Path(cassette).resolve()) if Path(cassette).exists() else cassette
     if record is not None:  # models may be asked, and then the user says which
         values = {key: value for key, value in values.items() if not key.startswith("models.")}
@@ -152,17 +152,6 @@ def check_graph_is_scene(chosen: "EffectiveConfig") -> None:
     if chosen.sources.get("graph") == "--set" and chosen.config.graph != "scene":
         remedy = "leave graph out, or use grs run"
         raise ConfigError(f"grs scene runs the graph scene, not {chosen.config.graph!r}", remedy)
-
-
-def refuse_config_on_resume(
-    resume: bool, file: Path | None, settings: list[str] | None, seed: int | None, unsafe: bool
-) -> None:
-    """Refuse a configuration together with ``--resume``: a resumed run keeps its own."""
-    if resume and (file is not None or settings or seed is not None or unsafe):
-        raise ConfigError(
-            "--resume goes on with the configuration in run.json",
-            "leave --config, --set, --model, --seed, --record, --cassette and --unsafe-no-sandbox out",
-        )
 
 
 def _set_quiet(wanted: bool) -> None:

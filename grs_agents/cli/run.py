@@ -1,5 +1,6 @@
 """``grs run`` and ``grs scene``."""
 
+import json
 import shlex
 import sys
 import traceback
@@ -12,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents import terminal
-from grs_agents.config import Config, validate_config
+from grs_agents.config import UNSAFE, Config, EffectiveConfig, flatten_tree, portable_settings
 from grs_agents.content import list_content_options
 from grs_agents.errors import GrsError, InputError
 from grs_agents.perception import SceneDescription, describe_coverage, read_scene_description, resolve_scene_path
@@ -25,7 +26,7 @@ from grs_agents.views import attach_live_views, summary_table
 def run_graph(
     command: str,
     scene: Path,
-    config: Config,
+    config: EffectiveConfig,
     out: Path | None,
     resume: bool,
     as_json: bool,
@@ -49,11 +50,11 @@ def run_until_ended_and_print(order: Order, scene: Path, as_json: bool, views: V
             print_escaped(f"grs: {error}", error=True)
             continue
         ended = execute_run(replace(order, out=ended.folder, resume=True, reply=reply), views)
-    _print_run_outcome(order.command, scene, ended, as_json)
+    _print_run_outcome(order, scene, ended, as_json)
     return ended.record.exit_status or 0
 
 
-def approve_run(folder: Path, reply: str | None, as_json: bool) -> int:
+def approve_run(folder: Path, reply: str | None, config: EffectiveConfig, as_json: bool) -> int:
     """Go on with a waiting run with a reply; without one print what it asks, and ask it on a terminal."""
     record = read_record(folder)
     if record.question is None:
@@ -62,11 +63,12 @@ def approve_run(folder: Path, reply: str | None, as_json: bool) -> int:
         print_json(record.question.model_dump(mode="json")) if as_json else print_question(record.question)
         return WAITING
     source = Path(record.source)
-    order = Order(record.command, source, validate_config(record.config), folder, True, reply=reply)
+    order = Order(record.command, source, config, folder, True, reply=reply)
     return run_until_ended_and_print(order, source, as_json)
 
 
-def _print_run_outcome(command: str, scene: Path, ended: Outcome, as_json: bool) -> None:
+def _print_run_outcome(order: Order, scene: Path, ended: Outcome, as_json: bool) -> None:
+    command, local = order.command, _list_local_options(order.config)
     if as_json:
         print_json(ended.record.model_dump(mode="json"))
     elif ended.problem is None and terminal.VERBOSITY.get() == "quiet":
@@ -76,11 +78,23 @@ def _print_run_outcome(command: str, scene: Path, ended: Outcome, as_json: bool)
     if ended.problem is not None:
         _print_run_error(ended.problem, ended.folder)
     if ended.record.status == "interrupted" and command == "run":
-        again = shlex.join(["grs", *list_content_options(), "run", str(scene), "--out", str(ended.folder), "--resume"])
+        again = shlex.join(
+            ["grs", *list_content_options(), "run", str(scene), "--out", str(ended.folder), "--resume", *local]
+        )
         print_escaped(f"interrupted; to go on: {again}", error=True)
     if ended.record.status == "waiting":
-        again = shlex.join(["grs", *list_content_options(), "approve", str(ended.folder), "--reply", "..."])
+        again = shlex.join(["grs", *list_content_options(), "approve", str(ended.folder), "--reply", "...", *local])
         print_escaped(f"waiting for a reply; to go on: {again}", error=True)
+
+
+def _list_local_options(effective: EffectiveConfig) -> list[str]:
+    """The options that state again what a run folder cannot choose, so that the run goes on as it began."""
+    default, present = (flatten_tree(config.model_dump(mode="json")) for config in (Config(), effective.config))
+    options = [UNSAFE] if present.pop("sandbox") == "none" else []
+    for key, value in present.items():
+        if value is not None and value != default.get(key) and key not in portable_settings() and effective.states(key):
+            options += ["--set", f"{key}={json.dumps(value)}"]
+    return options
 
 
 def print_question(question: Question) -> None:

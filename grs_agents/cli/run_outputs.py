@@ -82,7 +82,7 @@ def share_run_as_zip(folder: Path, out: Path | None, as_json: bool) -> None:
         shared = pack_run_as_zip(
             folder,
             path,
-            make_scrubber(folder, _list_api_key_variables(record.config)),
+            make_scrubber(folder, _list_api_key_variables(record.config.as_json())),
             partial(_write_recording_and_report, show=show),
         )
     if as_json and path != STANDARD_OUTPUT:

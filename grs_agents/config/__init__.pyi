@@ -1,8 +1,11 @@
 from .load import UNSAFE as UNSAFE
 from .load import EffectiveConfig as EffectiveConfig
+from .load import change_config as change_config
 from .load import flatten_tree as flatten_tree
 from .load import load_config as load_config
-from .load import validate_config as validate_config
+from .recorded import RecordedConfig as RecordedConfig
+from .recorded import portable_settings as portable_settings
+from .recorded import select_portable_settings as select_portable_settings
 from .schema import ROLE_ALIASES as ROLE_ALIASES
 from .schema import ROLES as ROLES
 from .schema import AuditConfig as AuditConfig

@@ -3,7 +3,7 @@
 import os
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
@@ -26,7 +26,13 @@ class EffectiveConfig:
     """A configuration with the source of each value."""
 
     config: Config
-    sources: Mapping[str, str]  # dotted key -> `default`, `environment NAME`, `file PATH` or `--set`
+    # dotted key -> `default`, `environment NAME`, `file PATH`, `--set`, `argument`
+    sources: Mapping[str, str] = field(default_factory=dict[str, str])
+
+    def states(self, key: str) -> bool:
+        """Whether the user states ``key``, or a key below it, for this command: not a default, nor the environment."""
+        below = (source for name, source in self.sources.items() if name == key or name.startswith(f"{key}."))
+        return any(source != "default" and not source.startswith("environment ") for source in below)
 
 
 def load_config(
@@ -58,13 +64,13 @@ def load_config(
         named: dict[str, str] = {}
         for source, part in layer:
             expanded = _expand_model_shorthands(part)
-            stated = _merge_trees(stated, expanded)
+            stated = merge_trees(stated, expanded)
             named.update(dict.fromkeys(flatten_tree(expanded), source))
         for role, model in cast(Tree, stated.get("models", {})).items():
             if "model" in model:  # another model never inherits the endpoint or key of a layer below
                 tree["models"][role] = {}
                 sources = {key: value for key, value in sources.items() if not key.startswith(f"models.{role}.")}
-        tree = _merge_trees(tree, stated)
+        tree = merge_trees(tree, stated)
         sources.update(named)
     if unsafe:
         tree["sandbox"], sources["sandbox"] = "none", UNSAFE
@@ -78,7 +84,7 @@ def _read_environment_layers(environment: Mapping[str, str] | None) -> list[tupl
     for name, value in sorted((os.environ if environment is None else environment).items()):
         if name.startswith(ENVIRONMENT_PREFIX) and name != ENVIRONMENT_PREFIX:
             dotted = name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")
-            layers.append((f"environment {name}", _nest_under_keys(dotted, _parse_toml_value(value))))
+            layers.append((f"environment {name}", nest_under_keys(dotted, _parse_toml_value(value))))
     return layers
 
 
@@ -95,7 +101,7 @@ def _parse_setting(text: str) -> Tree:
     key, equals, value = text.partition("=")
     if not equals or not all(part.strip() for part in key.split(".")):
         raise ConfigError(f"--set wants key.sub=value, got {text!r}", "e.g. --set max_fixes=5")
-    return _nest_under_keys([part.strip() for part in key.split(".")], _parse_toml_value(value))
+    return nest_under_keys([part.strip() for part in key.split(".")], _parse_toml_value(value))
 
 
 def _parse_toml_value(text: str) -> Any:
@@ -105,7 +111,8 @@ def _parse_toml_value(text: str) -> Any:
         return text.strip()
 
 
-def _nest_under_keys(keys: Sequence[str], value: Any) -> Tree:
+def nest_under_keys(keys: Sequence[str], value: Any) -> Tree:
+    """A tree whose only value lies under ``keys``, the outermost first."""
     for key in reversed(keys):
         value = {key: value}
     return cast(Tree, value)
@@ -131,12 +138,13 @@ def _expand_model_shorthands(layer: Tree) -> Tree:
     return {**layer, "models": models}
 
 
-def _merge_trees(below: Tree, above: Tree) -> Tree:
+def merge_trees(below: Tree, above: Tree) -> Tree:
+    """The values of both; those of ``above`` win."""
     merged = dict(below)
     for key, value in above.items():
         old = merged.get(key)
         both = isinstance(old, dict) and isinstance(value, dict)
-        merged[key] = _merge_trees(cast(Tree, old), cast(Tree, value)) if both else value
+        merged[key] = merge_trees(cast(Tree, old), cast(Tree, value)) if both else value
     return merged
 
 
@@ -147,6 +155,11 @@ def flatten_tree(tree: Tree, prefix: str = "") -> Tree:
         name = f"{prefix}{key}"
         values |= flatten_tree(cast(Tree, value), f"{name}.") if isinstance(value, dict) else {name: value}
     return values
+
+
+def change_config(config: Config, **changes: Any) -> Config:
+    """The configuration with other values of some top-level keys. Raises ConfigError: a value is out of bounds."""
+    return validate_config({**config.model_dump(), **changes})
 
 
 def validate_config(tree: Tree) -> Config:

@@ -5,11 +5,20 @@
 
 import json
 import re
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal, cast
 
 from pydantic import Field, JsonValue, field_validator, model_validator
 
 from grs_agents.base import Frozen
+
+
+@dataclass(frozen=True)
+class Portable:
+    """Marks a setting that a run folder or a cassette may bring along. All others come from the user of this machine:
+    files, code, endpoints, models, and shares of the machine. ``pattern`` is what its texts must match whole."""
+
+    pattern: str = r"[A-Za-z0-9_-]{1,64}"
 
 
 class Limits(Frozen):
@@ -147,7 +156,9 @@ class SegmentConfig(Frozen):
     device: str = Field(default="cpu", pattern=r"^[a-z]+(:\d+)?$")  # where it runs, as torch names it
     batch: int = Field(default=16, ge=1, le=1024)  # points that a model of masks is asked about at once
     # what a detector looks for, as a person would say it; the kinds of the library's everyday objects if empty
-    prompts: tuple[Annotated[str, Field(min_length=1, max_length=100)], ...] = Field(default=(), max_length=200)
+    prompts: Annotated[
+        tuple[Annotated[str, Field(min_length=1, max_length=100)], ...], Portable(r"[^\x00-\x1f]{1,100}")
+    ] = Field(default=(), max_length=200)
 
 
 class DepthConfig(Frozen):
@@ -155,19 +166,23 @@ class DepthConfig(Frozen):
 
     model: str | None = Field(default=None, max_length=4096)  # the folder of a model of the user's own
     # of the photo's width, in degrees, where neither `camera.json` nor the photo tells its lens
-    field_of_view: float | None = Field(default=None, ge=5, le=150)
+    field_of_view: Annotated[float | None, Portable()] = Field(default=None, ge=5, le=150)
 
 
 class MatchConfig(Frozen):
     """What a match tool is told besides the candidates, and what becomes of objects that nothing matches."""
 
     model: str | None = Field(default=None, max_length=4096)  # the folder of a model of the user's own (`match_clip`)
-    ocr: bool = True  # read what is printed on objects; needs the extra `ocr` and is passed over without it
+    ocr: Annotated[bool, Portable()] = (
+        True  # read what is printed on objects; needs the extra `ocr` and is passed over without it
+    )
     # the folder of an index of the library (`grs assets index`)
     index: str | None = Field(default=None, max_length=4096)
     # whether the describer is asked about `each` segment, or about all in one call with a numbered picture (`sheet`)
-    describe: Literal["each", "sheet"] = "each"
-    proxies: bool = True  # a solid of its own size and look stands for what nothing matches; if false, that is left out
+    describe: Annotated[Literal["each", "sheet"], Portable()] = "each"
+    proxies: Annotated[bool, Portable()] = (
+        True  # a solid of its own size and look stands for what nothing matches; if false, that is left out
+    )
 
 
 class BackgroundConfig(Frozen):
@@ -196,11 +211,11 @@ class PromptsConfig(Frozen):
 class AuditConfig(Frozen):
     """What a task must show to be accepted."""
 
-    seeds: int = Field(default=3, ge=1, le=100)  # how many task instances are solved
+    seeds: Annotated[int, Portable()] = Field(default=3, ge=1, le=100)  # how many task instances are solved
     # the least strict score, and the least published reward, that the oracle must reach on each
-    reward: float = Field(default=0.99, gt=0, le=1)
+    reward: Annotated[float, Portable()] = Field(default=0.99, gt=0, le=1)
     # which model compares the task's words with its goals: `offline`, another model, or that of the role `judge`
-    judge: str | None = None
+    judge: Annotated[str | None, Portable(r"offline")] = None
 
 
 class AuthorConfig(Frozen):
@@ -220,36 +235,38 @@ class BudgetConfig(Frozen):
 class Config(Frozen):
     """Everything a run can be told."""
 
-    graph: str = "grs"  # the topology to run, by its name in `graphs/`
+    graph: Annotated[str, Portable()] = "grs"  # the topology to run, by its name in `graphs/`
     # who decides between fixing code and tests: `llm` (a model), `rules` (types), `hybrid` (rules, the model where they
     # doubt), `vote` (the model, asked in both orders), `always_code`, a dotted path (`package.module:Policy`) or an
     # entry point in the group `grs_agents.policies`
-    policy: str = "llm"
-    seed: int = Field(default=0, ge=0, lt=2**31)  # the seed of everything random, the offline model's choices included
+    policy: Annotated[str, Portable()] = "llm"
+    seed: Annotated[int, Portable()] = Field(
+        default=0, ge=0, lt=2**31
+    )  # the seed of everything random, the offline model's choices included
     # the arm behind the table: `ur5e`, `panda` or the path of an MJCF file (`.xml`) of one's own
-    robot: str = Field(default="ur5e", max_length=4096)
-    max_fixes: int = Field(default=10, ge=0, le=1000)  # fixes of code, tests and task together
+    robot: Annotated[str, Portable()] = Field(default="ur5e", max_length=4096)
+    max_fixes: Annotated[int, Portable()] = Field(default=10, ge=0, le=1000)  # fixes of code, tests and task together
     # show `route`, `fix_code` and `fix_task` a picture of how the robot's episode ended, and `judge` its start too;
     # their models must see
-    end_picture: bool = True
+    end_picture: Annotated[bool, Portable()] = True
     # what separates generated code from the machine: `bubblewrap`, `landlock`, `sandbox-exec` (macOS), or `auto` for
     # the strongest that holds. `none` can only be asked for with `--unsafe-no-sandbox`
     sandbox: Literal["auto", "bubblewrap", "landlock", "sandbox-exec", "none"] = "auto"
     workers: int = Field(default=2, ge=1, le=64)  # how many sandbox calls may run at once
     # how often a reply that does not parse is asked for again, with the error
-    reply_retries: int = Field(default=2, ge=0, le=20)
+    reply_retries: Annotated[int, Portable()] = Field(default=2, ge=0, le=20)
     models: dict[str, ModelConfig] = Field(default_factory=lambda: {"default": ModelConfig(model="offline")})
-    tools: ToolsConfig = ToolsConfig()
-    scene: SceneConfig = SceneConfig()
+    tools: Annotated[ToolsConfig, Portable()] = ToolsConfig()
+    scene: Annotated[SceneConfig, Portable()] = SceneConfig()
     segment: SegmentConfig = SegmentConfig()
     depth: DepthConfig = DepthConfig()
     match: MatchConfig = MatchConfig()
     shape: ShapeConfig = ShapeConfig()
-    background: BackgroundConfig = BackgroundConfig()
-    prompts: PromptsConfig = PromptsConfig()
+    background: Annotated[BackgroundConfig, Portable()] = BackgroundConfig()
+    prompts: Annotated[PromptsConfig, Portable()] = PromptsConfig()
     limits: Limits = Limits()
     audit: AuditConfig = AuditConfig()
-    author: AuthorConfig = AuthorConfig()
+    author: Annotated[AuthorConfig, Portable()] = AuthorConfig()
     budget: BudgetConfig = BudgetConfig()
     # the file that every exchange with the models is written to when the run ends, and the recorded run whose replies
     # are given instead of asking models (a file, or the name of one that is shipped). With both, models are asked for

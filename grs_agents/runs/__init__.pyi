@@ -25,7 +25,7 @@ from .record import count_run_results as count_run_results
 from .record import installed_versions as installed_versions
 from .record import read_record as read_record
 from .record import seconds_by_stage as seconds_by_stage
-from .recording import select_portable_settings as select_portable_settings
+from .recording import select_cassette_settings as select_cassette_settings
 from .run_opening import GIVEN as GIVEN
 from .run_opening import Order as Order
 from .run_opening import load_graph as load_graph

@@ -174,7 +174,7 @@ def _invoke_graph(
                 run_id=record.id,
                 graph=config.graph,
                 seed=config.seed,
-                config=record.config,
+                config=record.config.as_json(),
                 versions=record.versions,
                 nodes=tuple(drawn.nodes),
                 edges=tuple((edge.source, edge.target) for edge in drawn.edges),
@@ -188,7 +188,7 @@ def _invoke_graph(
                 state.update(graph.invoke(begin, settings, context=services))
                 return None
             settings["configurable"] = {"thread_id": record.id}
-            resumed = order.resume and bool(_load_checkpoint_state(graph, settings, folder))
+            resumed = order.resume and bool(_load_checkpoint_state(graph, settings, folder, order.source))
             if resumed:
                 log.append(Note(level="info", text=f"resumed, attempt {record.attempts}"))
             try:
@@ -216,7 +216,7 @@ def _command_with_reply(graph: Any, settings: dict[str, Any], order: Order, log:
     return Command(resume={asked[0].id: order.reply})
 
 
-def _load_checkpoint_state(graph: Any, settings: dict[str, Any], folder: Path) -> State:
+def _load_checkpoint_state(graph: Any, settings: dict[str, Any], folder: Path, source: Path) -> State:
     """The state that an earlier attempt reached."""
     try:
         values: State = graph.get_state(settings).values
@@ -226,6 +226,11 @@ def _load_checkpoint_state(graph: Any, settings: dict[str, Any], folder: Path) -
             "start the scene again in another folder: --out",
         ) from error
     check_restored_state(values, folder)
+    if values and Path(str(values.get("scene_path"))).resolve() != source.resolve():
+        raise InputError(
+            f"{folder / FILE} is of the scene {str(values.get('scene_path'))[:200]!r}, not of {source}",
+            "start the scene again in another folder: --out",
+        )
     return values
 
 

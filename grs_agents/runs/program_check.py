@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from grs_agents.agents import Agents, TaskDefinition
 from grs_agents.audit import AuditReport
-from grs_agents.config import Config, EffectiveConfig, validate_config
+from grs_agents.config import Config, EffectiveConfig, RecordedConfig, change_config
 from grs_agents.errors import InputError
 from grs_agents.foreign import check_run_folder, read_json, read_text
 from grs_agents.nodes import AuditedPrograms, Services, audit_programs, program_tool_settings
@@ -142,8 +142,8 @@ def _find_or_comprehend_scene(scene: Path, chosen: EffectiveConfig, out: Path, v
     if (scene / "run.json").exists():
         read_record(scene)
         return scene / _SCENE_FILE
-    config = validate_config({**chosen.config.model_dump(), "graph": "scene", "record": None, "cassette": None})
-    ended = execute_run(Order("scene", resolve_scene_path(scene), config, out), views)
+    config = change_config(chosen.config, graph="scene", record=None, cassette=None)
+    ended = execute_run(Order("scene", resolve_scene_path(scene), EffectiveConfig(config), out), views)
     if ended.problem is not None:
         raise ended.problem
     if ended.record.status != "accepted":
@@ -153,8 +153,27 @@ def _find_or_comprehend_scene(scene: Path, chosen: EffectiveConfig, out: Path, v
 
 def _config_matching_run(folder: Path, chosen: EffectiveConfig) -> Config:
     """The configuration with the robot and the seed of the run in ``folder``, where the user names none."""
-    recorded = read_record(folder).config if (folder / "run.json").is_file() else {}
-    same = {key: recorded[key] for key in ("robot", "seed") if key in recorded and chosen.sources[key] == "default"}
-    if "robot" in same:
-        same["robot"] = find_arm_file(folder, str(same["robot"]))
-    return validate_config({**chosen.config.model_dump(), **same})
+    if not (folder / "run.json").is_file():
+        return chosen.config
+    recorded = read_record(folder).config
+    same: dict[str, Any] = {}
+    if chosen.sources["robot"] == "default":
+        same["robot"] = find_recorded_robot(folder, recorded)
+    if chosen.sources["seed"] == "default":
+        same["seed"] = recorded.select_portable().get("seed", chosen.config.seed)
+    return change_config(chosen.config, **same)
+
+
+def find_recorded_robot(folder: Path, recorded: RecordedConfig) -> str:
+    """The arm that the run in ``folder`` was made with: a shipped one, or the run's own copy of a file.
+
+    Raises:
+        InputError: it was another file, of which the run has no copy. The path in the record is not opened.
+    """
+    robot = str(recorded.as_json().get("robot", Config().robot))
+    copied = find_arm_file(folder, robot)
+    if copied == robot and "robot" not in recorded.select_portable():
+        raise InputError(
+            f"{folder} was made with the arm {robot!r} and has no copy of it", "name the file: GRS_ROBOT=FILE"
+        )
+    return copied

@@ -11,6 +11,7 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError
 
 from grs_agents.base import Frozen
+from grs_agents.config import RecordedConfig
 from grs_agents.errors import InputError
 from grs_agents.files import write_json
 from grs_agents.foreign import check_json_limits, check_run_folder, read_bytes
@@ -39,7 +40,7 @@ class RunRecord(Frozen):
     command: str  # `run`, `scene` or `check`
     source: str  # the scene folder or the program
     graph: str  # the topology
-    config: dict[str, Any]  # the effective configuration
+    config: RecordedConfig  # the effective configuration of the last attempt
     versions: dict[str, str]  # of GRS, Python and the packages that matter
     seeds: tuple[int, ...]  # the seeds of the audit
     sandbox: str = ""  # the backend that isolated generated code

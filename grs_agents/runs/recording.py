@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from grs_agents.agents import Cassette, collect_exchanges, read_cassette
-from grs_agents.config import Config, flatten_tree
+from grs_agents.config import Config, flatten_tree, select_portable_settings
 from grs_agents.files import resolve_output_file, write_bytes
 from grs_agents.perception import short_scene_name
 from grs_agents.runs.record import RunRecord
@@ -15,7 +15,6 @@ from grs_agents.runs.sharing import make_scrubber
 from grs_agents.trace import read_events
 from grs_agents.version import __version__
 
-_OF_THE_MACHINE = frozenset({"sandbox", "workers", "record", "cassette"})
 _MADE = ("task.json", "simulation.py", "test_simulation.py", "instances/*.json")
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
 
@@ -30,7 +29,7 @@ def write_cassette(file: Path, config: Config, record: RunRecord, folder: Path) 
     cassette = Cassette(
         version=__version__,
         scene=short_scene_name(Path(record.source)),
-        settings=select_portable_settings({key: value for key, value in present.items() if value != default.get(key)}),
+        settings=select_cassette_settings({key: value for key, value in present.items() if value != default.get(key)}),
         status=record.status,
         reason=record.reason,
         files=_digest_run_files(folder),
@@ -51,15 +50,11 @@ def add_recording_comparison(name: str, record: RunRecord, folder: Path) -> RunR
     return record.model_copy(update={"reason": f"{record.reason}; {how}"})
 
 
-def select_portable_settings(settings: dict[str, Any]) -> dict[str, Any]:
-    """The settings that a recorded run brings along, which may come from anybody: no file, no code, no endpoint."""
-    return {
-        key: value
-        for key, value in settings.items()
-        if (key.endswith(".model") if key.startswith("models.") else not any(mark in str(value) for mark in ":/\\"))
-        and key not in _OF_THE_MACHINE
-        and value is not None
-    }
+def select_cassette_settings(settings: dict[str, Any]) -> dict[str, Any]:
+    """The settings that a cassette brings along, which may come from anybody: portable ones, and the names of models,
+    which are not asked."""
+    names = {key: value for key, value in settings.items() if re.fullmatch(r"models\.[a-z_]+\.model", key)}
+    return {key: value for key, value in {**select_portable_settings(settings), **names}.items() if value is not None}
 
 
 def _digest_run_files(folder: Path) -> dict[str, str]:

@@ -16,7 +16,7 @@ from typing import Any
 
 from grs_agents import content
 from grs_agents.agents import read_cassette
-from grs_agents.config import Config, validate_config
+from grs_agents.config import Config, EffectiveConfig, RecordedConfig
 from grs_agents.errors import ConfigError, InputError
 from grs_agents.files import check_output_path, unwritable_error
 from grs_agents.foreign import path_exists
@@ -127,7 +127,7 @@ class Order:
 
     command: str  # `run` or `scene`
     source: Path  # the scene: a folder, a file, or `bop:` and an image of a data set
-    config: Config
+    config: EffectiveConfig  # of this machine; a resumed run takes its portable settings from its record
     out: Path | None = None
     resume: bool = False  # go on with the run in `out`
     # fields of the state beside those that every run begins with
@@ -153,16 +153,17 @@ def open_run(order: Order) -> Generator[tuple[Path, RunRecord, Config]]:
     """
     if order.resume:
         folder, record = open_resumed_folder(order.out, order.source, order.command)
-        config = validate_config(record.config)
         if record.status in EXIT_STATUS or (record.status == "waiting" and order.reply is None and not order.nested):
-            yield folder, record, config
+            yield folder, record, order.config.config
             return
         _check_reply_is_awaited(order, record)
-        require_configured_names_exist(config, order.command, order.given)
         with lock_run_folder(folder):
             record = read_record(folder)  # another process may have written it before it let go
+            config = record.config.resume_on(order.config)
+            require_configured_names_exist(config, order.command, order.given)
             if record.status not in EXIT_STATUS:
                 update = {
+                    "config": RecordedConfig.of(config),
                     "status": "running",
                     "reason": "",
                     "exit_status": None,
@@ -172,7 +173,7 @@ def open_run(order: Order) -> Generator[tuple[Path, RunRecord, Config]]:
                 record = record.model_copy(update=update)
             yield folder, record, config
         return
-    config = order.config
+    config = order.config.config
     check_scene_source(order.source)
     require_configured_names_exist(config, order.command, order.given)
     folder = make_run_folder(short_scene_name(order.source), config.seed, order.out)
@@ -182,7 +183,7 @@ def open_run(order: Order) -> Generator[tuple[Path, RunRecord, Config]]:
         command=order.command,
         source=str(order.source),
         graph=config.graph,
-        config=config.model_dump(mode="json"),
+        config=RecordedConfig.of(config),
         versions=installed_versions(),
         seeds=tuple(config.seed + step for step in range(config.audit.seeds)),
     )

@@ -12,22 +12,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from grs_agents.agents import Agents, MissingReply, collect_model_replies
-from grs_agents.config import Config, validate_config
+from grs_agents.config import Config, ModelConfig, flatten_tree
 from grs_agents.foreign import check_run_folder, read_bytes, read_json
 from grs_agents.library import Library
 from grs_agents.models import is_offline
 from grs_agents.runs.hashes import list_changed_files
-from grs_agents.runs.program_check import CheckOrder, check_user_program
+from grs_agents.runs.program_check import CheckOrder, check_user_program, find_recorded_robot
 from grs_agents.runs.record import RunRecord, installed_versions, read_record
-from grs_agents.sim.arms import find_arm_file
 from grs_agents.trace import read_events
 
 if TYPE_CHECKING:
     from langchain_core.language_models.chat_models import BaseChatModel
 
 _AUDIT, _INSTANCES = "audit.json", "instances"
-_OF_THIS_MACHINE = ("sandbox", "workers", "record", "cassette", "policy")
-"""Keys of the configuration that a verdict does not depend on, or that name code and files of whoever made the run."""
 _KEYS = ("check", "seed")
 """What tells the items of a list in ``audit.json`` from each other."""
 _MOST_WORDS = 160
@@ -75,6 +72,9 @@ def verify_run(folder: Path, local: Config, show: Callable[[str], None] = lambda
         differences = tuple(_recompute_audit(folder, record, local, Path(temporary)))
     here = installed_versions()
     others = [f"{name} {was} (here {here.get(name)})" for name, was in record.versions.items() if here.get(name) != was]
+    limits = flatten_tree({"limits": local.limits.model_dump()})
+    recorded = flatten_tree(record.config.as_json())
+    others += [f"{key} {recorded[key]} (here {limits[key]})" for key in limits if recorded.get(key) != limits[key]]
     note = f"the run was made with {', '.join(others)}" if differences and others else ""
     return Verification(folder, record.status, differences, recomputed=True, note=note)
 
@@ -112,10 +112,17 @@ def _recompute_audit(folder: Path, record: RunRecord, local: Config, temporary: 
 
 
 def _build_config_from_record(folder: Path, record: RunRecord, local: Config) -> Config:
-    """The configuration of the run, with its copy of an arm's file, and what belongs to the machine as it is here."""
-    own = {key: value for key, value in local.model_dump().items() if key in _OF_THIS_MACHINE}
-    config = validate_config({**record.config, **own})
-    return config.model_copy(update={"robot": find_arm_file(folder, config.robot)})
+    """The portable settings of the run on those of this machine, with the names of its models, which are not asked."""
+    config = record.config.over(local)
+    models = {role: ModelConfig(model=name) for role, name in record.config.model_names().items()}
+    judge = flatten_tree(record.config.as_json()).get("audit.judge")
+    changes: dict[str, Any] = {
+        "robot": local.robot if local.robot != Config().robot else find_recorded_robot(folder, record.config),
+        "models": {**config.models, **models},
+        "policy": local.policy,
+        "audit": config.audit.model_copy(update={"judge": None if judge is None else str(judge)}),
+    }
+    return config.model_copy(update=changes)
 
 
 class _AgentsOfRecord(Agents):

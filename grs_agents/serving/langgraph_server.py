@@ -14,7 +14,7 @@ from langchain_core.runnables import RunnableConfig
 from langgraph.errors import GraphInterrupt
 from langgraph.graph import END, START, StateGraph
 
-from grs_agents.config import load_config
+from grs_agents.config import EffectiveConfig, load_config
 from grs_agents.errors import InputError
 from grs_agents.perception import resolve_scene_path
 from grs_agents.runs import GIVEN, Order, Views, execute_run, load_graph
@@ -29,12 +29,12 @@ class Answer(RunState):
     folder: str  # the run folder, for `grs show`, `grs report` and `grs replay`
 
 
-_waiting: dict[str, Path] = {}
-"""The folders of runs that wait for a reply, by the thread of the server that they belong to."""
+_waiting: dict[str, tuple[Path, EffectiveConfig]] = {}
+"""Folder and configuration of each run that waits for a reply, by the server's thread that it belongs to."""
 
 
 @contextmanager
-def _remember_waiting_run_folder(thread: str) -> Generator[Views]:
+def _remember_waiting_run(thread: str, config: EffectiveConfig) -> Generator[Views]:
     """The live views; the folder of a run that asks a person is kept for when its thread goes on."""
     folders: list[Path] = []
 
@@ -45,7 +45,7 @@ def _remember_waiting_run_folder(thread: str) -> Generator[Views]:
     try:
         yield attach_views_and_note_folder
     except GraphInterrupt:
-        _waiting[thread] = folders[-1]
+        _waiting[thread] = folders[-1], config
         raise
 
 
@@ -66,10 +66,11 @@ def build_served_graph(name: str) -> StateGraph[Answer, None, RunState, Answer]:
         waiting = _waiting.pop(thread, None)
         given = {key: value for key, value in state.items() if key not in GIVEN}
         command = "run" if getattr(load_graph(name), "VERDICT", True) else "scene"
-        order = Order(command, scene, load_config(None, settings).config, given=given, nested=True)
+        order = Order(command, scene, load_config(None, settings), given=given, nested=True)
         if waiting is not None:
-            order = replace(order, out=waiting, resume=True)
-        with _remember_waiting_run_folder(thread) as views:
+            folder, config_before = waiting
+            order = replace(order, out=folder, resume=True, config=config_before)
+        with _remember_waiting_run(thread, order.config) as views:
             ended = execute_run(order, views)
         if ended.problem is not None:
             raise ended.problem

@@ -11,7 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from grs_agents.config import Config
+from grs_agents import content
+from grs_agents.api import Run
+from grs_agents.config import Config, RecordedConfig
+from grs_agents.errors import ConfigError
 from grs_agents.runs import RunRecord
 from grs_agents.trace import EventLog
 from tests.cli.command import Done, grs
@@ -38,7 +41,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         command="run",
         source="/photo",
         graph="grs",
-        config=Config().model_dump(mode="json"),
+        config=RecordedConfig.of(Config()),
         versions={},
         seeds=(0, 1),
     ).write(folder)
@@ -176,3 +179,104 @@ def test_a_run_that_was_changed_anywhere_is_read_or_refused(run: Path, seed: int
         done = grs(*verb, folder=run.parent)
         assert done.returncode in (0, 2), f"{what}: {done.stderr}"
         assert "Traceback" not in done.stderr and "\x1b" not in done.stdout + done.stderr, what
+
+
+def change_record(run: Path, **settings: Any) -> None:
+    """Have the record of a run ask for other settings."""
+    record = json.loads((run / "run.json").read_text("utf-8"))
+    record["config"].update(settings)
+    (run / "run.json").write_text(json.dumps(record), "utf-8")
+
+
+MARKING = """
+import os, pathlib
+from grs_agents.sim import Task
+
+class Evil(Task):
+    def reset(self, env):
+        pathlib.Path("{marker}").write_text(str(os.getpid()))
+"""
+
+
+@pytest.fixture
+def begun(tmp_path: Path, known_scene: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A stranger's run that waits for a reply before a program of theirs is tested."""
+    monkeypatch.setattr(content, "_overlays", [])
+    (tmp_path / "graphs").mkdir()
+    program = MARKING.format(marker=tmp_path / "escaped")
+    (tmp_path / "graphs" / "asking.py").write_text(ASKING.format(program=program), "utf-8")
+    done = grs("--content", ".", "run", str(known_scene), "--out", "r", "--set", "graph=asking", folder=tmp_path)
+    assert done.returncode == 4, done.stderr
+    return tmp_path / "r"
+
+
+ASKING = """
+from langgraph.graph import END, START, StateGraph
+from langgraph.types import interrupt
+from grs_agents.state import RunState
+
+VERDICT = True
+
+def ask(state):
+    interrupt({{"text": "go on?"}})
+    return {{}}
+
+def test(state, runtime):
+    found = runtime.context.run_tool("run_tests", seed=0, simulation={program!r}, tests=TESTS)
+    return {{"status": "rejected", "reason": f"backend {{found.report.backend}}"}}
+
+TESTS = '''
+import unittest
+from task_code import Evil
+
+class T(unittest.TestCase):
+    def test_it(self):
+        Evil().reset(None)
+'''
+
+def build():
+    graph = StateGraph(RunState, context_schema=object)
+    graph.add_node("ask", ask)
+    graph.add_node("test", test)
+    graph.add_edge(START, "ask")
+    graph.add_edge("ask", "test")
+    graph.add_edge("test", END)
+    return graph
+"""
+
+
+@pytest.mark.parametrize("verb", ["approve", "run"])
+def test_a_record_that_asks_for_no_sandbox_gets_the_sandbox_of_this_machine(begun: Path, verb: str) -> None:
+    change_record(begun, sandbox="none")
+    order = ("approve", "r", "--reply", "yes") if verb == "approve" else ("run", "--out", "r", "--resume")
+    done = grs("--content", ".", *order, "--json", folder=begun.parent, own_sandbox=True)
+    if verb == "run":  # it still waits, with no way past the question
+        assert done.returncode == 4
+        return
+    assert done.returncode == 1, done.stderr
+    reason = json.loads(done.stdout)["reason"]
+    assert reason.startswith("backend ") and "none" not in reason
+    assert not (begun.parent / "escaped").exists()
+
+
+@pytest.mark.parametrize(
+    ("setting", "word"),
+    [
+        ({"record": "../written.json"}, "record"),
+        ({"cassette": "../read.json"}, "cassette"),
+        ({"policy": "package.module:Policy"}, "policy"),
+        ({"robot": "/home/somebody/arm.xml"}, "robot"),
+        ({"models": {"default": {"model": "openai:x", "base_url": "http://127.0.0.1:9/v1"}}}, "base_url"),
+        ({"limits": {"memory_mib": 60000}}, "limits.memory_mib"),
+    ],
+    ids=str,
+)
+def test_a_record_that_asks_for_files_code_or_endpoints_is_refused_in_one_line(
+    begun: Path, setting: dict[str, Any], word: str
+) -> None:
+    change_record(begun, **setting)
+    for order in (("approve", "r", "--reply", "yes"), ("approve", "r", "--reply", "yes", "--json")):
+        assert_refused(grs("--content", ".", *order, folder=begun.parent), word, "a run folder cannot choose")
+    with pytest.raises(ConfigError, match="a run folder cannot choose"):
+        Run(begun).resume("yes")
+    assert not (begun.parent / "written.json").exists()

@@ -82,7 +82,7 @@ def test_what_was_answered_at_once_is_not_asked_again(tmp_path: Path, small_scen
     with subprocess.Popen(command(*order, *asking(scripted_server)), stdout=subprocess.DEVNULL) as process:
         running.append(process)
         started.set()
-    done = grs(*order, "--resume", folder=tmp_path)
+    done = grs(*order, *asking(scripted_server), "--resume", folder=tmp_path)
     assert json.loads(done.stdout)["status"] == "accepted", done.stderr
     assert [times for times in Counter(scripted_server.bodies).values() if times > 1] == [2]  # asked when it was killed
     events = read_events(log)
@@ -135,7 +135,7 @@ def test_whenever_a_run_is_killed_it_ends_alike_and_repeats_no_reply(
         if moment >= 0:
             statuses.append(subprocess.run(command(*order, *settings), capture_output=True, check=False).returncode)
             assert json.loads((tmp_path / name / "run.json").read_text())["status"] == "running"
-        statuses.append(grs(*order, *(["--resume"] if statuses else settings), folder=tmp_path).returncode)
+        statuses.append(grs(*order, *settings, *(["--resume"] if statuses else []), folder=tmp_path).returncode)
         assert json.loads((tmp_path / name / "run.json").read_text())["attempts"] == len(statuses)
         patterns = ("task.json", "*simulation.py", "scene.json", "audit.json", "instances/*.json", "history/*.py")
         files = [file for pattern in patterns for file in (tmp_path / name).glob(pattern)]
@@ -192,7 +192,7 @@ def test_two_processes_do_not_run_in_one_folder(tmp_path: Path, known_scene: Pat
     with subprocess.Popen(command(*order, *asking(scripted_server)), stdout=subprocess.DEVNULL) as process:
         try:
             assert asked.wait(120)
-            second = grs(*order, "--resume", folder=tmp_path)
+            second = grs(*order, *asking(scripted_server), "--resume", folder=tmp_path)
             seen = grs("show", str(tmp_path / "run"), folder=tmp_path)
             process.terminate()
         finally:

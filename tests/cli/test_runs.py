@@ -7,6 +7,7 @@ from typing import Literal
 
 import pytest
 
+from grs_agents.config import RecordedConfig
 from grs_agents.runs import RunRecord
 from tests.cli.command import grs
 
@@ -29,7 +30,7 @@ def work(tmp_path: Path) -> Path:
             command="run",
             source=f"photos/{name}_table",
             graph="grs",
-            config={},
+            config=RecordedConfig({}),
             versions={},
             seeds=(0,),
             reason=f"why {name}",

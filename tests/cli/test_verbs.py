@@ -9,7 +9,7 @@ from types import ModuleType
 import pytest
 
 from grs_agents import content
-from grs_agents.config import Config
+from grs_agents.config import Config, RecordedConfig
 from grs_agents.perception.proxies import primitive_proxy, write_proxy
 from grs_agents.runs import RunRecord
 from grs_agents.sim import find_task_class, instantiate
@@ -201,7 +201,7 @@ def test_check_knows_the_assets_of_a_run(tmp_path: Path) -> None:
         graph="grs",
         versions={},
         seeds=(5,),
-        config=Config(seed=5).model_dump(mode="json"),
+        config=RecordedConfig.of(Config(seed=5)),
     ).write(run)
     (run / "simulation.py").write_text(PROGRAM.replace("block/red_block.urdf", name))
     (run / "test_simulation.py").write_text(TESTS.format(name="task_code", bound=0.99, block=name))

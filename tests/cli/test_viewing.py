@@ -22,7 +22,7 @@ from typer.core import TyperGroup
 from typer.main import get_command
 
 from grs_agents.cli import app, main
-from grs_agents.config import Config
+from grs_agents.config import Config, RecordedConfig
 from grs_agents.runs import RunRecord
 from grs_agents.trace import EventLog
 from tests.cli.command import grs
@@ -51,7 +51,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         command="run",
         source="/home/ada/photo",
         graph="grs",
-        config=Config().model_dump(mode="json"),
+        config=RecordedConfig.of(Config()),
         versions={"grs-agents": "0"},
         seeds=(0, 1),
     ).write(folder)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from grs_agents import content
-from grs_agents.config import Config
+from grs_agents.config import Config, EffectiveConfig
 from grs_agents.errors import ConfigError, GrsError, InputError
 from grs_agents.runs import Order, Outcome, UnexpectedError, execute_run, read_record
 from grs_agents.trace import EventLog, RunEnded, RunStarted, read_events
@@ -73,7 +73,7 @@ def run(tmp_path: Path, sample_scene: Path, monkeypatch: pytest.MonkeyPatch) -> 
     ) -> Outcome:
         if body:
             (tmp_path / "graphs" / "mine.py").write_text(GRAPH.format(body=body, then=then))
-        config = Config(graph="mine", **settings)
+        config = EffectiveConfig(Config(graph="mine", **settings))
         return execute_run(Order("run", sample_scene, config, tmp_path / "run", resume=resume, reply=reply), views)
 
     return execute_it

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.config import Config
+from grs_agents.config import Config, RecordedConfig
 from grs_agents.errors import InputError
 from grs_agents.runs import RunRecord, count_run_results, installed_versions, read_record, seconds_by_stage
 from grs_agents.trace import NodeEnded, Reply
@@ -24,7 +24,7 @@ def record() -> RunRecord:
         command="run",
         source="s",
         graph="grs",
-        config=Config().model_dump(mode="json"),
+        config=RecordedConfig.of(Config()),
         versions=installed_versions(),
         seeds=(0, 1, 2),
     )

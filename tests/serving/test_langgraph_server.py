@@ -64,7 +64,7 @@ def test_a_served_graph_leaves_a_run_and_streams_its_nodes(
     ]
     ended = steps[-1][1]["scene"]
     record = read_record(Path(ended["folder"]))
-    assert (record.status, record.config["seed"], record.graph) == ("accepted", 3, "scene")
+    assert (record.status, record.config.as_json()["seed"], record.graph) == ("accepted", 3, "scene")
     assert len(ended["scene"]["objects"]) == 3
     assert read_events(Path(ended["folder"]) / "events.jsonl")[-1].kind == "run_ended"
     assert (Path(ended["folder"]) / "trace.rrd").is_file()
