@@ -7,6 +7,7 @@ from .spheres import icosphere as icosphere
 from .transforms import FloatArray as FloatArray
 from .transforms import matrix_to_quaternion as matrix_to_quaternion
 from .transforms import pose_matrix as pose_matrix
+from .transforms import quaternion_to_matrix as quaternion_to_matrix
 from .transforms import rotation_about_axis as rotation_about_axis
 from .transforms import rotation_about_z as rotation_about_z
 from .transforms import to_vec3 as to_vec3

@@ -1,6 +1,6 @@
 """Find the table in a frame and lay the robot frame on it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from grs_agents.config import TableChoice
 from grs_agents.errors import InputError
+from grs_agents.geometry import matrix_to_quaternion, quaternion_to_matrix
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import convex_footprint_hull, points_in_hull_mask
 from grs_agents.perception.types import Array, Camera, LevelPlane, RGBDFrame, TableFrame
@@ -69,15 +70,13 @@ def find_table(frame: RGBDFrame, rng: np.random.Generator, choice: TableChoice =
     if not planes:
         level = " that is level in the frame of T_robot_cam" if given is not None else ""
         found = f"{frame.source}: found no table plane with at least {CONFIG.least_share:.0%} of the measured pixels"
-        remedy = "take the photo so that the table fills more of it and the camera looks down on it"
-        raise _no_table_error(found + level, remedy, (sample, given, rng))
+        raise _no_table_error(found + level, (sample, given, rng))
     plane = planes[_choose_table_plane(planes, sample, given, choice, frame)]
     height = 0.0 if given is None else plane.height_in_frame(given)
     if given is not None and abs(height) > CONFIG.highest:
         raise _no_table_error(
             f"{frame.source / 'camera.json'}: T_robot_cam puts the table top at z = {height:+.3f} m, "
             f"more than {CONFIG.highest} m from the robot frame's z = 0",
-            f"correct T_robot_cam, or depth_scale {frame.camera.depth_scale:g}; or leave T_robot_cam out",
             (sample, given, rng),
         )
     table = _table_frame_from_plane(plane) if given is None else _calibrated_table_frame(plane, given)
@@ -122,11 +121,13 @@ def find_level_planes(points: Array, pose: Array | None, rng: np.random.Generato
     return sorted(planes, key=lambda one: -one.offset)
 
 
-def _fit_largest_plane(points: Array, up: Array | None, total: int, rng: np.random.Generator) -> Plane | None:
-    """The plane on which most of (N, 3) points lie; its share is that of ``total`` points."""
+def _fit_largest_plane(
+    points: Array, up: Array | None, total: int, rng: np.random.Generator, anyhow: bool = False
+) -> Plane | None:
+    """The plane on which most of (N, 3) points lie; its share is that of ``total`` points; ``anyhow`` it may face."""
     bound = depth_tolerance(points[:, 2])
     best, normal, offset = 0, np.zeros(3), 0.0
-    for unit, through in zip(*_draw_plane_hypotheses(points, up, rng), strict=True):
+    for unit, through in zip(*_draw_plane_hypotheses(points, up, rng, anyhow), strict=True):
         distance = points @ unit - through
         count = np.count_nonzero(np.abs(distance) < bound / 2)
         if count > best:
@@ -190,41 +191,81 @@ def _has_objects_on_plane(plane: Plane, points: Array) -> bool:
     return bool(loaded >= CONFIG.loaded_share * np.count_nonzero(own))
 
 
-def _no_table_error(problem: str, remedy: str, seen: tuple[Array, Array | None, np.random.Generator]) -> InputError:
-    """The error that there is no table where it should be; with the usual mistake in T_robot_cam that would explain it.
+def _no_table_error(problem: str, seen: tuple[Array, Array | None, np.random.Generator]) -> InputError:
+    """The error that no table is where it should be, with the mistake in the pose or in the depth that explains it.
     ``seen`` are (N, 3) sampled points in the camera frame, m; T_robot_cam, 4x4, if given; and what draws hypotheses."""
     points, given, rng = seen
-    if given is None:
-        return InputError(problem, remedy)
-    inverse: Array = np.asarray(np.linalg.inv(given), dtype=np.float64)
-    mistakes = (
-        ("is the inverse, from the robot frame to the camera", inverse, "give its inverse"),
-        ("has OpenGL's camera axes (y up, z backward)", given @ OPENGL, "negate its second and third columns"),
-        (
-            "is the inverse (a view matrix) with OpenGL's camera axes (y up, z backward)",
-            inverse @ OPENGL,
-            "give its inverse with the second and third columns negated",
-        ),
-    )
-    for mistake, pose, mended in mistakes:
+    for mistake, pose, mended in () if given is None else _pose_mistakes(given):
         heights = [plane.height_in_frame(pose) for plane in find_level_planes(points, pose, rng)]
         at_zero = [height for height in heights if abs(height) <= CONFIG.highest]
         if at_zero:
             cause = f"T_robot_cam probably {mistake}: without that the table is at z = {at_zero[0]:+.3f} m"
             return InputError(f"{problem}; {cause}", mended)
-    return InputError(problem, remedy)
+    if given is not None and (planes := find_level_planes(points, None, rng)):
+        plane = max(planes, key=lambda plane: plane.share)
+        tilt = np.degrees(np.arccos(np.clip(given[2, :3] @ plane.normal, -1, 1)))
+        where = f"tilted by {tilt:.0f} degrees and at z = {plane.height_in_frame(given):+.2f} m in its frame"
+        return InputError(
+            f"{problem}; T_robot_cam is at fault: without it a plane with {plane.share:.0%} of the pixels is found, "
+            f"{where}",
+            "correct T_robot_cam (the quaternion's order, the axes, metres), or leave it out",
+        )
+    flat = _fit_largest_plane(points, None, len(points), rng, anyhow=True)
+    for mistake, scaled, mended in _depth_mistakes(points):
+        share = max((plane.share for plane in find_level_planes(scaled, given, rng)), default=0.0)
+        # A wrong depth bends planes: straight ones, whichever way they face, are no sign of it.
+        if share > CONFIG.doubtful_share + (flat.share if flat else 0.0):
+            return InputError(f"{problem}; depth is probably {mistake}: with that {share:.0%} lie on a table", mended)
+    return InputError(problem, "take the photo so that the table fills more of it and the camera looks down on it")
 
 
-def _draw_plane_hypotheses(points: Array, up: Array | None, rng: np.random.Generator) -> tuple[Array, Array]:
+def _pose_mistakes(given: Array) -> Iterator[tuple[str, Array, str]]:
+    """Usual mistakes in a pose: a name, the pose without it, 4x4, and how the user mends it."""
+    inverse: Array = np.asarray(np.linalg.inv(given), dtype=np.float64)
+    yield "is the inverse, from the robot frame to the camera", inverse, "give its inverse"
+    yield "has OpenGL's camera axes (y up, z backward)", given @ OPENGL, "negate its second and third columns"
+    yield (
+        "is the inverse (a view matrix) with OpenGL's camera axes (y up, z backward)",
+        inverse @ OPENGL,
+        "give its inverse with the second and third columns negated",
+    )
+    x, y, z, w = matrix_to_quaternion(given[:3, :3])
+    for order, taken_as, quaternion in (("wxyz", "xyzw", (y, z, w, x)), ("xyzw", "wxyz", (w, x, y, z))):
+        pose = given.copy()
+        pose[:3, :3] = quaternion_to_matrix(quaternion)
+        yield f"is made of a quaternion {order} that was read as {taken_as}", pose, "swap the order of the quaternion"
+
+
+def _depth_mistakes(points: Array) -> Iterator[tuple[str, Array, str]]:
+    """Usual mistakes in depth: a name, the (N, 3) points without it (camera frame, m), and how the user mends it."""
+    rays = points / points[:, 2:]
+    lengths = np.linalg.norm(rays, axis=1)
+    yield (
+        "the distance along the ray, not along the optical axis",
+        points / lengths[:, None],
+        "give z = distance / |((u - cx) / fx, (v - cy) / fy, 1)|",
+    )
+    yield (
+        "inverse (disparity), up to a factor",
+        rays * (1 / points[:, 2] / np.median(1 / points[:, 2]))[:, None],
+        "give metres along the optical axis: focal length x baseline / disparity",
+    )
+
+
+def _draw_plane_hypotheses(
+    points: Array, up: Array | None, rng: np.random.Generator, anyhow: bool
+) -> tuple[Array, Array]:
     """Planes through three points each: (N, 3) unit normals towards the camera, and (N,) products with their points.
-    The camera looks down on each of them and is not upside down; a calibrated table is level."""
+    The camera looks down on each of them and is not upside down; a calibrated table is level; ``anyhow`` is any."""
     picked = np.stack([rng.choice(len(points), size=3, replace=False) for _ in range(CONFIG.rounds)])
     a, b, c = points[picked.T]
     crosses = np.cross(b - a, c - a)
     lengths = np.linalg.norm(crosses, axis=1)
     toward = np.where((crosses * a).sum(axis=1) > 0, -1.0, 1.0)
     units = crosses / np.maximum(lengths, 1e-12)[:, None] * toward[:, None]
-    if up is not None:
+    if anyhow:
+        plausible = np.ones(len(units), dtype=bool)
+    elif up is not None:
         plausible = units @ up > np.cos(CONFIG.level)
     else:
         plausible = (-units[:, 2] > np.sin(CONFIG.lowest_tilt)) & (units[:, 1] < 0.3)

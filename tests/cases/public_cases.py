@@ -1,4 +1,4 @@
-"""Public bug reports as small inputs, in a folder beside the repository; tests that use them skip where it is absent."""
+"""Public bug reports as small inputs, in a folder beside the repository; tests of them skip where it is absent."""
 
 import shutil
 from pathlib import Path

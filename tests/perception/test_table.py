@@ -9,6 +9,7 @@ import pytest
 
 from grs_agents.config import TableChoice
 from grs_agents.errors import InputError
+from grs_agents.geometry import matrix_to_quaternion, pose_matrix, quaternion_to_matrix, rotation_about_axis
 from grs_agents.perception import (
     RGBDFrame,
     describe_table_doubts,
@@ -179,9 +180,21 @@ def view_matrix(pose: np.ndarray) -> np.ndarray:
     return inverse(opengl(pose))
 
 
+def scalar_first_as_last(pose: np.ndarray) -> np.ndarray:
+    x, y, z, w = matrix_to_quaternion(pose[:3, :3])
+    return pose_matrix(quaternion_to_matrix((w, x, y, z)), pose[:3, 3])
+
+
+def scalar_last_as_first(pose: np.ndarray) -> np.ndarray:
+    x, y, z, w = matrix_to_quaternion(pose[:3, :3])
+    return pose_matrix(quaternion_to_matrix((y, z, w, x)), pose[:3, 3])
+
+
 @pytest.mark.parametrize(
     ("mistake", "words", "remedy"),
     [
+        (scalar_first_as_last, "quaternion wxyz that was read as xyzw", "order of the quaternion"),
+        (scalar_last_as_first, "quaternion xyzw that was read as wxyz", "order of the quaternion"),
         (inverse, "is the inverse, from the robot frame", "give its inverse"),
         (opengl, "has OpenGL's camera axes", "negate its second and third columns"),
         (view_matrix, "view matrix", "inverse with the second and third columns negated"),
@@ -202,3 +215,30 @@ def test_a_calibration_that_no_usual_mistake_explains_is_only_refused(rendered: 
     with pytest.raises(InputError, match=r"z = \+0\.4") as caught:
         find_table(calibrated(rendered.frame, pose), np.random.default_rng(0))
     assert "probably" not in str(caught.value)
+    assert "T_robot_cam is at fault" in str(caught.value)
+
+
+def test_a_calibration_that_leans_is_blamed_and_not_the_photo(rendered: Rendered) -> None:
+    pose = np.array(rendered.frame.camera.T_robot_cam)
+    pose[:3, :3] = rotation_about_axis(np.array([0.6, 0.8, 0.0]), 0.9) @ pose[:3, :3]
+    with pytest.raises(InputError, match=r"T_robot_cam is at fault: without it a plane with \d+%.*tilted by 5[12] deg"):
+        find_table(calibrated(rendered.frame, pose), np.random.default_rng(0))
+
+
+def distance_along_ray(frame: RGBDFrame) -> np.ndarray:
+    return np.linalg.norm(frame.camera_frame_point_map(), axis=2)
+
+
+def disparity(frame: RGBDFrame) -> np.ndarray:
+    return np.divide(0.8, frame.depth, out=np.zeros_like(frame.depth), where=frame.depth > 0)
+
+
+@pytest.mark.parametrize(("record", "words"), [(distance_along_ray, "distance along the ray"), (disparity, "inverse")])
+def test_what_is_no_depth_along_the_axis_is_named(
+    rendered: Rendered, record: Callable[[RGBDFrame], np.ndarray], words: str
+) -> None:
+    plain = rendered.frame
+    frame = replace(plain, camera=plain.camera.model_copy(update={"T_robot_cam": None}))
+    find_table(frame, np.random.default_rng(0))
+    with pytest.raises(InputError, match=f"depth is probably.*{words}"):
+        find_table(replace(frame, depth=record(frame).astype(np.float32)), np.random.default_rng(0))

@@ -43,6 +43,10 @@ DISTORTION_KEYS = ("d", "distortion", "distortion_coefficients", "dist_coeffs", 
 CONVENTION_KEYS = ("convention", "axes", "coordinate_system", "camera_convention")
 OPENCV_NAMES = ("opencv", "cv", "ros_optical", "optical")
 LARGEST = 1e9  # no value of an intrinsic matrix is larger
+INTRINSICS = ("fx", "fy", "cx", "cy", "width", "height")
+SMALLEST_CHECKED = 16  # pixels; the principal point of a smaller picture may lie within 0..1
+OTHER_SIZES = (0.25, 1 / 3, 0.5, 1.5, 2.0, 3.0, 4.0)
+"""Sizes of another stream or of the original picture, by which intrinsics of a wrong picture are off."""
 FULL_FRAME_DIAGONAL = 43.267
 """Of 35 mm film, in millimetres: focal lengths "in 35 mm" are told for this diagonal (CIPA DC-008)."""
 
@@ -152,9 +156,15 @@ def _read_consistent_intrinsics(matrix: object, values: Mapping[str, Any], where
 
 
 def camera_from_values(values: Mapping[str, Any], where: str) -> Camera:
-    """The camera with these values; ``where`` is named in errors."""
+    """The camera with these values; ``where`` is named in errors.
+
+    Raises:
+        InputError: a value is missing, not finite or absurd; the principal point is a share of the picture or that of a
+            picture of another size.
+    """
+    _refuse_shares_of_picture(values, where)
     try:
-        return Camera.model_validate(dict(values))
+        camera = Camera.model_validate(dict(values))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"][:1])
@@ -162,6 +172,44 @@ def camera_from_values(values: Mapping[str, Any], where: str) -> Camera:
         remedy = f"give every one of {KEYS}, finite; T_robot_cam if calibrated, joints as a list of rad"
         problem = first["msg"].removeprefix("Value error, ")
         raise InputError(f"{where}: {key}{given}{': ' if key else ''}{problem}", remedy) from error
+    _refuse_center_of_another_picture(camera, where)
+    return camera
+
+
+def _refuse_shares_of_picture(values: Mapping[str, Any], where: str) -> None:
+    """Refuse intrinsics that are told as shares of the picture's width and height, as ARKit and some SDKs do."""
+    given = {key: values.get(key) for key in INTRINSICS}
+    numbers = {
+        key: float(value) for key, value in given.items() if isinstance(value, int | float) and abs(value) < LARGEST
+    }
+    if len(numbers) < len(INTRINSICS) or min(numbers["width"], numbers["height"]) < SMALLEST_CHECKED:
+        return
+    if 0 < numbers["cx"] <= 1 and 0 < numbers["cy"] <= 1:
+        width, height = numbers["width"], numbers["height"]
+        remedy = f"give pixels: ({numbers['cx'] * width:g}, {numbers['cy'] * height:g})"
+        if max(numbers["fx"], numbers["fy"]) < 10:
+            remedy += f", and fx = {numbers['fx'] * width:g}, fy = {numbers['fy'] * height:g}"
+        raise InputError(
+            f"{where}: the principal point ({numbers['cx']:g}, {numbers['cy']:g}) lies in 0..1: these are shares of "
+            "the picture, not pixels",
+            remedy,
+        )
+
+
+def _refuse_center_of_another_picture(camera: Camera, where: str) -> None:
+    """Refuse intrinsics whose principal point is the centre of a picture of another size."""
+    width, height = camera.width, camera.height
+    factors = (2 * camera.cx + 1) / width, (2 * camera.cy + 1) / height
+    factor = sum(factors) / 2
+    # A crop moves the point too, but hardly ever along the diagonal by a usual factor.
+    usual = min(OTHER_SIZES, key=lambda size: abs(size - factor))
+    if max(abs(each - usual) for each in factors) < 0.05 * usual:
+        fits = f"{round(width * usual)}x{round(height * usual)}"
+        raise InputError(
+            f"{where}: the principal point ({camera.cx:g}, {camera.cy:g}) is the centre of a picture of {fits}, "
+            f"not of this one of {width}x{height}",
+            f"divide fx, fy, cx and cy by {usual:.3g}, or give width and height of the picture that they belong to",
+        )
 
 
 def camera_from_matrix(matrix: object, size: tuple[int, int], where: str, **more: Any) -> Camera:

@@ -1,7 +1,7 @@
 """Bring colour, depth and camera to one pixel grid: the frame that everything else works on.
 Depth, however recorded, becomes depth in metres at the colour picture's pixels."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from grs_agents.errors import InputError
 from grs_agents.perception.image_geometry import depth_in_metres
-from grs_agents.perception.reading.camera import DepthUnit, scale_camera_to_size
+from grs_agents.perception.reading.camera import DEPTH_SCALE_REMEDY, DepthUnit, scale_camera_to_size
 from grs_agents.perception.reading.picture import Picture, rotate_by_exif
 from grs_agents.perception.types import Camera, Image, RGBDFrame
 
@@ -24,6 +24,7 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 NEAREST, FARTHEST = 0.1, 10.0  # the median depth of a table-top photo lies between these, in metres
 LEAST_MEASURED = 0.02  # at least this share of the pixels must have a depth
 MILLIMETRE = 0.001
+LEAST_RELIEF = 0.02  # metres between the nearest and the farthest of a table with objects on it, which have 2 cm
 TABLE_NEAREST, TABLE_FARTHEST = 0.3, 2.0
 """An unnamed unit is inferred only if it puts the median depth between these, in metres: photos of tables are taken
 from 0.4 to 1.5 m."""
@@ -56,13 +57,38 @@ def convert_depth_to_metres(measured: RecordedDepth) -> Depth:
         raise InputError(found, "record the depth again")
     median = float(np.median(measured_at, overwrite_input=True))
     if not NEAREST <= median <= FARTHEST:
-        factor = 1000.0 if median < NEAREST else 0.001
-        raise InputError(
-            f"{where}: depth_scale {scale:g} gives a median depth of {median:g} m, outside {NEAREST}..{FARTHEST} m",
-            f"with depth_scale {scale * factor:g} it would be {median * factor:g} m: correct {measured.scale_source}",
+        problem = (
+            f"{where}: depth_scale {scale:g} gives a median depth of {median:g} m, outside {NEAREST}..{FARTHEST} m"
         )
+        for factor, name in _likely_scales(scale):
+            if NEAREST <= median / scale * factor <= FARTHEST:
+                remedy = f"with {name} it would be {median / scale * factor:.4g} m: correct {measured.scale_source}"
+                raise InputError(problem, remedy)
+        raise InputError(problem, f"{DEPTH_SCALE_REMEDY}: correct {measured.scale_source}")
+    _refuse_z_buffer(measured_at, measured)
     depth[~valid | (depth > BEYOND)] = 0
     return depth
+
+
+def _likely_scales(scale: float) -> Iterator[tuple[float, str]]:
+    """Scales that are often meant, metres per unit, each with its name: the reciprocal where units per metre were given
+    (Open3D, ROS), then those of common sensors and data sets."""
+    if scale > 1:
+        yield 1 / scale, f"depth_scale {1 / scale:g} (1 / {scale:g})"
+    yield from ((usual, f"depth_scale {usual:g}") for usual in (MILLIMETRE, 1.0, 0.0001, 0.0002))
+
+
+def _refuse_z_buffer(depth: Depth, measured: RecordedDepth) -> None:
+    """Refuse floats that are probably OpenGL's z-buffer, 0 at the near plane and 1 at the far one, not metres.
+    ``depth`` holds the (N,) measured values."""
+    if measured.units.dtype.kind != "f" or measured.scale != 1 or float(depth.max()) > 1:
+        return
+    low, high = (float(value) for value in np.percentile(depth, (1, 99)))
+    if low > 0.5 and 0 < high - low < LEAST_RELIEF:
+        raise InputError(
+            f"{measured.where} hardly varies ({low:.4g}..{high:.4g}) and lies in 0..1: it looks like a z-buffer",
+            "give metres along the optical axis: near * far / (far - value * (far - near))",
+        )
 
 
 def guess_depth_unit(units: Units) -> DepthUnit:

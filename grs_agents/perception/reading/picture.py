@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from PIL import Image as Pillow
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import MALFORMED, open_picture
+from grs_agents.foreign import MALFORMED, open_picture, read_bytes
 from grs_agents.perception.types import Image
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
@@ -49,10 +50,16 @@ def read_depth_picture(file: Path) -> "npt.NDArray[np.number[Any]]":
     """Read a depth picture: (H, W) of 16- or 32-bit integers or floats, in the file's own unit."""
     with _open_decoded_picture(file) as image:
         units = np.array(image)
+        if units.ndim == 3:  # Pillow cuts channels of 16 bits down to 8
+            data = np.frombuffer(read_bytes(file), np.uint8)
+            whole: npt.NDArray[Any] | None = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+            units = units if whole is None else whole
+    if units.ndim == 3 and units.dtype.itemsize >= 2 and (units[..., :1] == units[..., :3]).all():
+        units = units[..., 0]
     if units.ndim != 2 or image.mode in ("P", "1") or units.dtype.itemsize < 2:
         channels = 1 if units.ndim == 2 else units.shape[2]
         kind = f"a palette of {units.dtype}" if image.mode == "P" else f"{channels} channels of {units.dtype}"
-        raise InputError(f"{file} has {kind}", "write it as one channel of uint16")
+        raise InputError(f"{file} has {kind}, no depth", "write it as one channel of uint16")
     return units
 
 

@@ -141,3 +141,46 @@ def test_a_picture_that_may_be_the_photo_is_suggested(folder: Path, truth: Truth
     with pytest.raises(InputError, match=f"'{name}' is there") as caught:
         read_scene(folder)
     assert f"rename it to rgb{Path(name).suffix}" in caught.value.remedy
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0, 3.0])
+def test_intrinsics_of_a_picture_of_another_size_are_refused(folder: Path, factor: float) -> None:
+    camera = camera_in(folder)
+    center = {"cx": camera["width"] * factor / 2 - 0.5, "cy": camera["height"] * factor / 2 - 0.5}
+    fits = f"{camera['width'] * factor:.0f}x{camera['height'] * factor:.0f}"
+    with pytest.raises(InputError, match=f"the centre of a picture of {fits}"):
+        read_with(folder, **center)
+
+
+def test_a_crop_may_have_its_principal_point_off_the_centre(folder: Path) -> None:
+    camera = camera_in(folder)
+    moved = read_with(folder, cx=camera["cx"] * 1.6, cy=camera["cy"] * 0.8).camera
+    assert (moved.cx, moved.cy) == (camera["cx"] * 1.6, camera["cy"] * 0.8)
+
+
+def test_a_principal_point_in_shares_of_the_picture_is_refused_with_its_pixels(folder: Path) -> None:
+    camera = camera_in(folder)
+    pixels = f"({camera['width'] / 2:g}, {camera['height'] / 2:g})"
+    with pytest.raises(InputError) as refusal:
+        read_with(folder, cx=0.5, cy=0.5, fx=1.2, fy=1.6)
+    assert "shares of the picture" in refusal.value.message
+    assert pixels in refusal.value.remedy and f"fx = {1.2 * camera['width']:g}" in refusal.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("scale", "meant"), [(1000.0, "0.001 (1 / 1000)"), (5000.0, "0.0002 (1 / 5000)"), (1.0, "0.001")]
+)
+def test_units_per_metre_are_named_as_the_reciprocal(folder: Path, scale: float, meant: str) -> None:
+    with pytest.raises(InputError) as refusal:
+        read_with(folder, depth_scale=scale)
+    assert f"with depth_scale {meant} it would be" in refusal.value.remedy
+
+
+def test_a_z_buffer_is_named(folder: Path, truth: Truth) -> None:
+    near, far = 0.005, 10.0
+    (folder / "depth.png").unlink()
+    np.save(
+        folder / "depth.npy", ((1 / near - 1 / np.maximum(truth.depth, 0.7)) / (1 / near - 1 / far)).astype(np.float32)
+    )
+    with pytest.raises(InputError, match=r"hardly varies \(0\.99.*z-buffer"):
+        read_with(folder, depth_scale=1.0)

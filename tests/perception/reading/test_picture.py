@@ -113,7 +113,7 @@ def test_a_huge_picture_is_refused_by_its_header(tmp_path: Path, truth: Truth, s
 @pytest.mark.parametrize(
     ("depth", "word"),
     [
-        (np.full((36, 48, 3), 900, np.uint16), "3 channels"),
+        (np.arange(36 * 48 * 3, dtype=np.uint16).reshape(36, 48, 3), "3 channels of uint16"),
         (np.full((36, 48), 90, np.uint8), "1 channels of uint8"),
         (np.full((36, 48, 4), 90, np.uint8), "4 channels"),
     ],
@@ -121,6 +121,12 @@ def test_a_huge_picture_is_refused_by_its_header(tmp_path: Path, truth: Truth, s
 def test_depth_of_another_kind_is_refused(tmp_path: Path, truth: Truth, depth: Any, word: str) -> None:
     with pytest.raises(InputError, match=f"depth.png has {word}"):
         read_scene(scene(tmp_path, png(truth.rgb), png(depth)))
+
+
+def test_depth_that_was_saved_as_three_equal_channels_of_16_bits_is_read(tmp_path: Path, truth: Truth) -> None:
+    units = np.rint(truth.depth * 1000).astype(np.uint16)
+    written = scene(tmp_path, png(truth.rgb), png(np.repeat(units[..., None], 3, axis=2)))
+    assert np.abs(read_scene(written).depth - truth.depth).max() <= 0.0006
 
 
 def test_depth_in_a_palette_is_refused(tmp_path: Path, truth: Truth) -> None:

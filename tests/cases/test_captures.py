@@ -1,0 +1,30 @@
+"""Depth, intrinsics and poses as people get them wrong: read where the meaning is sure, else the cause is named."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.cases.public_cases import copy_case
+from tests.cli.command import grs
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("cam_depth_scale_1000", "0.001 (1 / 1000) it would be 1.067 m"),
+        ("depth_intrinsics_of_double_size", "the centre of a picture of 1280x960"),
+        ("depth_norm_principal_point", "shares of the picture, not pixels"),
+        ("depth_ray_distance", "the distance along the ray"),
+        ("depth_zbuffer", "z-buffer"),
+        ("pose_quaternion_wrong_order", "T_robot_cam probably is made of a quaternion wxyz that was read as xyzw"),
+    ],
+)
+def test_a_mistake_is_named_in_one_line(tmp_path: Path, name: str, words: str) -> None:
+    done = grs("scene", str(copy_case(name, tmp_path)), "--out", "out", "-q", folder=tmp_path)
+    assert (done.returncode, len(done.stderr.strip().splitlines())) == (2, 1), done.stderr
+    assert words in done.stderr
+
+
+def test_three_equal_channels_of_16_bits_are_depth(tmp_path: Path) -> None:
+    done = grs("scene", str(copy_case("depth_three_channels", tmp_path)), "--out", "out", "-q", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
