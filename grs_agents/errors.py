@@ -27,6 +27,10 @@ class InputError(GrsError):
     exit_status = 2
 
 
+class OutputError(InputError):
+    """The system refuses to write: no space, no permission, or a read-only disk."""
+
+
 class ConfigError(InputError):
     """The user's configuration is at fault."""
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from grs_agents.errors import InputError
+from grs_agents.errors import InputError, OutputError
 
 STANDARD_OUTPUT = Path("-")
 """What a verb that writes one document takes for standard output."""
@@ -64,10 +64,10 @@ def write_bytes(path: Path, data: bytes) -> Path:
     return path
 
 
-def unwritable_error(path: Path, error: OSError) -> InputError:
+def unwritable_error(path: Path, error: OSError) -> OutputError:
     """The one-line error for a file that the system refused to write."""
     reason = error.strerror or str(error)
-    return InputError(f"cannot write {path}: {reason}", "free space or name a writable folder with --out")
+    return OutputError(f"cannot write {path}: {reason}", "free space or name a writable folder with --out")
 
 
 def write_text(path: Path, text: str) -> Path:

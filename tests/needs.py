@@ -130,6 +130,7 @@ NEEDS = {
     **{package: _package(package, 'pip install "grs-agents[demos]"') for package in ("pyarrow", "av", "h5py")},
     "gymnasium": _package("gymnasium", 'pip install "grs-agents[gym]"'),
     "minari": _package("minari", 'pip install "grs-agents[minari]"'),
+    "pillow_heif": _package("pillow_heif", 'pip install "grs-agents[heic]"'),
     "objaverse": _package("objaverse", 'pip install "grs-agents[objaverse]"'),
     "langgraph_api": _package("langgraph_api", 'pip install "langgraph-cli[inmem]"'),
     "HOPE meshes": Need(

@@ -73,7 +73,7 @@ def run_job(job: RunJob, timeout: float) -> RunEnd:
 
 def _read_last_line(log: Path) -> str:
     lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-    return lines[-1] if lines else ""
+    return lines[-1].removeprefix("grs: ") if lines else ""
 
 
 def read_run_record_or_none(folder: Path) -> RunRecord | None:

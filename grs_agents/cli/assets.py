@@ -19,7 +19,7 @@ from grs_agents.cli.options import (
 assets_app = typer.Typer(
     name="assets",
     cls=VerbGroup,
-    help="The library of 3D assets: import, list, show, describe and verify.",
+    help="Import, list, show, describe and verify 3D assets.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -53,7 +53,10 @@ def import_assets(
     ] = 0,
     json: Json = False,
 ) -> None:
-    """Import 3D models; broken ones are refused by name, the rest goes on. Exit status 1 if one was refused."""
+    """Import 3D models; broken ones are refused by name.
+
+    The rest goes on. Exit status 1 if one was refused.
+    """
     from grs_agents.cli.assets_import import PREFIX, import_objaverse, import_source
     from grs_agents.library.importing import ImportOptions
 
@@ -67,7 +70,7 @@ def import_assets(
 def list_assets(
     names: Names = None, library: LibraryFolder = None, shipped: Shipped = False, json: Json = False
 ) -> None:
-    """List assets with size, mass, where the mass comes from, and licence."""
+    """List assets with size, mass, source of the mass and licence."""
     from grs_agents.cli.assets_import import list_library
 
     list_library(library, names or [], shipped, json)
@@ -92,7 +95,10 @@ def show_assets(
 def verify_assets(
     names: Names = None, library: LibraryFolder = None, shipped: Shipped = False, json: Json = False
 ) -> None:
-    """Check files, sizes and MuJoCo, and that each stands two seconds on a table. Exit status 1 if one is broken."""
+    """Check files, sizes and MuJoCo, and that each stands on a table.
+
+    Each must stand for two seconds. Exit status 1 if one is broken.
+    """
     from grs_agents.cli.assets_import import verify_library
 
     sys.exit(verify_library(library, names or [], shipped, json))
@@ -109,7 +115,10 @@ def describe_assets(
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before a model that may cost money is used.")] = False,
     json: Json = False,
 ) -> None:
-    """Describe three random views of each asset with the configured model, once; what it may cost is said first."""
+    """Describe views of each asset with the configured model, once.
+
+    The views are three at random. The possible cost is said first.
+    """
     from grs_agents.cli.assets_describe import describe_library
 
     chosen = load_effective_config(config, add_model_setting(settings, models)).config
@@ -122,7 +131,10 @@ def index_assets(
     again: Annotated[bool, typer.Option("--again", help="Look at every asset again, not at new ones alone.")] = False,
     json: Json = False,
 ) -> None:
-    """Bring an index up to date, for matching in a library too large to compare everything; see match.index."""
+    """Bring an index of assets up to date.
+
+    An index is for matching in a library too large to compare everything; see match.index.
+    """
     from grs_agents.cli.assets_describe import update_asset_index as update
 
     sys.exit(update(folder, again, json))

@@ -35,15 +35,15 @@ def describe_library(
     spec = config.model_for_role(ROLE)
     model = make_chat_model(spec, config.seed)
     todo = select_assets_to_describe(root, assets, spec.model, again)
-    print_escaped(
-        f"{len(todo.todo)} of {len(assets)} assets to describe with {spec.model}: about {todo.input_tokens} tokens in "
-        f"(3 pictures each) and {todo.output_tokens} out",
-        error=True,
-    )
+    count = f"{len(todo.todo)} of {len(assets)} assets to describe with {spec.model}"
     if spec.model == "offline":
-        print_escaped("the offline model tells names and measurements, it does not look at the pictures", error=True)
-    elif todo.todo and not yes:
-        _confirm_model_cost()
+        found = "it costs nothing, tells names and measurements, and does not look at pictures"
+        print_escaped(f"{count}: {found}", error=True)
+    else:
+        cost = f"about {todo.input_tokens} tokens in (3 pictures each) and {todo.output_tokens} out"
+        print_escaped(f"{count}: {cost}", error=True)
+        if todo.todo and not yes:
+            _confirm_model_cost()
     by_name = {asset.name: asset for asset in assets}
     entries = [replace_asset_description(by_name[described.asset], described.words) for described in todo.done]
     records = list(todo.done)

@@ -8,6 +8,7 @@ import typer
 
 from grs_agents import content
 from grs_agents.cli.assets import assets_app
+from grs_agents.cli.completion import complete_experiment, complete_graph, complete_run_folder, complete_scene
 from grs_agents.cli.options import (
     Address,
     BatchEngine,
@@ -60,15 +61,14 @@ app = typer.Typer(
     cls=VerbGroup,
     help="From a photo with depth to a validated MuJoCo robot task.",
     no_args_is_help=True,
-    add_completion=False,
     context_settings={"help_option_names": ["--help", "-h"]},
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-app.add_typer(assets_app)
 SCENE = typer.Argument(
     help="A folder (photo, depth or point cloud, camera.json), bop:ROOT/SPLIT/SCENE/IMAGE, .npz or photo; "
-    "or a sample scene by its name, such as groceries."
+    "or a sample scene by its name, such as groceries.",
+    autocompletion=complete_scene,
 )
 Scene = Annotated[Path, SCENE]
 
@@ -80,7 +80,12 @@ def _resolve_run(folder: Path) -> Path:
 
 
 RunFolder = Annotated[
-    Path, typer.Argument(help="A run folder, or latest: of those below runs/.", callback=_resolve_run)
+    Path,
+    typer.Argument(
+        help="A run folder, or latest: of those below runs/.",
+        callback=_resolve_run,
+        autocompletion=complete_run_folder,
+    ),
 ]
 _PORTABLE = "For MuJoCo 3.3 and dm_control too: suction by an adhesion actuator, no sleep."
 _FOLDER = "A new or empty folder, or an earlier export; beside the run by default."
@@ -116,7 +121,7 @@ def apply_global_options(
         content.add_overlay_folder(content_folder)
 
 
-@app.command()
+@app.command(rich_help_panel="Make")
 def run(
     scene: Annotated[Path | None, SCENE] = None,
     config: ConfigFile = None,
@@ -141,7 +146,7 @@ def run(
     sys.exit(run_graph("run", scene, chosen, out, resume, json, view, otel))
 
 
-@app.command()
+@app.command(rich_help_panel="Make")
 def scene(
     scene: Scene,
     config: ConfigFile = None,
@@ -160,7 +165,7 @@ def scene(
     sys.exit(run_graph("scene", scene, chosen, out, False, json))
 
 
-@app.command()
+@app.command(rich_help_panel="Make")
 def check(
     simulation: Annotated[
         Path, typer.Argument(help="A simulation program: a Python file with a Task subclass; or a run folder.")
@@ -174,9 +179,9 @@ def check(
     json: Json = False,
     unsafe: Unsafe = False,
 ) -> None:
-    """Check a simulation program of your own as a run checks its own, without its models but the judge.
+    """Test and audit a simulation program of your own.
 
-    Exit status as for run.
+    It is checked as a run checks its own, without models but the judge. Exit status as for run.
     """
     from grs_agents.cli.check import check_program
 
@@ -185,15 +190,18 @@ def check(
     sys.exit(check_program(simulation, tests, task, scene, chosen, json))
 
 
-@app.command()
+@app.command(rich_help_panel="Look")
 def verify(run: RunFolder, json: Json = False, unsafe: Unsafe = False) -> None:
-    """See whether an ended run is unchanged and its audit comes out the same again. Exit status: 0 holds, 1 differs."""
+    """See whether a run is unchanged and its audit comes out the same.
+
+    Exit status: 0 holds, 1 differs.
+    """
     from grs_agents.cli.verify import verify_run_folder
 
     sys.exit(verify_run_folder(run, load_effective_config(None, None, unsafe=unsafe).config, json))
 
 
-@app.command()
+@app.command(rich_help_panel="Make")
 def batch(
     scenes: Annotated[list[str] | None, typer.Argument(help=_SCENES)] = None,
     tasks: Tasks = None,
@@ -210,9 +218,10 @@ def batch(
     reports: Reports = False,
     json: Json = False,
 ) -> None:
-    """Run many scenes, each in its own process; without SCENES list those of --out again.
+    """Run many scenes, each in its own process.
 
-    The same command goes on where it was interrupted. Exit status 1: a run has no verdict, or a task is wanting.
+    Without SCENES those of --out are listed again. The same command goes on where it was interrupted. Exit status 1: a
+    run has no verdict, or a task is wanting.
     """
     from grs_agents.cli.batch import list_batch, run_batch_and_print_rows
 
@@ -223,7 +232,7 @@ def batch(
     sys.exit(run_batch_and_print_rows(scenes, out, tasks, seed, config, settings, where, reports, json, **limits))
 
 
-@app.command("runs")
+@app.command("runs", rich_help_panel="Look")
 def list_run_folders(
     folder: Annotated[Path, typer.Argument(help="What the run folders lie in.")] = Path("runs"),
     status: Annotated[
@@ -238,17 +247,22 @@ def list_run_folders(
     list_runs(folder, status, scene, json)
 
 
-@app.command()
+@app.command(rich_help_panel="Look")
 def compare(
-    run: RunFolder, other: Annotated[Path, typer.Argument(help="Another run folder.")], json: Json = False
+    run: RunFolder,
+    other: Annotated[Path, typer.Argument(help="Another run folder.", autocompletion=complete_run_folder)],
+    json: Json = False,
 ) -> None:
-    """Say what differs between two runs: outcome, settings, task, counts, seconds, programs."""
+    """Say what differs between two runs.
+
+    Compared are outcome, settings, task, counts, seconds and programs.
+    """
     from grs_agents.cli.runs import compare_runs
 
     compare_runs(run, other, json)
 
 
-@app.command()
+@app.command(rich_help_panel="Make")
 def approve(
     run: RunFolder,
     reply: Annotated[str | None, typer.Option("--reply", help=_REPLY, metavar="TEXT")] = None,
@@ -265,14 +279,17 @@ def approve(
     sys.exit(approve_run(run, reply, chosen, json))
 
 
-@app.command()
+@app.command(rich_help_panel="Look")
 def show(
     run: RunFolder,
     step: Annotated[int | None, typer.Option("--step", help="Print one step in full.", metavar="N")] = None,
     failed: Annotated[bool, typer.Option("--failed", help="Print the last step that went wrong in full.")] = False,
     json: Json = False,
 ) -> None:
-    """Show the steps of a run as a tree, or one of them with its exact prompts, replies, diffs and tracebacks."""
+    """Show the steps of a run as a tree, or one step in full.
+
+    A step in full has its exact prompts, replies, diffs and tracebacks.
+    """
     from grs_agents.cli.show import show_run, show_step
 
     if step is None and not failed:
@@ -281,7 +298,7 @@ def show(
         show_step(run, step, json)
 
 
-@app.command()
+@app.command(rich_help_panel="Look")
 def replay(
     run: RunFolder,
     beside: Annotated[Path | None, typer.Argument(help="Another run to show beside it.")] = None,
@@ -290,13 +307,16 @@ def replay(
     seed: RolloutSeed = None,
     json: Json = False,
 ) -> None:
-    """Open a run's trace, or two side by side, in the rerun viewer, on 127.0.0.1."""
+    """Open the recording of a run in the rerun viewer, on 127.0.0.1.
+
+    Two runs stand side by side.
+    """
     from grs_agents.cli.show import open_run_viewer, play_in_window
 
     sys.exit(play_in_window(run, seed) if window else open_run_viewer(run, beside, web, json))
 
 
-@app.command()
+@app.command(rich_help_panel="Look")
 def report(
     run: RunFolder,
     out: Annotated[Path | None, typer.Option("--out", help=_PAGE, metavar="FILE")] = None,
@@ -305,8 +325,11 @@ def report(
     otel: Otel = False,
     json: Json = False,
 ) -> None:
-    """Write a run into a file that needs nothing else: a page (.html), a film of the robot (.webp, .mp4, .gif), or the
-    recording (.rrd)."""
+    """Write a run as a page, a film of the robot, or the recording.
+
+    The file needs nothing else. Its ending says which: .html for a page, .webp, .mp4 or .gif for a film, .rrd for the
+    recording.
+    """
     from grs_agents.cli.run_outputs import send_otel_spans, write_run_as_file
 
     if otel:
@@ -315,7 +338,7 @@ def report(
         write_run_as_file(run, out, seed, large, json)
 
 
-@app.command()
+@app.command(rich_help_panel="Use")
 def instances(
     run: RunFolder,
     seeds: Annotated[str, typer.Option("--seeds", help="Which to make, END not among them.", metavar="FIRST:END")],
@@ -330,16 +353,21 @@ def instances(
     workers: Workers = 2,
     json: Json = False,
 ) -> None:
-    """More instances of an accepted run, as data: each a variation of one of its own that the expert has solved."""
+    """Make more instances of an accepted run, as data.
+
+    Each is a variation of an instance of the run, and the expert has solved it.
+    """
     from grs_agents.cli.instances import write_instances
 
     variation = build_variation_from_options(jitter, yaw, mass, friction, light, texture, distractors)
     sys.exit(write_instances(run, seeds, variation, out, workers, json))
 
 
-@app.command()
+@app.command(rich_help_panel="Use")
 def demos(
-    run: Annotated[Path, typer.Argument(help="An accepted run, or a folder of grs instances.")],
+    run: Annotated[
+        Path, typer.Argument(help="An accepted run, or a folder of grs instances.", autocompletion=complete_run_folder)
+    ],
     episodes: Episodes = 200,
     kind: Annotated[str, typer.Option("--format", help="lerobot, robomimic or minari.")] = "lerobot",
     cameras: Cameras = "",
@@ -355,10 +383,10 @@ def demos(
     out: DemosOut = None,
     json: Json = False,
 ) -> None:
-    """Demonstrations of the expert as a data set to learn from, each replayed through the environment at 25 Hz.
+    """Make a data set of the expert's demonstrations.
 
-    They begin in the instances there are, then in variations of them. Begun again after an interruption, the same
-    command goes on. Exit status 1: fewer episodes came about.
+    Each is replayed through the environment at 25 Hz. They begin in the instances there are, then in variations of
+    them. Begun again after an interruption, the same command goes on. Exit status 1: fewer episodes came about.
     """
     from grs_agents.cli.demos import parse_cameras, parse_size, write_demonstrations
     from grs_agents.demos import DemoOrder
@@ -370,7 +398,7 @@ def demos(
     sys.exit(write_demonstrations(run, order, kind, out, json))
 
 
-@app.command()
+@app.command(rich_help_panel="Use")
 def grade(
     run: RunFolder,
     episodes: Annotated[int, typer.Option("--episodes", help="Of each policy.", metavar="N", min=1, max=10_000)] = 30,
@@ -380,7 +408,10 @@ def grade(
     workers: Workers = 2,
     json: Json = False,
 ) -> None:
-    """How hard an accepted task is: one number, and the moves, clutter, tolerance and successes that it is made of."""
+    """Measure how hard an accepted task is.
+
+    The grade is one number, told with the moves, clutter, tolerance and successes that it is made of.
+    """
     from grs_agents.cli.grade import print_grade
     from grs_agents.grading import GradeOrder
 
@@ -388,42 +419,50 @@ def grade(
     sys.exit(print_grade(run, order, workers, json))
 
 
-@app.command()
+@app.command(rich_help_panel="Look")
 def share(
     run: RunFolder,
     out: Annotated[Path | None, typer.Option("--out", help=_ZIP, metavar="FILE.zip")] = None,
     json: Json = False,
 ) -> None:
-    """Pack a run into one zip file without keys and home folders, with its recording and report."""
+    """Pack a run into one zip file without keys and home folders.
+
+    The recording and the report are in it.
+    """
     from grs_agents.cli.run_outputs import share_run_as_zip
 
     share_run_as_zip(run, out, json)
 
 
-@app.command()
+@app.command(rich_help_panel="Use")
 def export(
-    run: Annotated[Path, typer.Argument(help="An accepted run, or a folder of `grs instances`.")],
+    run: Annotated[
+        Path, typer.Argument(help="An accepted run, or a folder of grs instances.", autocompletion=complete_run_folder)
+    ],
     to: Annotated[Literal["mjcf"], typer.Option("--format", help="What to write.")] = "mjcf",
     portable: Annotated[bool, typer.Option("--portable", help=_PORTABLE)] = False,
     seed: InstanceSeed = None,
     out: Annotated[Path | None, typer.Option("--out", help=_FOLDER, metavar="DIR")] = None,
     json: Json = False,
 ) -> None:
-    """Write an accepted run's scene as a folder that opens in plain MuJoCo, wherever it lies."""
+    """Write an accepted task as a folder that opens in plain MuJoCo."""
     from grs_agents.cli.export import export_task
 
     assert to == "mjcf"  # the only format so far
     export_task(run, seed, portable, out, json)
 
 
-@app.command()
-def graph(name: Annotated[str, typer.Argument(help="A graph's name; see grs list.")], json: Json = False) -> None:
+@app.command(rich_help_panel="Extend")
+def graph(
+    name: Annotated[str, typer.Argument(help="A graph's name; see grs list.", autocompletion=complete_graph)],
+    json: Json = False,
+) -> None:
     """Print a graph as a mermaid diagram."""
     drawn = content.load_module("graphs", name).build().compile().get_graph()
     print_json(drawn.to_json()) if json else print_escaped(drawn.draw_mermaid())
 
 
-@app.command("mcp")
+@app.command("mcp", rich_help_panel="Extend")
 def serve_tools(
     port: Annotated[
         int | None,
@@ -434,14 +473,14 @@ def serve_tools(
     unsafe: Unsafe = False,
     json: Annotated[bool, typer.Option("--json", help="Print the tools with their schemas instead.")] = False,
 ) -> None:
-    """Serve scene, check, rollout, render and show over the Model Context Protocol."""
+    """Serve GRS to agents over the Model Context Protocol."""
     from grs_agents.serving import list_mcp_tools, serve_mcp
 
     chosen = load_effective_config(config, settings, unsafe=unsafe).config
     print_json(list_mcp_tools(chosen)) if json else serve_mcp(chosen, port)
 
 
-@app.command()
+@app.command(rich_help_panel="Extend")
 def doctor(json: Json = False) -> None:
     """Say what works on this machine, and how to get what does not."""
     from grs_agents.cli.doctor import diagnose_installation
@@ -449,19 +488,19 @@ def doctor(json: Json = False) -> None:
     sys.exit(diagnose_installation(json))
 
 
-@app.command("list")
+@app.command("list", rich_help_panel="Extend")
 def list_available_content(
     schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of one event of a run.")] = False,
     json: Json = False,
 ) -> None:
-    """List the graphs, tools, prompts, assets, evals, policies and models there are."""
+    """List graphs, tools, prompts, assets, evals, policies and models."""
     from grs_agents.cli.listing import list_content
     from grs_agents.trace import event_schema
 
     print_json(event_schema()) if schema else list_content(json)
 
 
-@app.command("config")
+@app.command("config", rich_help_panel="Extend")
 def show_config(config: ConfigFile = None, settings: Settings = None, seed: Seed = None, json: Json = False) -> None:
     """Show the effective configuration with the source of each value."""
     from grs_agents.cli.listing import list_config
@@ -469,14 +508,21 @@ def show_config(config: ConfigFile = None, settings: Settings = None, seed: Seed
     list_config(load_effective_config(config, settings, seed), json)
 
 
+app.add_typer(assets_app, rich_help_panel="Extend")
 _PASS_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "allow_interspersed_args": False}
 
 
-@app.command("eval", context_settings=_PASS_ON)
+@app.command("eval", context_settings=_PASS_ON, rich_help_panel="Extend")
 def run_named_experiment(
-    context: typer.Context, name: Annotated[str, typer.Argument(help="An experiment's name; see grs list.")]
+    context: typer.Context,
+    name: Annotated[
+        str, typer.Argument(help="An experiment's name; see grs list.", autocompletion=complete_experiment)
+    ],
 ) -> None:
-    """Run an experiment; what follows its name is passed on to it, --help included: grs eval NAME --help."""
+    """Run an experiment, such as routing.
+
+    Words after the name are passed on to it, --help included: grs eval NAME --help.
+    """
     from grs_agents.runs import load_experiment
 
     sys.exit(load_experiment(name).main(context.args))

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, entry_points, metadata, requires, version
 from typing import Literal
@@ -42,27 +43,40 @@ class Diagnosis:
 
 def diagnose_installation(as_json: bool) -> int:
     """Look at the sandbox, GL, the models and the versions; 0 if all that GRS needs works, 3 if not."""
-    diagnoses = [Diagnosis("models offline", "works", "embedded, no key")]
-    with show_activity_status("looking at models and packages") as show:
-        diagnoses += [*(_diagnose_model_provider(name) for name in PROVIDERS), *_diagnose_own_models()]
-        diagnoses += _diagnose_all_extras()
-        show("attacking the sandboxes")
-        diagnoses += _diagnose_all_sandboxes()
+    with show_activity_status("attacking the sandboxes") as show:
+        diagnoses = _diagnose_all_sandboxes()
         show("drawing with OpenGL")
         diagnoses += [_diagnose_gl_backend(name) for name in GL_BACKENDS]
+        show("looking at models and packages")
+        diagnoses.append(Diagnosis("models offline", "works", "embedded, no key"))
+        diagnoses += [*(_diagnose_model_provider(name) for name in PROVIDERS), *_diagnose_own_models()]
+        diagnoses += _diagnose_all_extras()
     diagnoses += [Diagnosis(name, "works", value) for name, value in installed_versions().items()]
     if as_json:
         print_json([asdict(diagnosis) for diagnosis in diagnoses])
     else:
-        table = Table(box=None, pad_edge=False, header_style="bold")
-        table.add_column("what", no_wrap=True)
-        table.add_column("state", no_wrap=True)
-        table.add_column("found, and how to get it", overflow="fold")
-        for diagnosis in diagnoses:
-            detail = f"{diagnosis.detail}\n→ {diagnosis.remedy}" if diagnosis.remedy else diagnosis.detail
-            table.add_row(Text(diagnosis.subject), Text(diagnosis.state, style=_STYLES[diagnosis.state]), Text(detail))
-        terminal.make_console().print(table)
+        _print_diagnoses(diagnoses)
     return 3 if any(diagnosis.state == "broken" for diagnosis in diagnoses) else 0
+
+
+def _print_diagnoses(diagnoses: Sequence[Diagnosis]) -> None:
+    """Print what was found as a table, and below it each remedy on a line of its own, to be copied."""
+    console = terminal.make_console()
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("what", no_wrap=True)
+    table.add_column("state", no_wrap=True)
+    table.add_column("found", overflow="fold")
+    remedies: dict[str, list[str]] = {}
+    for diagnosis in diagnoses:
+        style = _STYLES[diagnosis.state]
+        table.add_row(Text(diagnosis.subject), Text(diagnosis.state, style=style), Text(diagnosis.detail))
+        if diagnosis.remedy:
+            remedies.setdefault(diagnosis.remedy, []).append(diagnosis.subject)
+    console.print(table)
+    if remedies:
+        console.print(Text("\nhow to get the rest", style="bold"))
+    for remedy, subjects in remedies.items():
+        console.print(Text(f"{', '.join(subjects)}\n    {remedy}"))
 
 
 def _diagnose_all_sandboxes() -> list[Diagnosis]:

@@ -102,7 +102,8 @@ def _run_command_line(app: Any) -> int:
     from typer.exceptions import Abort, TyperException
 
     try:
-        return int(app(standalone_mode=False) or 0)
+        # The name by which shells ask for completion, however the program was started.
+        return int(app(prog_name="grs", standalone_mode=False) or 0)
     except TyperException as error:
         message = io.StringIO()
         with contextlib.redirect_stderr(message):

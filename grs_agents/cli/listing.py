@@ -2,6 +2,7 @@
 
 import ast
 import json
+import re
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -79,9 +80,10 @@ def _read_file_summary(file: Path) -> str:
     text = file.read_text(encoding="utf-8")
     if file.suffix == ".py":
         return _first_line(ast.get_docstring(parse_python(text)))
-    paragraphs = [part for part in text.split("\n\n") if not part.startswith("#")]
+    paragraphs = [part for part in text.split("\n\n") if not part.startswith(("#", "---"))]
     return " ".join(paragraphs[0].split()).partition(". ")[0].rstrip(".") + "."
 
 
 def _first_line(text: str | None) -> str:
-    return (text or "").strip().split("\n", 1)[0]
+    """The first line of a docstring; names in the backticks of reStructuredText stand in quotation marks."""
+    return re.sub("`+", "'", (text or "").strip().split("\n", 1)[0])

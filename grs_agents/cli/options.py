@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
+from grs_agents.cli.completion import complete_cassette, complete_setting
 from grs_agents.errors import ConfigError, InputError
 from grs_agents.terminal import VERBOSITY
 
@@ -17,7 +18,12 @@ if TYPE_CHECKING:
     from grs_agents.sim.variation import Variation
 
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="A TOML configuration file.", metavar="FILE")]
-_SET = typer.Option("--set", help="Override one key, e.g. --set max_fixes=5. Repeatable.", metavar="KEY=VALUE")
+_SET = typer.Option(
+    "--set",
+    help="Override one key, e.g. --set max_fixes=5. Repeatable.",
+    metavar="KEY=VALUE",
+    autocompletion=complete_setting,
+)
 Settings = Annotated[list[str] | None, _SET]
 Seed = Annotated[int | None, typer.Option("--seed", help="The seed of everything random.", metavar="N")]
 Models = Annotated[
@@ -35,7 +41,12 @@ Resume = Annotated[bool, typer.Option("--resume", help="Go on with the run in --
 Record = Annotated[Path | None, typer.Option("--record", help="Write every exchange with the models.", metavar="FILE")]
 Cassette = Annotated[
     str | None,
-    typer.Option("--cassette", help="Repeat a recorded run without models: its file or name.", metavar="FILE"),
+    typer.Option(
+        "--cassette",
+        help="Repeat a recorded run without models: its file or name.",
+        metavar="FILE",
+        autocompletion=complete_cassette,
+    ),
 ]
 View = Annotated[bool, typer.Option("--view", help="Open the rerun viewer and watch the run live.")]
 Otel = Annotated[bool, typer.Option("--otel", help="Send OpenTelemetry spans to where the OTEL_* variables say.")]
@@ -154,6 +165,10 @@ def check_graph_is_scene(chosen: "EffectiveConfig") -> None:
         raise ConfigError(f"grs scene runs the graph scene, not {chosen.config.graph!r}", remedy)
 
 
+_WHOLE = 1000
+"""Characters, more than any first sentence of a verb has: Typer cuts what is longer than it is told."""
+
+
 def _set_quiet(wanted: bool) -> None:
     if wanted:
         VERBOSITY.set("quiet")
@@ -177,7 +192,7 @@ def _declare_verbosity_options(
 
 
 class VerbGroup(TyperGroup):
-    """Verbs, each of which takes these two options beside its own."""
+    """Verbs in groups, by their ``rich_help_panel``; each takes --quiet and --verbose beside its own options."""
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
@@ -188,3 +203,12 @@ class VerbGroup(TyperGroup):
             option.expose_value = False
         for command in self.commands.values():
             command.params = [*command.params, *options]
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the first sentence of each verb, whole, under the name of its group."""
+        verbs = [command for command in self.commands.values() if isinstance(command, TyperCommand | TyperGroup)]
+        widest = max(len(verb.name or "") for verb in verbs)
+        for title in dict.fromkeys(verb.rich_help_panel for verb in verbs):
+            rows = [(verb.name, verb.get_short_help_str(_WHOLE)) for verb in verbs if verb.rich_help_panel == title]
+            with formatter.section(title or "Commands"):
+                formatter.write_dl([((name or "").ljust(widest), text) for name, text in rows])

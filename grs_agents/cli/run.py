@@ -16,6 +16,7 @@ from grs_agents import terminal
 from grs_agents.config import UNSAFE, Config, EffectiveConfig, flatten_tree, portable_settings
 from grs_agents.content import list_content_options
 from grs_agents.errors import GrsError, InputError
+from grs_agents.foreign import read_json
 from grs_agents.perception import SceneDescription, describe_coverage, read_scene_description, resolve_scene_path
 from grs_agents.questions import Question, require_reply_is_a_choice
 from grs_agents.runs import WAITING, Order, Outcome, RunRecord, UnexpectedError, Views, execute_run, read_record
@@ -112,6 +113,9 @@ def _print_run_summary(command: str, folder: Path, record: RunRecord) -> None:
         if scene.coverage is not None:
             console.print(Text(f"{describe_coverage(scene.coverage)} ({folder / scene.coverage.picture})"))
     else:
+        if (folder / "task.json").is_file():
+            words = read_json(folder / "task.json", "run again").get("task-description")
+            console.print(Text(f"task     {words}", style="bold"))
         console.print(summary_table(record.model_dump(mode="json")))
     console.print(Text.assemble((f"grs replay {folder}", "bold"), "   opens the trace"))
 

@@ -12,10 +12,9 @@ from grs_agents import terminal
 from grs_agents.config import flatten_tree
 from grs_agents.errors import GrsError, InputError
 from grs_agents.foreign import read_json, read_text
-from grs_agents.runs import RunRecord, read_record
+from grs_agents.runs import RUNS, RunRecord, read_record
 from grs_agents.terminal import print_escaped, print_json
 
-RUNS: Final = Path("runs")
 LATEST: Final = "latest"
 _FILE_REMEDY: Final = "restore the file"
 

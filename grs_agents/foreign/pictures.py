@@ -4,6 +4,7 @@ import struct
 import zlib
 from collections.abc import Generator
 from contextlib import contextmanager
+from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -28,12 +29,29 @@ _MOST_RUN_BYTES = 1 << 26
 """No picture of a run folder is larger, in bytes."""
 
 
+_HEIF_BRANDS = {b"ftyp" + brand for brand in (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")}
+"""Bytes 4 to 12 of a HEIC photo; iPhones write ``heic``."""
+
+
+def _register_heif_reader(file: Path) -> None:
+    """Teach Pillow HEIC, which turns pixels upright as it decodes. Raises InputError: pillow-heif is not installed."""
+    try:
+        pillow_heif = import_module("pillow_heif")
+    except ImportError as error:
+        remedy = 'pip install "grs-agents[heic]", or write it as .jpg'
+        raise InputError(f"{file} is a HEIC photo, and the package pillow-heif is not installed", remedy) from error
+    pillow_heif.register_heif_opener()
+
+
 @contextmanager
 def open_picture(
     file: Path, remedy: str, formats: tuple[str, ...] = FORMATS, most: int = MOST_BYTES
 ) -> Generator[tuple[Pillow.Image, bytes]]:
     """A picture of checked size, not decoded, and its bytes. Raises InputError: it is missing, torn or too large."""
     data, known = read_bytes(file, remedy, most), ", ".join(formats)
+    if formats == FORMATS and data[4:12] in _HEIF_BRANDS:
+        _register_heif_reader(file)
+        formats = ("HEIF",)
     try:
         with Pillow.open(BytesIO(data), formats=formats) as image:
             width, height = image.size

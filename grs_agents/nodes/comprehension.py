@@ -146,7 +146,7 @@ def _copy_scene_of_other_run(source: Path, services: Services) -> Update:
         if isinstance(event, SceneStage):
             services.log.append(SceneStage(stage=event.stage, summary=event.summary, files=event.files))
     services.log.append(Note(text=f"the scene is that of {source}, as it was made there"))
-    require_scene_coverage(scene, services.config.scene.coverage.refuse)
+    require_scene_coverage(scene, services.config.scene.coverage.refuse, services.folder)
     named = find_member_file(services.folder, NAMED)
     return {"scene": scene.model_dump(mode="json"), "image": scene.image if named is None else NAMED}
 
@@ -320,7 +320,7 @@ def settle_objects(state: RunState, services: Services) -> Update:
     files = save_twin_picture(scene, services.library, services.folder)
     files |= {} if coverage is None else {"coverage": coverage.picture}
     services.log.append(SceneStage(stage="matched", summary=scene.model_dump(mode="json"), files=files))
-    require_scene_coverage(scene, services.config.scene.coverage.refuse)
+    require_scene_coverage(scene, services.config.scene.coverage.refuse, services.folder)
     masks = {item.name: load_mask(services.folder / item.mask) for item in scene.objects}
     named = draw_object_names(photo, masks, services.folder)
     return {"scene": scene.model_dump(mode="json"), "image": named}
@@ -357,7 +357,7 @@ def _no_object_error(state: RunState, table: TableFrame) -> InputError:
     )
 
 
-def require_scene_coverage(scene: SceneDescription, bound: float) -> None:
+def require_scene_coverage(scene: SceneDescription, bound: float, folder: Path) -> None:
     """Raises InputError: too much of what rises above the table belongs to no object.
 
     A scene of before coverage was measured is accepted.
@@ -365,7 +365,7 @@ def require_scene_coverage(scene: SceneDescription, bound: float) -> None:
     if scene.coverage is not None and scene.coverage.share < bound:
         raise InputError(
             f"{scene.source}: {describe_coverage(scene.coverage)}; scene.coverage.refuse is {bound:g}",
-            f"look at {scene.coverage.picture} in the run folder; clear away what is no object, give its mask "
+            f"look at {folder / scene.coverage.picture}; clear away what is no object, give its mask "
             "(tools.segment=segment_masks), or set scene.coverage.refuse lower",
         )
 

@@ -27,6 +27,7 @@ from .record import read_record as read_record
 from .record import seconds_by_stage as seconds_by_stage
 from .recording import select_cassette_settings as select_cassette_settings
 from .run_opening import GIVEN as GIVEN
+from .run_opening import RUNS as RUNS
 from .run_opening import Order as Order
 from .run_opening import load_graph as load_graph
 from .run_opening import make_run_folder as make_run_folder

@@ -15,16 +15,17 @@ from langgraph.runtime import Runtime
 from grs_agents import interrupts
 from grs_agents.agents import Agents, BudgetReached
 from grs_agents.config import Config
-from grs_agents.errors import ConfigError, GrsError, InputError
+from grs_agents.errors import ConfigError, GrsError, InputError, OutputError
 from grs_agents.files import unwritable_error
+from grs_agents.foreign import path_exists
 from grs_agents.nodes import Services, conclude_with_best_version
 from grs_agents.policies import load_policy
 from grs_agents.questions import Question, parse_question
 from grs_agents.runs.checkpoint import FILE, check_checkpoint_file, check_restored_state
 from grs_agents.runs.hashes import write_hashes
-from grs_agents.runs.record import EXIT_STATUS, RunRecord, count_run_results, seconds_by_stage
+from grs_agents.runs.record import EXIT_STATUS, RunRecord, count_run_results, seconds_by_stage, sum_reply_costs
 from grs_agents.runs.recording import add_recording_comparison, write_cassette
-from grs_agents.runs.run_opening import Order, load_graph, open_run
+from grs_agents.runs.run_opening import RUNS, Order, load_graph, open_run, remove_run_folder
 from grs_agents.runs.sandbox_setup import open_sandbox
 from grs_agents.sandbox import Sandbox
 from grs_agents.state import RunState
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
 
 INTERRUPTED, WAITING = 130, 4
 """Exit statuses of runs without a verdict."""
+_READING = {"read", "find_table", "segment"}
+"""The nodes that look for objects on the photo."""
 Views = Callable[[Path, EventLog], AbstractContextManager[None]]
 """Attaches what people look at (recording, progress) to the log of a run, and closes it at the end."""
 State = dict[str, Any]
@@ -55,11 +58,30 @@ class Outcome:
 
 
 def execute_run(order: Order, views: Views) -> Outcome:
-    """Run the configured graph on a scene. Raises InputError: scene, configuration or folder is refused."""
+    """Run the configured graph on a scene; a scene that is refused leaves no folder behind, but the record says why.
+
+    Raises:
+        InputError: scene, configuration or folder is refused before the run begins.
+    """
+    place = order.out or RUNS
+    missing = [path for path in (place, *place.parents) if not path_exists(path)]
     with open_run(order) as (folder, record, config):
         if order.resume and record.status != "running":
             return Outcome(folder, record)
-        return _execute_with_log(order, views, folder, record.write(folder), config)
+        ended = _execute_with_log(order, views, folder, record.write(folder), config)
+        if not order.resume and _is_scene_refused(ended):
+            remove_run_folder(folder, missing if order.out else [folder, *missing])
+        return ended
+
+
+def _is_scene_refused(ended: Outcome) -> bool:
+    """Whether the user's input ended a run before anything was found on the photo, so that there is nothing to see."""
+    if not isinstance(ended.problem, InputError) or isinstance(ended.problem, OutputError):
+        return False
+    events = read_events(ended.folder / "events.jsonl")
+    begun = {event.node for event in events if event.kind == "node_started"}
+    found = any(event.kind == "scene_stage" and event.stage == "segmented" for event in events)
+    return begun <= _READING and not found
 
 
 def _execute_with_log(order: Order, views: Views, folder: Path, record: RunRecord, config: Config) -> Outcome:
@@ -276,7 +298,7 @@ def _add_metrics_to_record(record: RunRecord, log: EventLog, state: State) -> Ru
             "rewards": tuple(state.get("audit", {}).get("rewards", ())),
             "sandbox": str(state.get("report", {}).get("backend", "")),
         }
-    update["seconds"] = seconds_by_stage(history)
+    update |= {"seconds": seconds_by_stage(history), "cost": sum_reply_costs(history)}
     try:
         log.append(RunEnded(status=record.status, reason=record.reason))
     except (OSError, GrsError) as error:  # a full disk: the record still says how the run ended

@@ -45,6 +45,7 @@ class RunRecord(Frozen):
     seeds: tuple[int, ...]  # the seeds of the audit
     sandbox: str = ""  # the backend that isolated generated code
     counts: dict[str, int] = Field(default_factory=dict)  # objects, fixes, model calls, tokens
+    cost: float | None = None  # US dollars of all model calls; `None` where a provider did not tell its price
     rewards: tuple[float, ...] = ()  # the trusted oracle's reward for each seed
     seconds: dict[str, float] = Field(default_factory=dict)  # wall seconds by stage, and `total`
     attempts: int = 1  # how often the run was started or resumed
@@ -100,6 +101,13 @@ def seconds_by_stage(events: Sequence[Event]) -> dict[str, float]:
             seconds[event.node] = seconds.get(event.node, 0.0) + event.seconds
     rounded = {name: round(value, 3) for name, value in seconds.items()}
     return {**rounded, "total": round(sum(seconds.values()), 3)}
+
+
+def sum_reply_costs(events: Sequence[Event]) -> float | None:
+    """US dollars of all model calls; None where there were none, or one has no price."""
+    costs = [event.cost for event in events if event.kind == "reply"]
+    known = [cost for cost in costs if cost is not None]
+    return round(sum(known), 6) if costs and len(known) == len(costs) else None
 
 
 def count_run_results(events: Sequence[Event], state: Mapping[str, Any]) -> dict[str, int]:

@@ -6,8 +6,9 @@ The run folder is made new, or opened again to resume.
 import fcntl
 import os
 import re
+import shutil
 from collections.abc import Generator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -27,6 +28,8 @@ from grs_agents.questions import require_reply_is_a_choice
 from grs_agents.runs.record import EXIT_STATUS, FILE, RunRecord, installed_versions, read_record
 from grs_agents.toolkit import load_tool
 
+RUNS = Path("runs")
+"""Where runs lie that the user gives no folder."""
 LOCK = ".lock"
 """Locked by the process that runs in the folder, whose number it holds."""
 
@@ -38,7 +41,7 @@ def make_run_folder(name: str, seed: int, out: Path | None) -> Path:
         return _make_folder(out, exist_ok=True)
     slug = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-") or "scene"
     stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
-    base = folder = Path("runs") / f"{stamp}-{slug}-{seed}"
+    base = folder = RUNS / f"{stamp}-{slug}-{seed}"
     number = 1
     while True:
         try:
@@ -46,6 +49,15 @@ def make_run_folder(name: str, seed: int, out: Path | None) -> Path:
         except FileExistsError:
             number += 1
             folder = base.with_name(f"{base.name}-{number}")
+
+
+def remove_run_folder(folder: Path, made: Sequence[Path]) -> None:
+    """Remove all that a run wrote into its folder, then the folders ``made`` for it, innermost first, where empty."""
+    for entry in folder.iterdir():
+        shutil.rmtree(entry) if entry.is_dir() and not entry.is_symlink() else entry.unlink()
+    for path in made:
+        with suppress(OSError):  # another run has its folder there by now
+            path.rmdir()
 
 
 def _make_folder(folder: Path, exist_ok: bool) -> Path:

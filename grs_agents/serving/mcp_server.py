@@ -4,21 +4,26 @@ It talks on stdio, or over HTTP on 127.0.0.1 alone. Programs run in the sandbox,
 """
 
 import asyncio
+import json
+import os
 import tempfile
 from collections.abc import AsyncGenerator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
-from functools import wraps
+from functools import partial, wraps
+from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
-from pydantic import Field
+from pydantic import Field, ValidationError
 
-from grs_agents.api import Run, check, run
+from grs_agents import content, interrupts
+from grs_agents.api import Run, RunStream, check, run, stream
 from grs_agents.config import Config
 from grs_agents.errors import GrsError, InputError
 from grs_agents.files import write_text
-from grs_agents.runs import open_sandbox
+from grs_agents.foreign import is_folder, list_folder_names, read_bytes, read_text, resolve_member_file
+from grs_agents.runs import RUNS, open_sandbox, read_record
 from grs_agents.sandbox import Sandbox
 from grs_agents.sim import TaskInstance
 from grs_agents.task_folder import open_task_folder
@@ -29,10 +34,13 @@ from grs_agents.views import find_step_by_number, group_events_into_steps, iter_
 if TYPE_CHECKING:
     from mcp.server.mcpserver import MCPServer
 
+_MOST_BYTES = 1 << 23
+"""Of a file that is sent to a client, in bytes; the events of the sample run have 1 MB."""
 _INSTRUCTIONS = """GRS turns a photo with depth of a table into a simulated robot task that an oracle has solved.
 `scene` finds the objects of a photo. Write a simulation program of a task with them (a subclass of CLIPort's Task) and
-`check` it. `rollout`, `render` and `show` look at a run. Lengths are metres in the robot frame: x forward, y left, z up
-from the table top."""
+`check` it; or let `run` make the task, its program and its tests, which takes minutes. `rollout`, `render` and `show`
+look at a run. The resource grs://runs lists the runs; grs://prompts/NAME is a prompt. Lengths are metres in the robot
+frame: x forward, y left, z up from the table top."""
 
 Photo = Annotated[
     str, Field(description="A folder with rgb.png, depth.png and camera.json, an .npz file, or a shipped scene's name.")
@@ -43,6 +51,7 @@ Source = Annotated[str, Field(description="Python source of a simulation program
 Tests = Annotated[str | None, Field(description="Python source of its unit tests, which import `task_code`.")]
 Scene = Annotated[str | None, Field(description="The run folder of the scene that the program must keep to.")]
 Moment = Annotated[Literal["start", "end"], Field(description="Before or after the robot's work.")]
+RunSeed = Annotated[int | None, Field(description="The seed of everything random; another seed makes another task.")]
 Step = Annotated[int | None, Field(description="The number of one step, to be shown in full; all steps without one.")]
 
 
@@ -112,6 +121,41 @@ def _read_instance(folder: str, seed: int) -> tuple[TaskInstance, tuple[str, ...
     return task.read_instance(seed), tuple(map(str, task.library.roots))
 
 
+def list_runs() -> str:
+    """The runs below ``runs/``, as JSON: name, status, reason and scene; a folder that holds no run is left out."""
+    rows: list[dict[str, str]] = []
+    for name in list_folder_names(RUNS) if is_folder(RUNS) else ():
+        with suppress(GrsError):
+            record = read_record(RUNS / name)
+            uri = f"grs://runs/{name}"
+            rows.append({"uri": uri, "status": record.status, "reason": record.reason, "scene": record.source})
+    return json.dumps(rows, indent=1)
+
+
+def read_run(run: str) -> str:
+    """The record of a run, and the names of its files, as JSON."""
+    record = read_record(RUNS / run)
+    files = sorted(str(file.relative_to(RUNS / run)) for file in (RUNS / run).rglob("*") if file.is_file())
+    return json.dumps({"run": record.model_dump(mode="json"), "files": files}, indent=1)
+
+
+def read_run_text(run: str, file: str) -> str:
+    """A text file of a run: JSON, Python, Markdown."""
+    read_record(RUNS / run)
+    return read_text(resolve_member_file(RUNS / run, file), "see grs://runs/NAME for the files of a run", _MOST_BYTES)
+
+
+def read_run_picture(run: str, picture: str) -> bytes:
+    """A picture of a run, as PNG."""
+    read_record(RUNS / run)
+    return read_bytes(resolve_member_file(RUNS / run, f"{picture}.png"), most=_MOST_BYTES)
+
+
+def read_prompt(name: str) -> str:
+    """The prompt of that name, with its front matter."""
+    return content.content_path("prompts", name).read_text(encoding="utf-8")
+
+
 def _convert_grs_errors_to_tool_errors(tool: Callable[..., Any]) -> Callable[..., Any]:
     """The tool, whose GrsError is told to the client; the protocol's package keeps all other errors to itself."""
     from mcp.server.mcpserver.exceptions import ToolError
@@ -120,8 +164,21 @@ def _convert_grs_errors_to_tool_errors(tool: Callable[..., Any]) -> Callable[...
     def call(**arguments: Any) -> Any:
         try:
             return tool(**arguments)
-        except GrsError as error:
+        except (GrsError, KeyboardInterrupt) as error:
             raise ToolError(str(error)) from error
+
+    return call
+
+
+def _convert_grs_errors_to_resource_errors(read: Callable[..., Any]) -> Callable[..., Any]:
+    from mcp.server.mcpserver.exceptions import ResourceError
+
+    @wraps(read)
+    def call(**arguments: Any) -> Any:
+        try:
+            return read(**arguments)
+        except GrsError as error:
+            raise ResourceError(str(error)) from error
 
     return call
 
@@ -129,10 +186,35 @@ def _convert_grs_errors_to_tool_errors(tool: Callable[..., Any]) -> Callable[...
 def build_mcp_server(config: Config) -> "MCPServer":
     """The server, whose sandbox is warm while it runs. Raises InputError: the package mcp is not installed."""
     try:
-        from mcp.server.mcpserver import MCPServer
+        import anyio
+        from mcp.server.mcpserver import Context, MCPServer
+        from mcp.server.mcpserver.exceptions import ToolError
+        from mcp.server.stdio import stdio_server
     except ImportError as error:
         raise InputError("the package mcp is not installed", 'pip install "grs-agents[mcp]"') from error
     sandbox = open_sandbox(config)
+
+    class GrsServer(MCPServer):
+        """A server that a signal ends while it waits for its client, and that refuses arguments in one line."""
+
+        async def run_stdio_async(self) -> None:
+            # The package reads in a thread, which nothing ends before the client does.
+            requests, replies = os.dup(0), os.dup(1)
+            with Path(os.devnull).open("rb") as nothing:
+                os.dup2(nothing.fileno(), 0)
+            os.dup2(2, 1)  # only replies go to the client
+            lower, out = self._lowlevel_server, anyio.wrap_file(os.fdopen(replies, "w", encoding="utf-8"))
+            async with stdio_server(cast(Any, _read_lines(requests)), out) as (read, write):
+                await lower.run(read, write, lower.create_initialization_options())
+
+        async def call_tool(self, name: str, arguments: dict[str, Any], context: Any = None) -> Any:
+            try:
+                return await super().call_tool(name, arguments, context)
+            except ToolError as error:
+                if not isinstance(error.__cause__, ValidationError):
+                    raise
+                wrong = (f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.__cause__.errors())
+                raise ToolError(f"{name}: {'; '.join(wrong)}") from error.__cause__
 
     @asynccontextmanager
     async def live(_: Any) -> AsyncGenerator[None]:
@@ -140,21 +222,87 @@ def build_mcp_server(config: Config) -> "MCPServer":
         with sandbox:
             yield
 
+    async def run_photo(photo: Photo, context: Context, seed: RunSeed = None) -> dict[str, Any]:
+        """Make a validated task of a photo with depth: program, tests, audit, and a run folder. Takes minutes.
+
+        Each step that begins is told as progress.
+        """
+        try:
+            settings: dict[str, Any] = config.model_dump() | ({} if seed is None else {"seed": seed})
+            going = stream(photo, **settings)
+            try:
+                for number in count(1):
+                    if (node := await anyio.to_thread.run_sync(_await_node_start, going)) is None:
+                        break
+                    await context.report_progress(number, message=node)
+            finally:  # a client that cancels or leaves ends its run
+                with anyio.CancelScope(shield=True):
+                    await anyio.to_thread.run_sync(going.stop)
+            ended = going.wait()
+        except (GrsError, KeyboardInterrupt) as error:
+            raise ToolError(str(error)) from error
+        record = ended.record.model_dump(mode="json", include={"status", "reason", "question", "rewards", "counts"})
+        task = ended.task.model_dump(mode="json") if (ended.folder / "task.json").is_file() else None
+        return {"folder": str(ended.folder), **record, "task": task}
+
     tools = GrsTools(config, sandbox)
-    server = MCPServer("grs", instructions=_INSTRUCTIONS, version=__version__, lifespan=live, log_level="WARNING")
+    server = GrsServer("grs", instructions=_INSTRUCTIONS, version=__version__, lifespan=live, log_level="WARNING")
     for tool in (tools.scene, tools.check, tools.rollout, tools.show):
         server.add_tool(_convert_grs_errors_to_tool_errors(tool))
     server.add_tool(_convert_grs_errors_to_tool_errors(tools.render), structured_output=False)
+    server.add_tool(run_photo, name="run")
+    for uri, kind, read in (
+        ("grs://runs", "application/json", list_runs),
+        ("grs://runs/{run}", "application/json", read_run),
+        ("grs://runs/{run}/{+picture}.png", "image/png", read_run_picture),
+        ("grs://runs/{run}/{+file}", "text/plain", read_run_text),
+    ):
+        server.resource(uri, mime_type=kind)(_convert_grs_errors_to_resource_errors(read))
+    for name in content.content_names("prompts"):
+        about = f"The prompt {name}, as a model is asked with it."
+        read_it = partial(read_prompt, name)
+        server.resource(f"grs://prompts/{name}", name=name, description=about, mime_type="text/markdown")(read_it)
     return server
+
+
+def _await_node_start(going: RunStream) -> str | None:
+    """The name of the next node that starts; None at the end of the run."""
+    return next((event.node for event in going if event.kind == "node_started"), None)
 
 
 def serve_mcp(config: Config, port: int | None) -> None:
     """Serve until the client leaves: on stdio, or with a port over HTTP at ``http://127.0.0.1:PORT/mcp``."""
     server = build_mcp_server(config)
-    if port is None:
-        server.run("stdio")
-    else:
+    if port is not None:
         server.run("streamable-http", host="127.0.0.1", port=port)
+        return
+    interrupted = False
+    try:
+        server.run("stdio")
+    except* (BrokenPipeError, ConnectionError):  # the client no longer reads
+        pass
+    except* KeyboardInterrupt:
+        interrupted = True
+    if interrupted:
+        raise KeyboardInterrupt
+
+
+async def _read_lines(descriptor: int) -> AsyncGenerator[str]:
+    """The lines that a client writes. Once it has left, its runs end before their next step."""
+    import anyio
+
+    rest = b""
+    try:
+        while True:
+            with suppress(PermissionError):  # a plain file, which is always readable
+                await anyio.wait_readable(descriptor)
+            if not (data := os.read(descriptor, 1 << 16)):
+                break
+            *lines, rest = (rest + data).split(b"\n")
+            for line in lines:
+                yield line.decode("utf-8", "replace")
+    finally:
+        interrupts.request_interrupt()
 
 
 def list_mcp_tools(config: Config) -> list[dict[str, Any]]:

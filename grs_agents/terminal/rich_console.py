@@ -1,6 +1,7 @@
 """Rich's console, on which every text is visible."""
 
 from collections.abc import Iterable
+from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
@@ -11,6 +12,15 @@ from grs_agents.terminal.control_characters import escape_control_chars
 
 class EscapingConsole(Console):
     """A console on which every text is visible, and none of it is markup."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print as rich does; lines of text stay whole, since a break in a command or a path would be copied with it.
+
+        The terminal itself wraps a line that is too long for it.
+        """
+        if all(isinstance(item, Text) for item in objects):
+            options.setdefault("soft_wrap", True)
+        super().print(*objects, **options)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """The segments of ``renderable``, as rich asks for them; its own control codes stay."""

@@ -118,11 +118,22 @@ def summary_table(run: dict[str, Any]) -> Table:
     table.add_row("status", Text(status, style=_VERDICTS.get(status, "")))
     if run.get("reason"):
         table.add_row("reason", Text(to_terminal_line(str(run["reason"]), 400)))
-    for group in ("counts", "seconds"):
-        values: dict[str, Any] | None = run.get(group)
-        if values:
-            table.add_row(group, Text(to_terminal_line(_format_key_values(values), 600)))
+    counts, seconds = dict[str, Any](run.get("counts") or {}), dict[str, Any](run.get("seconds") or {})
+    calls, asked, said = (counts.pop(key, 0) for key in ("model_calls", "input_tokens", "output_tokens"))
+    if counts:
+        table.add_row("counts", Text(to_terminal_line(_format_key_values(counts), 600)))
+    if calls:
+        spent = _describe_cost(run.get("cost"))
+        table.add_row("models", Text(to_terminal_line(f"{calls} calls, {asked} tokens in, {said} out{spent}")))
+    if seconds:
+        table.add_row("seconds", Text(to_terminal_line(_format_key_values(seconds), 600)))
     return table
+
+
+def _describe_cost(dollars: float | None) -> str:
+    if dollars is None:
+        return ""
+    return f"; cost: ${dollars:.4f}" if dollars else "; they cost nothing"
 
 
 def _format_key_values(values: dict[str, Any]) -> str:
@@ -191,7 +202,7 @@ def _model_call_leaf(role: str, replies: list[Reply]) -> Leaf:
 def _format_total_cost(costs: Iterable[float | None]) -> str:
     """The sum of the costs that are known; empty if none is."""
     known = [cost for cost in costs if cost is not None]
-    return f"${sum(known):.4f}" if known else ""
+    return (f"${sum(known):.4f}" if sum(known) else "none") if known else ""
 
 
 def _program_leaves(step: Step) -> list[Leaf]:

@@ -64,7 +64,7 @@ def test_verify_passes_and_then_names_what_was_changed(home: Path) -> None:
 def test_describe_says_what_it_takes_keeps_the_words_and_asks_once(home: Path) -> None:
     done = grs("assets", "describe", folder=home)
     assert done.returncode == 0, done.stderr
-    assert "1 of 1 assets to describe with offline: about" in done.stderr and "does not look" in done.stderr
+    assert "1 of 1 assets to describe with offline: it costs nothing" in done.stderr and "does not look" in done.stderr
     kept = home / "grs-content" / "assets" / "library" / "ycb" / "descriptions" / "006_mustard_bottle.json"
     told: dict[str, Any] = json.loads(kept.read_text())
     assert told["model"] == "offline" and len(told["prompt"]) == 64 and told["date"].startswith("20")

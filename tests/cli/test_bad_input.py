@@ -103,7 +103,18 @@ def test_a_bad_scene(tmp_path: Path, sample_scene: Path, spoil: Callable[[Path],
     spoil(scene)
     done = grs("run", str(scene), "--out", "run", folder=tmp_path)
     assert_refused(done, *words)
-    assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "failed"
+    assert [path.name for path in tmp_path.iterdir()] == ["scene"]
+
+
+def test_a_refused_scene_leaves_of_its_folders_those_that_were_there(tmp_path: Path, sample_scene: Path) -> None:
+    scene = copy_scene(sample_scene, tmp_path)
+    torn_rgb(scene)
+    assert_refused(grs("run", str(scene), folder=tmp_path), "rgb.png")
+    assert not (tmp_path / "runs").exists()
+    (tmp_path / "mine").mkdir()
+    for out in ("mine", "mine/deep/run"):
+        assert_refused(grs("scene", str(scene), "--out", out, folder=tmp_path), "rgb.png")
+        assert not list((tmp_path / "mine").iterdir())
 
 
 @pytest.mark.parametrize(
@@ -125,8 +136,7 @@ def test_a_bad_scene(tmp_path: Path, sample_scene: Path, spoil: Callable[[Path],
 def test_a_bad_setting(tmp_path: Path, sample_scene: Path, setting: str, words: tuple[str, ...]) -> None:
     done = grs("run", str(sample_scene), "--out", "run", "--set", setting, folder=tmp_path)
     assert_refused(done, *words)
-    record = tmp_path / "run" / "run.json"
-    assert not record.exists() or json.loads(record.read_text())["status"] == "failed"
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_photo_alone_needs_a_depth_tool(tmp_path: Path, sample_scene: Path) -> None:
@@ -135,6 +145,7 @@ def test_a_photo_alone_needs_a_depth_tool(tmp_path: Path, sample_scene: Path) ->
     assert_refused(done, "rgb.png", "no depth", "tools.depth=depth_transformers")
     done = grs("scene", photo, "--set", "tools.depth=depth_transformers", "--out", "asked", folder=tmp_path)
     assert_refused(done, "depth.model")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("source", ["bop:nowhere/test/1/1", "bop:1", "cloud.ply", "notes.txt"])
@@ -143,6 +154,27 @@ def test_what_is_no_scene_is_found_before_a_folder_is_made(tmp_path: Path, sourc
         (tmp_path / name).write_bytes(b"")
     assert_refused(grs("run", source, folder=tmp_path), source)
     assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "way"),
+    [
+        ("desk.bag", "a ROS 1 bag or a RealSense recording", "rgb.png, depth.png aligned with it, camera.json"),
+        ("desk.mcap", "a ROS 2 recording", "camera.json"),
+        ("desk_0.db3", "a ROS 2 recording", "camera.json"),
+        ("desk.R3D", "a Record3D capture", "depth.npy in metres"),
+        ("desk.usdz", "a USD model or room scan", "grs assets import"),
+        ("desk.mp4", "a video", "one frame"),
+        ("desk.zip", "an archive", "unpack it"),
+        ("desk.dng", "a raw photo", "develop it"),
+    ],
+)
+def test_a_capture_of_another_kind_is_named_with_the_way_in(tmp_path: Path, name: str, kind: str, way: str) -> None:
+    (tmp_path / "scene").mkdir()
+    (tmp_path / "scene" / name).write_bytes(b"\0" * 64)
+    for source in (f"scene/{name}", "scene"):  # the file, and the folder that holds nothing else
+        assert_refused(grs("run", source, folder=tmp_path), name, kind, way)
+    assert [path.name for path in tmp_path.iterdir()] == ["scene"]
 
 
 def test_no_such_folder(tmp_path: Path) -> None:

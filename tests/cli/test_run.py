@@ -91,6 +91,16 @@ def test_an_ended_run_is_resumed_without_work(accepted: tuple[Path, dict[str, An
     assert (folder / "events.jsonl").read_bytes() == before
 
 
+def test_a_run_ends_with_its_task_in_words_and_says_that_the_offline_model_costs_nothing(
+    accepted: tuple[Path, dict[str, Any]],
+) -> None:
+    folder, record = accepted
+    done = grs("run", "--out", str(folder), "--resume", folder=folder.parent)
+    words = json.loads((folder / "task.json").read_text())["task-description"]
+    assert done.stdout.splitlines()[0].endswith(words)
+    assert record["cost"] == 0 and "they cost nothing" in done.stdout
+
+
 def test_the_scene_of_a_run_is_taken_over(tmp_path: Path, known_scene: Path) -> None:
     """Nothing is perceived again; another arm would have placed and tried things otherwise."""
     done = grs("run", str(known_scene), "--out", "run", "--seed", "5", "--json", folder=tmp_path)
@@ -159,7 +169,9 @@ def test_another_provider_carries_a_whole_run(tmp_path: Path, small_scene: Path,
     asked = [*settings(scripted_server), "--set", "tools.match=match_both"]
     done = grs("run", str(small_scene), "--out", "run", "--json", *asked, folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["counts"]["model_calls"] == len(scripted_server.roles)
+    record = json.loads(done.stdout)
+    assert record["counts"]["model_calls"] == len(scripted_server.roles)
+    assert record["cost"] == pytest.approx(0.25 * len(scripted_server.roles))
     assert {"describe", "match", "task", "simulation", "tests"} <= set(scripted_server.roles)
     for role in ("describe", "match", "task", "simulation"):
         assert scripted_server.images[role] > 0

@@ -223,20 +223,23 @@ def test_a_policy_lies_in_the_current_folder(tmp_path: Path, program: Path, monk
     assert grs("check", str(program), *options, folder=tmp_path).returncode == 0
 
 
+LONG = "a folder of runs whose name is long/and another in it whose name is long as well/run"
+
+
 @pytest.fixture(scope="module")
 def groceries(tmp_path_factory: pytest.TempPathFactory) -> tuple[Done, Path]:
-    """The sample scene, comprehended where a terminal has 80 columns."""
+    """The sample scene, comprehended where a terminal has 80 columns, in a folder whose path is longer than a line."""
     folder = tmp_path_factory.mktemp("groceries")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COLUMNS", "80")
-        return grs("scene", "groceries", "--out", "run", "--set", "tools.match=match_text", folder=folder), folder
+        return grs("scene", "groceries", "--out", LONG, "--set", "tools.match=match_text", folder=folder), folder / LONG
 
 
 def test_a_sample_scene_is_found_by_its_name(tmp_path: Path, groceries: tuple[Done, Path]) -> None:
     assert "groceries" in json.loads(grs("list", "--json", folder=tmp_path).stdout)["scenes"]
     done, folder = groceries
     assert done.returncode == 0, done.stderr
-    assert json.loads((folder / "run" / "run.json").read_text())["counts"]["candidates"] > 5
+    assert json.loads((folder / "run.json").read_text())["counts"]["candidates"] > 5
     (tmp_path / "groceries").mkdir()
     own = grs("scene", "groceries", folder=tmp_path)
     assert own.returncode == 2 and "groceries/rgb.png" in own.stderr
@@ -271,7 +274,9 @@ def test_list_names_all_content(tmp_path: Path) -> None:
     found = json.loads(grs("list", "--json", folder=tmp_path).stdout)
     assert set(found) == {"graphs", "tools", "prompts", "evals", "assets", "scenes", "cassettes", "policies", "models"}
     assert [kind for kind, things in found.items() if not things] == []
-    assert all(text for things in found.values() for text in things.values())
+    texts = [text for things in found.values() for text in things.values()]
+    assert all(texts) and not [text for text in texts if "`" in text or text.startswith(("---", "#"))]
+    assert found["prompts"]["route"].startswith("You keep two programs in step")
 
 
 def test_config_says_where_each_value_came_from(tmp_path: Path) -> None:
@@ -302,16 +307,33 @@ def test_doctor_finds_a_working_sandbox_and_tells_a_missing_key_from_a_missing_p
     assert all(one["remedy"] for one in found.values() if one["state"] in ("absent", "not installed", "no key"))
 
 
+def test_doctor_tells_each_remedy_once_and_on_a_whole_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    monkeypatch.setattr("grs_agents.cli.doctor.GL_BACKENDS", {})
+    monkeypatch.setattr("grs_agents.cli.doctor._diagnose_all_sandboxes", list)  # attacks take seconds
+    monkeypatch.setitem(sys.modules, "langchain_anthropic", None)
+    lines = [line.strip() for line in grs("doctor", folder=tmp_path).stdout.splitlines()]
+    remedies = lines[lines.index("how to get the rest") + 1 :]
+    assert remedies.count('pip install "grs-agents[anthropic]"') == 1
+    assert "export AZURE_OPENAI_API_KEY=..." in remedies
+
+
 @pytest.mark.parametrize("verb", ["assets", "scene"])
 def test_names_stay_whole_in_a_terminal_of_80_columns(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verb: str, groceries: tuple[Done, Path]
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     done = groceries[0] if verb == "scene" else grs("assets", "list", folder=tmp_path)
-    lines = done.stdout.splitlines()
+    lines = [line for line in done.stdout.splitlines() if LONG not in line]
     assert max(map(len, lines)) <= 80
     names = [word for line in lines for word in line.split() if "/" in word and "." in word]
     assert len(names) >= 8 and all(name.endswith(".urdf") for name in names if not name.startswith(("runs/", "(")))
+
+
+def test_a_command_or_path_that_is_printed_is_not_broken_where_the_terminal_ends(groceries: tuple[Done, Path]) -> None:
+    coverage, command = groceries[0].stdout.splitlines()[-2:]
+    assert f"({LONG}/scene/coverage.png)" in coverage
+    assert command.startswith("grs replay ") and LONG in command
 
 
 def test_check_tells_tests_by_name_in_80_columns(

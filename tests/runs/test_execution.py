@@ -11,7 +11,7 @@ import pytest
 
 from grs_agents import content
 from grs_agents.config import Config, EffectiveConfig
-from grs_agents.errors import ConfigError, GrsError, InputError
+from grs_agents.errors import ConfigError, GrsError, InputError, OutputError
 from grs_agents.runs import Order, Outcome, UnexpectedError, execute_run, read_record
 from grs_agents.trace import EventLog, RunEnded, RunStarted, read_events
 from tests.kept_sandbox import lend_sandbox
@@ -116,7 +116,7 @@ def test_a_graph_without_a_verdict_is_the_users_fault(run: Run) -> None:
     [
         ("raise GrsError('the provider answers 401', 'check the key')", GrsError, 3, "401; check the key"),
         ("raise InputError('depth.png is no picture', 'give a PNG file')", InputError, 2, "depth.png is no picture"),
-        (f"raise OSError({errno.ENOSPC}, '{os.strerror(errno.ENOSPC)}')", InputError, 2, "No space left on device"),
+        (f"raise OSError({errno.ENOSPC}, '{os.strerror(errno.ENOSPC)}')", OutputError, 2, "No space left on device"),
     ],
     ids=["a provider's", "the user's", "a full disk"],
 )

@@ -1,20 +1,22 @@
 """GRS as agents of others meet it: the official client of the Model Context Protocol, on stdio and over HTTP."""
 
 import asyncio
+import contextlib
 import json
 import re
 import subprocess
 import sys
-from collections.abc import AsyncGenerator, Awaitable, Callable
+from collections.abc import AsyncGenerator, Awaitable, Callable, Generator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
-from mcp import Client, StdioServerParameters
-from mcp.types import ImageContent, TextContent
+from mcp import Client, MCPError, StdioServerParameters
+from mcp.types import BlobResourceContents, ImageContent, TextContent, TextResourceContents
 
+from grs_agents import content
 from tests.envs.conftest import block_instance
 from tests.views.looking import free_port
 
@@ -65,6 +67,8 @@ def test_on_stdio_a_photo_becomes_a_run_and_an_instance_is_solved(small_scene: P
         async with on_stdio(task.parent) as client:
             await assert_a_photo_becomes_a_run(client, small_scene)
             await assert_an_instance_is_solved(client, task)
+            await assert_wrong_arguments_are_told_in_one_line(client)
+            await assert_prompts_are_resources(client)
 
     ask(work)
 
@@ -92,6 +96,111 @@ async def assert_an_instance_is_solved(client: Client, task: Path) -> None:
     assert lacking.is_error and "'7'" in text_of(lacking) and "0" in text_of(lacking)
 
 
+async def assert_wrong_arguments_are_told_in_one_line(client: Client) -> None:
+    """All errors at once, each with its argument; a photo that is none is refused like on the command line."""
+    wrong = await client.call_tool("rollout", {"seed": "many"})
+    assert wrong.is_error and "\n" not in text_of(wrong)
+    assert "rollout: folder: Field required; seed: Input should be a valid integer" in text_of(wrong)
+    lacking = await client.call_tool("run", {"photo": "nowhere"})
+    assert lacking.is_error and "\n" not in text_of(lacking) and "nowhere does not exist" in text_of(lacking)
+
+
+async def assert_prompts_are_resources(client: Client) -> None:
+    """Each shipped prompt, as it lies in its file."""
+    listed = {str(resource.uri) for resource in (await client.list_resources()).resources}
+    assert listed == {"grs://runs", *(f"grs://prompts/{name}" for name in content.content_names("prompts"))}
+    assert await read(client, "grs://prompts/task") == content.content_path("prompts", "task").read_text("utf-8")
+
+
+async def read(client: Client, uri: str) -> str:
+    (part,) = (await client.read_resource(uri)).contents
+    assert isinstance(part, TextResourceContents)
+    return part.text
+
+
+def test_a_run_tells_its_steps_and_its_folder_is_a_resource(tmp_path: Path, small_scene: Path) -> None:
+    steps: list[str | None] = []
+
+    async def note(progress: float, total: float | None, message: str | None) -> None:
+        steps.append(message)
+
+    async def work() -> None:
+        async with on_stdio(tmp_path) as client:
+            made = await client.call_tool("run", {"photo": str(small_scene), "seed": 3}, progress_callback=note)
+            assert made.structured_content is not None, text_of(made)
+            assert made.structured_content["status"] == "accepted" and made.structured_content["task"]
+            name = Path(made.structured_content["folder"]).name
+            assert [row["uri"] for row in json.loads(await read(client, "grs://runs"))] == [f"grs://runs/{name}"]
+            told = json.loads(await read(client, f"grs://runs/{name}"))
+            assert told["run"]["seeds"][0] == 3 and "instances/seed_3.json" in told["files"]
+            assert "class " in await read(client, f"grs://runs/{name}/simulation.py")
+            assert json.loads(await read(client, f"grs://runs/{name}/instances/seed_3.json"))["seed"] == 3
+            (photo,) = (await client.read_resource(f"grs://runs/{name}/scene/rgb.png")).contents
+            assert isinstance(photo, BlobResourceContents) and photo.mime_type == "image/png"
+            (tmp_path / "runs" / name / "link.txt").symlink_to(tmp_path / "secret.txt")
+            for outside in ("../../secret.txt", "%2e%2e/%2e%2e/secret.txt", "link.txt", "none.txt"):
+                with pytest.raises(MCPError):
+                    await read(client, f"grs://runs/{name}/{outside}")
+
+    (tmp_path / "secret.txt").write_text("canary", "utf-8")
+    (tmp_path / "runs" / "stray").mkdir(parents=True)
+    ask(work)
+    assert steps[:2] == ["read", "find_table"] and steps[-1] == "conclude"
+
+
+LEAVING = {
+    "before a word": lambda server: server.stdin.close(),
+    "without reading the reply": lambda server: (server.stdout.close(), say(server, INITIALIZE)),
+    "with both ends": lambda server: (say(server, INITIALIZE), server.stdout.close(), server.stdin.close()),
+    "by SIGTERM": lambda server: (say(server, INITIALIZE), server.stdout.readline(), server.terminate()),
+}
+INITIALIZE = {
+    "id": 1,
+    "method": "initialize",
+    "params": {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "test", "version": "1"}},
+}
+
+
+def say(server: "subprocess.Popen[bytes]", message: dict[str, Any]) -> None:
+    assert server.stdin is not None
+    server.stdin.write(json.dumps({"jsonrpc": "2.0", **message}).encode() + b"\n")
+    server.stdin.flush()
+
+
+@contextlib.contextmanager
+def server_on_pipes(folder: Path) -> Generator["subprocess.Popen[bytes]"]:
+    pipe = subprocess.PIPE
+    with subprocess.Popen(GRS, cwd=folder, stdin=pipe, stdout=pipe, stderr=pipe) as server:
+        try:
+            yield server
+        finally:
+            server.kill()
+
+
+@pytest.mark.parametrize("how", LEAVING)
+def test_a_client_that_leaves_ends_the_server_without_a_word(tmp_path: Path, how: str) -> None:
+    with server_on_pipes(tmp_path) as server:
+        LEAVING[how](server)
+        assert server.wait(100) == (130 if how.startswith("by ") else 0)
+        assert server.stderr is not None and server.stderr.read() == b""
+
+
+def test_a_run_whose_client_leaves_is_interrupted(tmp_path: Path, small_scene: Path) -> None:
+    call = {"name": "run", "arguments": {"photo": str(small_scene)}, "_meta": {"progressToken": "steps"}}
+    with server_on_pipes(tmp_path) as server:
+        assert server.stdin is not None and server.stdout is not None and server.stderr is not None
+        say(server, INITIALIZE)
+        server.stdout.readline()
+        say(server, {"method": "notifications/initialized"})
+        say(server, {"id": 2, "method": "tools/call", "params": call})
+        assert b'"find_table"' in (server.stdout.readline() + server.stdout.readline())
+        server.stdin.close()
+        server.stdout.close()
+        assert (server.wait(100), server.stderr.read()) == (0, b"")
+    (record,) = tmp_path.glob("runs/*/run.json")
+    assert json.loads(record.read_text("utf-8"))["status"] == "interrupted"
+
+
 def test_over_http_only_this_machine_is_served(tmp_path: Path) -> None:
     port = free_port()
     server = subprocess.Popen([*GRS, "--http", str(port)], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
@@ -111,7 +220,7 @@ def test_over_http_only_this_machine_is_served(tmp_path: Path) -> None:
                 assert foreign.status_code == 421
             async with Client(address) as client:
                 tools = {tool.name: tool for tool in (await client.list_tools()).tools}
-            assert tools.keys() == {"scene", "check", "rollout", "render", "show"}
+            assert tools.keys() == {"scene", "run", "check", "rollout", "render", "show"}
             for tool in tools.values():
                 assert tool.description
                 assert all(argument.get("description") for argument in tool.input_schema["properties"].values())

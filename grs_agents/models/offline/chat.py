@@ -95,7 +95,12 @@ class OfflineChatModel(BaseChatModel):
             "" if calls else text,
             tool_calls=calls,
             usage_metadata=_estimate_token_usage(messages, text),
-            response_metadata={"model_name": self.model, "model_provider": "grs", "finish_reason": "stop"},
+            response_metadata={
+                "model_name": self.model,
+                "model_provider": "grs",
+                "finish_reason": "stop",
+                "token_usage": {"cost": 0.0},
+            },
         )
         return ChatResult(generations=[ChatGeneration(message=message)])
 

@@ -16,7 +16,7 @@ from grs_agents.errors import InputError
 from grs_agents.foreign import MALFORMED, open_picture, read_bytes
 from grs_agents.perception.types import Image
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
 GREY = ("1", "L", "LA", "I;16", "I;16B", "I;16L")
 COLORED = ("RGB", "RGBA", "RGBX", "P", "PA", "CMYK", "YCbCr")
 _ORIENTATION, _EXIF, _FOCAL_35MM = 0x0112, 0x8769, 0xA405

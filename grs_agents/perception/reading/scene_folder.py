@@ -13,6 +13,7 @@ from grs_agents.perception.reading.camera import DepthUnit, read_camera_file
 from grs_agents.perception.reading.frame_assembly import RecordedDepth, Recording, Units, guess_depth_unit
 from grs_agents.perception.reading.picture import SUFFIXES, read_color_picture, read_depth_picture
 from grs_agents.perception.reading.point_cloud import Cloud, depth_from_cloud, read_point_cloud
+from grs_agents.perception.reading.unread_formats import make_unread_format_error
 
 COLOR_STEMS = ("rgb", "color")
 NO_CLOUDS = ("masks", "labels")
@@ -74,6 +75,9 @@ def _missing_photo_error(folder: Path, names: Sequence[str]) -> InputError:
     """The folder holds no photo of a known name: another picture in it may be the photo."""
     stems = ("depth", *NO_CLOUDS)
     others = [name for name in names if Path(name.lower()).suffix in SUFFIXES and Path(name.lower()).stem not in stems]
+    unread = next(filter(None, (make_unread_format_error(folder / name) for name in names)), None)
+    if not others and unread is not None:
+        return unread
     if not others:
         return InputError(f"{folder / 'rgb.png'} does not exist", "put the photo there as rgb.png")
     shown = [f"{name[:60]!a}" for name in others[:4]]

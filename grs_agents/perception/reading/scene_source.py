@@ -12,6 +12,7 @@ from grs_agents.perception.reading.npz_archive import read_npz_archive
 from grs_agents.perception.reading.photo_without_depth import Estimator, assemble_frame_from_photo
 from grs_agents.perception.reading.picture import SUFFIXES, read_color_picture
 from grs_agents.perception.reading.scene_folder import add_camera_to_recording, read_scene_folder
+from grs_agents.perception.reading.unread_formats import make_unread_format_error
 from grs_agents.perception.types import RGBDFrame
 
 REMEDY = (
@@ -36,7 +37,7 @@ def check_scene_source(source: Path) -> None:
         if source.suffix.lower() in point_cloud.SUFFIXES:
             raise InputError(f"{source} is a cloud alone", "put it into a folder with rgb.png and camera.json")
         if source.suffix.lower() not in (".npz", *SUFFIXES):
-            raise InputError(f"{source} is no scene", REMEDY)
+            raise make_unread_format_error(source) or InputError(f"{source} is no scene", REMEDY)
 
 
 def resolve_scene_path(source: Path) -> Path:

@@ -174,6 +174,8 @@ class Sandbox:
         remedies = [BACKEND_REMEDIES.get(name, "") if e.remedy == DOCTOR else e.remedy for name, e in failures]
         self._candidates = list(backend_candidates(self._choice))  # what is missing may be installed meanwhile
         remedy = ", or ".join([*filter(None, dict.fromkeys(remedies)), "accept the risk with --unsafe-no-sandbox"])
+        if self._choice != "auto":  # another backend may well hold
+            return SandboxError(f"no sandbox by {reasons}", remedy)
         return SandboxError(f"nothing separates generated code from this machine ({reasons})", remedy)
 
     def _discard_zygote(self) -> None:

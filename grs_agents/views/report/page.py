@@ -66,7 +66,7 @@ def _list_header_facts(record: dict[str, Any], events: Sequence[trace.Event], st
     yield f"{sum(len(step.model_replies) for step in steps)} model calls, {tokens:,} tokens"
     costs = [step.cost for step in steps if step.cost is not None]
     if costs:
-        yield f"${sum(costs):.4f}"
+        yield f"${sum(costs):.4f}" if sum(costs) else "they cost nothing"
     yield f"{sum(step.seconds for step in steps):.1f} s"
 
 

@@ -1,7 +1,9 @@
 """Pictures of every kind become 8-bit RGB or units of depth, the right way up; huge and torn ones are named."""
 
 import struct
+import sys
 import zlib
+from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ from PIL import Image
 
 from grs_agents.errors import InputError
 from grs_agents.perception import read_scene
+from tests.needs import needs
 from tests.perception.reading.conftest import CAMERA, Truth, png, write
 
 
@@ -52,6 +55,28 @@ def test_other_formats_are_read(tmp_path: Path, truth: Truth, form: str, name: s
     options = {"lossless": True} if form == "WEBP" else {}
     photo = encoded(Image.fromarray(truth.rgb), form, **options)
     assert (read_scene(scene(tmp_path, photo, millimetres(truth), name)).rgb == truth.rgb).all()
+
+
+@needs("pillow_heif")
+@pytest.mark.parametrize("orientation", [1, 6])
+def test_a_heic_photo_is_read_upright(tmp_path: Path, truth: Truth, orientation: int) -> None:
+    """Its decoder turns the pixels, so that the orientation which the camera noted is done with."""
+    import_module("pillow_heif").register_heif_opener()
+    rows, columns = np.indices(truth.depth.shape)
+    upright = np.stack([5 * columns, 7 * rows, np.full_like(rows, 90)], axis=-1).astype(np.uint8)
+    stored = Image.fromarray(upright if orientation == 1 else np.rot90(upright).copy())
+    photo = encoded(stored, "HEIF", quality=95, exif=tagged(orientation).tobytes())
+    frame = read_scene(scene(tmp_path, photo, millimetres(truth), "rgb.heic"))
+    assert np.abs(frame.rgb.astype(int) - upright).mean() < 12
+
+
+def test_a_heic_photo_without_its_package_is_named(
+    tmp_path: Path, truth: Truth, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)
+    photo = b"\0\0\0\x1cftypheic" + bytes(64)
+    with pytest.raises(InputError, match=r'rgb\.jpg is a HEIC photo, .*pip install "grs-agents\[heic\]"'):
+        read_scene(scene(tmp_path, photo, millimetres(truth), "rgb.jpg"))
 
 
 def test_sixteen_bit_colours_keep_their_upper_half(tmp_path: Path, truth: Truth) -> None:

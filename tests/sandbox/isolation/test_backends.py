@@ -143,6 +143,15 @@ def test_refusal_lists_each_reason_and_how_to_get_what_is_missing(
         assert part in refusal.value.remedy
 
 
+def test_a_backend_that_was_chosen_and_lacks_does_not_say_that_nothing_isolates(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with Sandbox(backend="bubblewrap") as sandbox, pytest.raises(SandboxError) as refusal:
+        sandbox.call("execute", {"code": ""})
+    assert refusal.value.message.startswith("no sandbox by bubblewrap: there is no bwrap on the PATH")
+
+
 def test_configuration_offers_every_backend() -> None:
     assert get_args(Config.model_fields["sandbox"].annotation) == get_args(BackendChoice)
 

@@ -1,0 +1,43 @@
+"""Captures and models that are no scene as they are: each kind by its suffix, with the way in."""
+
+from pathlib import Path
+
+from grs_agents.errors import InputError
+
+_FRAME = "write one frame of it into a folder: rgb.png, depth.png aligned with it, camera.json"
+_EXPORT = "export it as .glb and import that as an asset with grs assets import; a scene is a photo with depth"
+_ASSET = "import it as an asset with grs assets import; a scene is a photo with depth"
+_DEVELOP = "develop it as .png or .jpg"
+_UNPACK = "unpack it and name the folder"
+_ARRAYS = "write one frame of it as .npz with the arrays rgb, depth and K"
+_RECORD3D = (
+    "export it from the app as pictures with depth, or unpack it as a zip, and write one frame into a folder: "
+    "rgb.jpg, depth.npy in metres, camera.json"
+)
+KINDS: dict[str, tuple[str, str]] = {
+    ".bag": ("a ROS 1 bag or a RealSense recording", _FRAME),
+    ".mcap": ("a ROS 2 recording (MCAP)", _FRAME),
+    ".db3": ("a ROS 2 recording (SQLite)", _FRAME),
+    ".r3d": ("a Record3D capture", _RECORD3D),
+    ".svo": ("a ZED recording", _FRAME),
+    ".svo2": ("a ZED recording", _FRAME),
+    ".oni": ("an OpenNI recording", _FRAME),
+    ".sens": ("a ScanNet recording", _FRAME),
+    ".klg": ("a Kintinuous log", _FRAME),
+    ".mkv": ("a video or an Azure Kinect recording", _FRAME),
+    **dict.fromkeys((".mp4", ".mov", ".avi", ".webm", ".m4v"), ("a video", _FRAME)),
+    **dict.fromkeys((".usdz", ".usd", ".usda", ".usdc"), ("a USD model or room scan without a photo", _EXPORT)),
+    **dict.fromkeys((".fbx", ".step", ".stp", ".3mf", ".blend", ".reality"), ("a 3D model", _EXPORT)),
+    **dict.fromkeys((".glb", ".gltf", ".obj", ".stl", ".dae", ".urdf"), ("a 3D model", _ASSET)),
+    **dict.fromkeys((".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf"), ("a raw photo of a camera", _DEVELOP)),
+    **dict.fromkeys((".zip", ".tar", ".gz", ".tgz", ".7z"), ("an archive", _UNPACK)),
+    **dict.fromkeys((".h5", ".hdf5", ".mat", ".pkl"), ("a file of arrays", _ARRAYS)),
+}
+"""By suffix, the name of the kind and the remedy."""
+
+
+def make_unread_format_error(file: Path) -> InputError | None:
+    """The refusal of a file of a known kind that is no scene; None for other suffixes."""
+    if (kind := KINDS.get(file.suffix.lower())) is None:
+        return None
+    return InputError(f"{file} is {kind[0]}, which is not read as a scene", kind[1])
