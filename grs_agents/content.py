@@ -6,7 +6,9 @@ by an entry point of the group ``grs_agents.content``; where GRS ships a file of
 import hashlib
 import importlib.util
 import sys
+import sysconfig
 import threading
+import traceback
 from collections.abc import Callable
 from functools import cache
 from importlib.metadata import entry_points
@@ -14,7 +16,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
 
-from grs_agents.errors import InputError, UnknownNameError
+from grs_agents.errors import ConfigError, GrsError, InputError, UnknownNameError
 
 Kind = Literal["graphs", "tools", "prompts", "assets", "evals", "policies", "models"]
 KINDS: tuple[Kind, ...] = ("graphs", "tools", "prompts", "assets", "evals")
@@ -22,6 +24,8 @@ KINDS: tuple[Kind, ...] = ("graphs", "tools", "prompts", "assets", "evals")
 ENTRY_POINTS = "grs_agents.content"
 """The group of entry points that name packages whose folders hold content."""
 _SUFFIX: dict[Kind, str] = {"prompts": ".md", "assets": ""}
+_LONGEST_MESSAGE = 400
+"""Characters of another's exception that a message repeats."""
 _overlays: list[Path] = []
 _loading = threading.RLock()
 """A module is registered before it is executed: another thread must not take it half-loaded."""
@@ -134,7 +138,9 @@ def find_class(kind: Kind, name: str, attribute: str) -> Callable[..., Any] | No
 
 
 def load_module(kind: Kind, name: str) -> ModuleType:
-    """Import the content file ``name`` once. Raises UnknownNameError: nothing has that name."""
+    """Import the content file ``name`` once.
+    Raises UnknownNameError: nothing has that name. ConfigError: it cannot be imported; the message names file and line.
+    """
     file, qualified = content_path(kind, name), f"grs_content.{kind}.{name}"
     with _loading:
         loaded = sys.modules.get(qualified)
@@ -147,10 +153,55 @@ def load_module(kind: Kind, name: str) -> ModuleType:
         sys.modules[qualified] = module  # before exec: dataclasses and pydantic look their module up by name
         try:
             spec.loader.exec_module(module)
-        except BaseException:
+        except BaseException as error:
             del sys.modules[qualified]
-            raise
+            if isinstance(error, GrsError) or not isinstance(error, Exception | SystemExit):
+                raise
+            told = f"{locate_user_code(error) or file}: {describe_exception(error)}"
+            raise ConfigError(
+                f"{kind.removesuffix('s')} {name!r} cannot be imported: {told}", "mend the file"
+            ) from error
         return module
+
+
+def is_shipped(file: Path) -> bool:
+    """Whether ``file`` is of the package, or content that comes with it."""
+    return any(file.is_relative_to(root) for root in (package_root(), *(content_root() / kind for kind in KINDS)))
+
+
+def list_frames(error: BaseException, since: str | None = None) -> list[traceback.FrameSummary]:
+    """The frames of an exception's traceback, outermost first; only those after the last one of the file ``since``."""
+    frames = list(traceback.extract_tb(error.__traceback__))
+    last = max((number for number, frame in enumerate(frames) if frame.filename == since), default=-1)
+    return frames if since is None else frames[last + 1 :] if last >= 0 else []
+
+
+def locate_user_code(error: BaseException, since: str | None = None) -> str:
+    """``FILE:LINE`` of the innermost place in an exception's traceback that is the user's code; empty without one.
+
+    The user's code is what is neither GRS, Python nor an installed package that names no content of GRS.
+    """
+    places = [(frame.filename, frame.lineno) for frame in list_frames(error, since)]
+    if isinstance(error, SyntaxError) and error.filename:
+        places.append((error.filename, error.lineno))
+    for name, line in reversed(places):
+        if _is_user_file(Path(name)):
+            return f"{name}:{line}"
+    return ""
+
+
+def _is_user_file(file: Path) -> bool:
+    if not file.is_file() or is_shipped(file):
+        return False
+    if any(file.is_relative_to(root) for root in (*_overlays, *installed_content_folders())):
+        return True
+    return not any(file.is_relative_to(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib"))
+
+
+def describe_exception(error: BaseException) -> str:
+    """The kind of an exception and its message, in one line."""
+    text = " ".join(str(error.msg if isinstance(error, SyntaxError) else error).split())
+    return f"{type(error).__name__}: {text[:_LONGEST_MESSAGE]}" if text else type(error).__name__
 
 
 def hash_files(*places: Path) -> str:

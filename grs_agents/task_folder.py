@@ -4,11 +4,14 @@ Both have ``instances/seed_<N>.json`` and, for assets of their own, ``assets/``,
 generated code is in either's way.
 """
 
+import os
 import re
 import shutil
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.foreign import check_run_folder, read_bytes, read_json
@@ -19,6 +22,10 @@ from grs_agents.sim.instance import resolve_robot_path
 
 _REMEDY = "name a folder that `grs run` or `grs instances` wrote"
 _ASSETS = "assets"
+DATASET_FILE = "grs.json"
+"""What a data set says of itself, in its folder."""
+_DEPTH = 4
+"""Folders from a file of a data set up to the data set's own, at most: Minari's lie deepest."""
 _INSTANCE_FILE = re.compile(r"seed_(\d{1,10})\.json")
 
 
@@ -74,3 +81,45 @@ def open_task_folder(path: Path, accepted: bool = True) -> TaskFolder:
     return TaskFolder(
         path, library.copy_with_overlay_root(own) if own.is_dir() else library, dict(sorted(found.items()))
     )
+
+
+def find_dataset_folder(folder: Path, identity: str) -> Path:
+    """The folder of the data set ``identity``: ``folder``, or, where the data set was moved, the one that is known.
+
+    A file of a data set cannot tell an environment where it lies. The folders that are known are those above the files
+    that the command line names, that of ``MINARI_DATASETS_PATH``, and the current one.
+
+    Raises:
+        InputError: none of them is the data set.
+    """
+    if folder.is_dir() and not (folder / DATASET_FILE).exists():  # the user names another task folder
+        return folder
+    named = [Path(part) for argument in sys.argv[1:] for part in (argument, argument.partition("=")[2]) if part]
+    named += [Path(os.environ[name]) for name in ("MINARI_DATASETS_PATH",) if os.environ.get(name)]
+    near = [each for path in named if _is_there(path) for each in (path.resolve(), *path.resolve().parents[:_DEPTH])]
+    for candidate in (folder, *near, Path.cwd()):
+        if _read_dataset_identity(candidate) == identity:
+            return candidate
+    raise InputError(
+        f"the data set of this environment is not in {folder}, where it was made",
+        "give its present folder: run=FOLDER, or name a file of it on the command line",
+    )
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return path.exists()
+    except (OSError, ValueError):  # an argument that is no path
+        return False
+
+
+def _read_dataset_identity(folder: Path) -> str:
+    """What the data set in a folder calls itself; empty where there is none."""
+    file = folder / DATASET_FILE
+    if not file.is_file():
+        return ""
+    try:
+        card = read_json(file, _REMEDY).get("dataset")
+    except InputError:  # another program's file of that name
+        return ""
+    return str(cast("dict[str, object]", card).get("id")) if isinstance(card, dict) else ""

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from grs_agents import content
-from grs_agents.errors import InputError, UnknownNameError
+from grs_agents.errors import ConfigError, InputError, UnknownNameError
 
 OURS = """
 \"\"\"A graph of the user's own.\"\"\"
@@ -98,7 +98,7 @@ def test_a_file_that_does_not_import_leaves_no_half_module(overlay: Path) -> Non
     (overlay / "tools").mkdir()
     (overlay / "tools" / "broken.py").write_text("raise RuntimeError('broken here')")
     for _ in range(2):
-        with pytest.raises(RuntimeError, match="broken here"):
+        with pytest.raises(ConfigError, match=r"tool 'broken' .*broken\.py:1: RuntimeError: broken here"):
             content.load_module("tools", "broken")
 
 

@@ -18,6 +18,7 @@ from grs_agents.sandbox import BatchResult, CallResult, Trace
 from grs_agents.sim import (
     InstanceError,
     InstanceObject,
+    InvalidValueError,
     TaskInstance,
     defines_task_class,
     describe_first_error,
@@ -244,8 +245,9 @@ def _allocate_blocks(blocks: int) -> list[object]:
 
 def _format_failure_fields(error: BaseException) -> dict[str, str]:
     shown = _trace_to_fields(sandbox.describe_error(error))
-    if isinstance(error, ValidationError):
-        return {**shown, "message": describe_first_error(error), "outcome": "invalid"}
+    if isinstance(error, ValidationError | InvalidValueError):
+        message = describe_first_error(error) if isinstance(error, ValidationError) else str(error)
+        return {**shown, "message": message[:1000], "outcome": "invalid"}
     return {**shown, "outcome": str(getattr(error, "outcome", "error"))}
 
 

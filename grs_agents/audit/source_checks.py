@@ -19,7 +19,9 @@ from grs_agents.sandbox import parse_program
 
 Node = TypeVar("Node", bound=ast.AST)
 _REFUSED_PACKAGES = frozenset({"ctypes", "multiprocessing", "requests", "socket", "subprocess"})
-_ANSWERED_PACKAGES = frozenset({"IPython", "cliport", "pybullet", "pybullet_data", "pybullet_utils", "task_code"})
+_ANSWERED_PACKAGES = frozenset(
+    {"IPython", "cliport", "pybullet", "pybullet_data", "pybullet_utils", "task_code", "transforms3d"}
+)
 """What the sandbox answers itself."""
 _API: dict[str, Callable[..., Any]] = {
     **{

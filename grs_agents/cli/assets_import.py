@@ -1,5 +1,6 @@
 """``grs assets import`` (from files or ``objaverse:WORDS``), ``list``, ``show`` and ``verify``."""
 
+import shlex
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
@@ -93,7 +94,8 @@ def print_import_report(outcomes: Sequence[ImportOutcome], library: Path | None,
     print_escaped(f"{told}; in {folder}")
     for outcome in refused:
         print_escaped(f"refused {outcome.source}: {outcome.reason}")
-    print_escaped(f"look: grs assets show --library {folder}   use: grs --content {folder} run SCENE")
+    look = shlex.join(["grs", "assets", "show", "--library", str(folder)])
+    print_escaped(f"look: {look}   use: {shlex.join(['grs', '--content', str(folder), 'run'])} SCENE")
     return 1 if refused else 0
 
 

@@ -458,7 +458,9 @@ def graph(
     json: Json = False,
 ) -> None:
     """Print a graph as a mermaid diagram."""
-    drawn = content.load_module("graphs", name).build().compile().get_graph()
+    from grs_agents.runs import compile_graph
+
+    drawn = compile_graph(name).get_graph()
     print_json(drawn.to_json()) if json else print_escaped(drawn.draw_mermaid())
 
 

@@ -91,4 +91,4 @@ def _print_summary(summary: DatasetSummary, wanted: int, as_json: bool) -> None:
         console.print(Text(f"  attempts without a demonstration: {stages}"))
     for reason in summary.reasons:
         console.print(Text(f"    {reason}"))
-    console.print(Text(f"  open it with {summary.opens_with}"))
+    console.print(Text(f"  open it with {summary.opens_with}"), soft_wrap=True)

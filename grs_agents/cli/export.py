@@ -1,5 +1,6 @@
 """``grs export``."""
 
+import shlex
 from pathlib import Path
 
 from grs_agents.export import export_mjcf
@@ -26,4 +27,5 @@ def export_task(run: Path, seed: int | None, portable: bool, out: Path | None, a
         print_json(value)
     else:
         print_escaped(f"{made.folder}: seed {made.seed}, {made.files} files, {made.size / 2**20:.1f} MiB")
-        print_escaped(f"open it: python -m mujoco.viewer --mjcf={made.scene}")
+        command = shlex.join(["python", "-m", "mujoco.viewer", f"--mjcf={made.scene}"])
+        print_escaped(f"open it: {command}")

@@ -3,6 +3,7 @@
 import ast
 import json
 import re
+import shlex
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -36,8 +37,10 @@ def _collect_content_descriptions() -> dict[str, dict[str, str]]:
 
     listed: dict[str, dict[str, str]] = {kind: _read_file_summaries(kind) for kind in content.KINDS if kind != "assets"}
     listed["assets"] = {asset.name: asset.description for asset in Library().assets()}
-    listed["scenes"] = {name: "a sample scene: grs run " + name for name in content.sample_scenes()}
-    listed["cassettes"] = {name: "a recorded run: grs run --cassette " + name for name in content.shipped_cassettes()}
+    listed["scenes"] = {name: f"a sample scene: grs run {shlex.quote(name)}" for name in content.sample_scenes()}
+    listed["cassettes"] = {
+        name: f"a recorded run: grs run --cassette {shlex.quote(name)}" for name in content.shipped_cassettes()
+    }
     listed["policies"] = {name: _first_line(policy.__doc__) for name, policy in POLICIES.items()}
     listed["models"] = _describe_model_providers()
     for kind in ("policies", "models"):

@@ -59,7 +59,8 @@ def approve_run(folder: Path, reply: str | None, config: EffectiveConfig, as_jso
     """Go on with a waiting run with a reply; without one print what it asks, and ask it on a terminal."""
     record = read_record(folder)
     if record.question is None:
-        raise InputError(f"the run {folder} is {record.status} and waits for no reply", f"grs show {folder}")
+        look = shlex.join(["grs", "show", str(folder)])
+        raise InputError(f"the run {folder} is {record.status} and waits for no reply", look)
     if reply is None and not sys.stdin.isatty():
         print_json(record.question.model_dump(mode="json")) if as_json else print_question(record.question)
         return WAITING
@@ -117,13 +118,16 @@ def _print_run_summary(command: str, folder: Path, record: RunRecord) -> None:
             words = read_json(folder / "task.json", "run again").get("task-description")
             console.print(Text(f"task     {words}", style="bold"))
         console.print(summary_table(record.model_dump(mode="json")))
-    console.print(Text.assemble((f"grs replay {folder}", "bold"), "   opens the trace"))
+    replay = shlex.join(["grs", "replay", str(folder)])
+    console.print(Text.assemble((replay, "bold"), "   opens the trace"), soft_wrap=True)
 
 
 def _print_run_error(problem: GrsError, folder: Path) -> None:
     """One line; what nobody foresaw has its traceback too, and what was reached can be gone on with."""
     print_escaped(f"grs: {problem}", error=True)
     if isinstance(problem, InputError):
+        if terminal.VERBOSITY.get() == "verbose":
+            print_escaped("".join(traceback.format_exception(problem)), error=True, end="")
         return
     if isinstance(problem, UnexpectedError):
         print_escaped("".join(traceback.format_exception(problem.__cause__)), error=True)

@@ -173,16 +173,14 @@ class MatchConfig(Frozen):
     """What a match tool is told besides the candidates, and what becomes of objects that nothing matches."""
 
     model: str | None = Field(default=None, max_length=4096)  # the folder of a model of the user's own (`match_clip`)
-    ocr: Annotated[bool, Portable()] = (
-        True  # read what is printed on objects; needs the extra `ocr` and is passed over without it
-    )
+    # read what is printed on objects; needs the extra `ocr` and is passed over without it
+    ocr: Annotated[bool, Portable()] = True
     # the folder of an index of the library (`grs assets index`)
     index: str | None = Field(default=None, max_length=4096)
     # whether the describer is asked about `each` segment, or about all in one call with a numbered picture (`sheet`)
     describe: Annotated[Literal["each", "sheet"], Portable()] = "each"
-    proxies: Annotated[bool, Portable()] = (
-        True  # a solid of its own size and look stands for what nothing matches; if false, that is left out
-    )
+    # a solid of its own size and look stands for what nothing matches; if false, that is left out
+    proxies: Annotated[bool, Portable()] = True
 
 
 class BackgroundConfig(Frozen):
@@ -240,12 +238,13 @@ class Config(Frozen):
     # doubt), `vote` (the model, asked in both orders), `always_code`, a dotted path (`package.module:Policy`) or an
     # entry point in the group `grs_agents.policies`
     policy: Annotated[str, Portable()] = "llm"
-    seed: Annotated[int, Portable()] = Field(
-        default=0, ge=0, lt=2**31
-    )  # the seed of everything random, the offline model's choices included
+    # the seed of everything random, the offline model's choices included
+    seed: Annotated[int, Portable()] = Field(default=0, ge=0, lt=2**31)
     # the arm behind the table: `ur5e`, `panda` or the path of an MJCF file (`.xml`) of one's own
     robot: Annotated[str, Portable()] = Field(default="ur5e", max_length=4096)
     max_fixes: Annotated[int, Portable()] = Field(default=10, ge=0, le=1000)  # fixes of code, tests and task together
+    # steps of the graph until a run of it counts as endless; by default 25 and 4 for each of the fixes
+    recursion_limit: int | None = Field(default=None, ge=1, le=1_000_000)
     # show `route`, `fix_code` and `fix_task` a picture of how the robot's episode ended, and `judge` its start too;
     # their models must see
     end_picture: Annotated[bool, Portable()] = True

@@ -1,9 +1,12 @@
 """A data set: the demonstrations of a working folder in one of the formats, with what they are."""
 
+import hashlib
 import importlib
+import json
 import shutil
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,7 +18,9 @@ from grs_agents.demos.robomimic import FILE, write_robomimic
 from grs_agents.demos.types import DatasetCard, DatasetSummary, Demonstration, Format, installed_versions
 from grs_agents.errors import ConfigError, GrsError, InputError
 from grs_agents.files import write_json, write_text
-from grs_agents.task_folder import TaskFolder
+from grs_agents.sim import TaskInstance
+from grs_agents.sim.instance import make_robot_path_relative
+from grs_agents.task_folder import DATASET_FILE, TaskFolder
 
 Writer = Callable[[Iterable[Demonstration], DatasetCard, Path], None]
 _WRITERS: Final[dict[Format, Writer]] = {
@@ -60,17 +65,15 @@ def write_dataset(made: AttemptStore, kind: Format, out: Path, folder: TaskFolde
         found = f"none of {len(dropped)} attempts gave a demonstration: {'; '.join(reasons)}"
         shutil.rmtree(made.path)
         raise GrsError(found, "vary less")
-    card, draft = _make_card(first, folder), made.path / "dataset"
+    card, draft = _make_card(first, made, kind, out, folder), made.path / "dataset"
     shutil.rmtree(draft, ignore_errors=True)
     draft.mkdir()
     episodes: list[dict[str, Any]] = []
-    _WRITERS[kind](_write_instances_and_yield_demonstrations(made, draft, episodes), card, draft)
+    _WRITERS[kind](_write_instances_and_yield_demonstrations(made, folder, draft, episodes), card, draft)
     stages = dict(Counter(one.stage for one in dropped))
     told = {"format": kind, "dataset": card.model_dump(), "order": made.order, "dropped": stages, "episodes": episodes}
-    write_json(draft / "grs.json", told)
-    assets = folder.path / "assets"
-    if assets.is_dir():
-        shutil.copytree(assets, draft / "assets")
+    write_json(draft / DATASET_FILE, told)
+    folder.copy_assets_and_robot(draft)
     draft.rename(out)
     shutil.rmtree(made.path)
     steps = sum(int(one["steps"]) for one in episodes)
@@ -86,10 +89,15 @@ def write_dataset(made: AttemptStore, kind: Format, out: Path, folder: TaskFolde
 
 
 def _write_instances_and_yield_demonstrations(
-    made: AttemptStore, draft: Path, episodes: list[dict[str, Any]]
+    made: AttemptStore, folder: TaskFolder, draft: Path, episodes: list[dict[str, Any]]
 ) -> Iterator[Demonstration]:
-    """The demonstrations; each one's instance is written, and what is to be said of it is added to ``episodes``."""
-    for number, one in enumerate(made.demonstrations()):
+    """The demonstrations; each one's instance is written, and what is to be said of it is added to ``episodes``.
+
+    An arm's file is named relative to the data set, which has a copy of it.
+    """
+    for number, kept in enumerate(made.demonstrations()):
+        instance = make_robot_path_relative(TaskInstance.model_validate_json(kept.instance), folder.path)
+        one = replace(kept, instance=instance.model_dump_json())
         write_text(draft / "instances" / f"seed_{number}.json", one.instance)
         episodes.append(
             {
@@ -105,9 +113,12 @@ def _write_instances_and_yield_demonstrations(
         yield one
 
 
-def _make_card(first: Demonstration, folder: TaskFolder) -> DatasetCard:
+def _make_card(first: Demonstration, made: AttemptStore, kind: Format, out: Path, folder: TaskFolder) -> DatasetCard:
+    content = json.dumps([kind, made.order, made.count], sort_keys=True)
     return DatasetCard(
         name=folder.path.resolve().name,
+        id=hashlib.sha256(content.encode()).hexdigest()[:32],
+        folder=str(out.resolve()),
         robot=first.robot,
         rate=first.rate,
         joint_names=first.joint_names,
@@ -120,7 +131,7 @@ def _make_card(first: Demonstration, folder: TaskFolder) -> DatasetCard:
 def _python_line_that_opens(kind: Format, out: Path, card: DatasetCard) -> str:
     """A line of Python that opens the data set."""
     if kind == "lerobot":
-        return f"LeRobotDataset('grs/{card.name}', root='{out}')"
+        return f"LeRobotDataset({f'grs/{card.name}'!r}, root={str(out)!r})"
     if kind == "robomimic":
-        return f"h5py.File('{out / FILE}')"
-    return f"minari.MinariDataset('{out / minari_id(card) / 'data'}')"
+        return f"h5py.File({str(out / FILE)!r})"
+    return f"minari.MinariDataset({str(out / minari_id(card) / 'data')!r})"

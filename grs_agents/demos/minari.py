@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from grs_agents.demos.types import DatasetCard, Demonstration
+from grs_agents.demos.types import ENVIRONMENT, DatasetCard, Demonstration
 
 
 def minari_id(card: DatasetCard) -> str:
@@ -35,11 +36,22 @@ def write_minari(demonstrations: Iterable[Demonstration], card: DatasetCard, fol
         {
             "dataset_id": minari_id(card),
             "minari_version": minari.__version__,
+            "env_spec": _make_environment_spec(card).to_json(),
             "algorithm_name": "the expert of GRS",
             "requirements": [f"grs-agents=={card.versions['grs-agents']}"],
             "description": f"Demonstrations of {card.name} at {card.rate:g} Hz; action: joint positions, suction.",
         }
     )
+
+
+def _make_environment_spec(card: DatasetCard) -> Any:
+    """What ``recover_environment`` makes: its observations have the data set's names, pictures as ``<camera>_rgb``."""
+    from gymnasium.envs import registration
+
+    module, _, name = ENVIRONMENT.partition(":")
+    import_module(module)  # registers it
+    registered: Any = cast(Any, registration).spec(name)
+    return replace(registered, kwargs=card.environment_arguments)
 
 
 def _make_spaces(card: DatasetCard) -> tuple[Any, Any]:

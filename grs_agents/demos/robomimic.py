@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.demos.types import DatasetCard, Demonstration
+from grs_agents.demos.types import ENVIRONMENT, DatasetCard, Demonstration
 
 FILE: Final = "demos.hdf5"
 _GYM: Final = 2
@@ -34,10 +34,10 @@ def write_robomimic(demonstrations: Iterable[Demonstration], card: DatasetCard, 
             _write_episode(data.create_group(names[-1]), demonstration)
             steps += demonstration.steps
         arguments: dict[str, Any] = {
-            "env_name": "grs_agents.envs:GRS-v0",
+            "env_name": ENVIRONMENT,
             "type": _GYM,
             "env_version": card.versions["grs-agents"],
-            "env_kwargs": {"run": card.name, "control": "joint_position"},
+            "env_kwargs": card.environment_arguments,
         }
         data.attrs["total"], data.attrs["env_args"] = steps, json.dumps(arguments)
         data.attrs["grs"] = card.model_dump_json()

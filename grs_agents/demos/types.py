@@ -3,16 +3,19 @@
 import importlib.metadata
 import platform
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field
 
 from grs_agents.base import Frozen
 from grs_agents.version import __version__
 
 Format = Literal["lerobot", "robomimic", "minari"]
 FORMATS: Final[tuple[Format, ...]] = ("lerobot", "robomimic", "minari")
+ENVIRONMENT: Final = "grs_agents.envs:GRS-v0"
+"""What gymnasium makes the environment of a data set by."""
 Floats = npt.NDArray[np.float32]
 Row = tuple[float, ...]
 
@@ -75,12 +78,23 @@ class DatasetCard(Frozen):
     """What a data set says of itself, apart from its episodes."""
 
     name: str  # of the task folder
+    id: str = ""  # of the data set, hexadecimal; by it the data set is known wherever it lies
+    # where it is written, an absolute path; of the files only what makes the environment says so
+    folder: str = Field(default="", exclude=True)
     robot: str
     rate: float  # Hz
     joint_names: tuple[str, ...]
     object_names: tuple[str, ...]
     cameras: tuple[CameraModel, ...]
     versions: dict[str, str]  # of what the result depends on
+
+    @property
+    def environment_arguments(self) -> dict[str, Any]:
+        """The arguments of ``GRS-v0`` by which it begins in the episodes' instances, and acts as the episodes did."""
+        shown = {"cameras": [camera.name for camera in self.cameras]} if self.cameras else {}
+        size = {"image_size": [self.cameras[0].height, self.cameras[0].width]} if self.cameras else {}
+        acts = {"control": "joint_position", "normalized": False, "reward": "sparse"}
+        return {"run": self.folder, "dataset": self.id, **acts, **shown, **size}
 
 
 class DatasetSummary(Frozen):

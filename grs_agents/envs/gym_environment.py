@@ -17,7 +17,7 @@ from grs_agents.sim.arms import get_arm
 from grs_agents.sim.motion import CONTROL_RATE
 from grs_agents.sim.rendering import Backend
 from grs_agents.sim.variation import Variation, vary_instance
-from grs_agents.task_folder import TaskFolder, open_task_folder
+from grs_agents.task_folder import TaskFolder, find_dataset_folder, open_task_folder
 
 try:
     import gymnasium
@@ -52,6 +52,8 @@ class GrsEnv(gymnasium.Env[Any, Any]):
         horizon: actions until an episode is cut off; None for a number that leaves time to spare.
         renderer: ``auto``, ``egl``, ``osmesa`` or ``rays``.
         render_mode: ``rgb_array`` or None.
+        dataset: which data set ``run`` is, as data sets name themselves; one that was moved is found by it in the
+            folders of the files that the command line names, in ``MINARI_DATASETS_PATH`` and in the current folder.
 
     An episode ends (``terminated``) when the task is solved, by the strict score with nothing held. ``info`` has
     ``is_success``, ``instance`` (its seed), and at the end ``strict_score``. ``reset(seed=...)`` begins in the instance
@@ -77,12 +79,13 @@ class GrsEnv(gymnasium.Env[Any, Any]):
         horizon: int | None = None,
         renderer: Backend = "auto",
         render_mode: str | None = None,
+        dataset: str | None = None,
     ) -> None:
         if reward not in REWARDS:
             raise UnknownNameError("reward", reward, REWARDS)
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UnknownNameError("render_mode", str(render_mode), self.metadata["render_modes"])
-        self.folder = open_task_folder(Path(run))
+        self.folder = open_task_folder(Path(run) if dataset is None else find_dataset_folder(Path(run), dataset))
         self.instances = _read_instances(self.folder, seeds)
         self.render_mode = render_mode
         self._dense, self._variation = reward == "dense", _parse_variation(variation)

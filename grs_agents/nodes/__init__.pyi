@@ -26,6 +26,7 @@ from .describing import ask_describer as ask_describer
 from .describing import describe_segments as describe_segments
 from .describing import make_describer_question as make_describer_question
 from .describing import make_placeholder_description as make_placeholder_description
+from .earlier_judgements import forget_judgements as forget_judgements
 from .evidence import render_evidence as render_evidence
 from .fix_history import BestVersion as BestVersion
 from .fix_history import FixRecord as FixRecord

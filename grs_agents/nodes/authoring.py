@@ -51,6 +51,16 @@ def save_program_version(state: RunState, services: Services, program: ProgramNa
     return {program: source, f"{program}_version": number}
 
 
+def find_equal_version(state: RunState, services: Services, program: ProgramName, source: str) -> int:
+    """The number of the earliest version of ``program`` with this source; 0 without one."""
+    stem = PROGRAM_FILES[program].removesuffix(".py")
+    for number in range(1, state.get(f"{program}_version", 0) + 1):
+        file = services.folder / f"history/{stem}_{number:03d}.py"
+        if file.is_file() and file.read_bytes() == source.encode():
+            return number
+    return 0
+
+
 def _sha256_of_source(source: str) -> str:
     return hashlib.sha256(source.encode()).hexdigest()
 

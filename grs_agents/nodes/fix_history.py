@@ -59,6 +59,7 @@ class FixRecord(Frozen):
     fixed: FixedName
     strategy: Strategy
     version: int  # of that program after the fix
+    equals: int = 0  # the earlier version of that program that it equals; 0: none
     added: int  # lines
     removed: int
     problem: str = ""  # why the model gave nothing that could be used
@@ -77,6 +78,7 @@ class FixRecord(Frozen):
     def __str__(self) -> str:
         name = VERDICTS[self.fixed]
         what = "written anew" if self.strategy == "rewrite" else f"version {self.version}"
+        what += f", equal to version {self.equals}" if self.equals else ""
         change = f"{what} (+{self.added} -{self.removed} lines)" if self.has_changed_lines else "unchanged"
         outcome = f"{self.before} -> {self.after or 'not judged'}"
         return f"{name}: {self.problem or change}: {outcome}{'; in vain' if self.vain else ''}"
@@ -134,8 +136,11 @@ def _assertion_lines(record: FixRecord) -> list[str]:
     return [f"  {told[line[0]]}: {line[2:]}" for line in record.assertions]
 
 
-def record_fix(state: RunState, fixed: FixedName, strategy: Strategy, change: Update, problem: str = "") -> Update:
-    """What a fix changes in the state, with the fix in the history; ``problem`` is why it changed nothing."""
+def record_fix(
+    state: RunState, fixed: FixedName, strategy: Strategy, change: Update, problem: str = "", equals: int = 0
+) -> Update:
+    """What a fix changes in the state, with the fix in the history; ``problem`` is why it changed nothing, ``equals``
+    the earlier version that the program equals."""
     old, new = (
         _split_into_json_or_text_lines(state.get(fixed, "")),
         _split_into_json_or_text_lines(change.get(fixed, state.get(fixed, ""))),
@@ -148,6 +153,7 @@ def record_fix(state: RunState, fixed: FixedName, strategy: Strategy, change: Up
         version=change.get(version, state.get(version)) or 0,
         added=sum(line.startswith("+ ") for line in lines),
         removed=sum(line.startswith("- ") for line in lines),
+        equals=equals,
         problem=problem,
         assertions=find_changed_assertions(str(state.get("tests", "")), str(change["tests"]))
         if "tests" in change

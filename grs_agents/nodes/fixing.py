@@ -4,6 +4,7 @@ from typing import Any
 
 from grs_agents.agents import JudgedPrograms, NoReply, roles
 from grs_agents.nodes.authoring import (
+    find_equal_version,
     images_from_state,
     save_program_version,
     scene_from_state,
@@ -82,7 +83,9 @@ def _record_fix_and_save_program(
     if source == state.get(program):
         return record_fix(state, program, strategy, {})
     author = "fix_code" if program == "simulation" else "fix_tests"
-    return record_fix(state, program, strategy, save_program_version(state, services, program, source, author))
+    equals = find_equal_version(state, services, program, source)
+    change = save_program_version(state, services, program, source, author)
+    return record_fix(state, program, strategy, change, equals=equals)
 
 
 @logged_node("fix_task")

@@ -8,6 +8,13 @@ from grs_agents.files import write_json, write_text
 from grs_agents.nodes.auditing import audit_programs
 from grs_agents.nodes.authoring import PROGRAM_FILES, task_from_state, write_task_file
 from grs_agents.nodes.bystanders import program_tool_settings
+from grs_agents.nodes.earlier_judgements import (
+    forget_judgements,
+    keep_audit,
+    keep_test_report,
+    recall_audit,
+    recall_test_report,
+)
 from grs_agents.nodes.fix_history import (
     LONGEST_STREAK,
     BestVersion,
@@ -27,17 +34,19 @@ from grs_agents.trace import Decision, Finding, Note, TestsRun
 
 @logged_node("run_tests")
 def run_tests(state: RunState, services: Services) -> Update:
-    """Check what needs no run, then run the tests against the program in the sandbox."""
+    """Check what needs no run, then run the tests against the program in the sandbox, once for each pair of them."""
     found = check_programs(state["simulation"], state["tests"], task_from_state(state), services.library)
-    scene = SceneDescription.model_validate(state["scene"])
-    result = services.run_tool(
-        "run_tests",
-        simulation=state["simulation"],
-        tests=state["tests"],
-        seed=services.config.seed,
-        **program_tool_settings(scene, services),
-    )
-    report: TestReport = result.report
+    report = recall_test_report(state, services)
+    if report is None:
+        result = services.run_tool(
+            "run_tests",
+            simulation=state["simulation"],
+            tests=state["tests"],
+            seed=services.config.seed,
+            **program_tool_settings(SceneDescription.model_validate(state["scene"]), services),
+        )
+        report = TestReport.model_validate(result.report)
+        keep_test_report(state, report, services)
     services.log.append(TestsRun(report=report.model_dump(mode="json")))
     static = [finding.model_dump(mode="json") for finding in found]
     return record_outcome(state, {"report": report.model_dump(mode="json"), "static": static, "audit": {}})
@@ -75,7 +84,8 @@ def decide_what_to_fix(state: RunState, services: Services) -> Update:
 
 @logged_node("audit")
 def audit_task(state: RunState, services: Services) -> Update:
-    """Instantiate the program for each seed and let the trusted oracle solve the instances."""
+    """Instantiate the program for each seed and let the trusted oracle solve the instances, once for each pair of
+    programs."""
     audited = AuditedPrograms(
         simulation=state["simulation"],
         tests=state.get("tests") or None,
@@ -84,7 +94,10 @@ def audit_task(state: RunState, services: Services) -> Update:
         original=TaskDefinition.model_validate(state["revised"]["from"]) if state.get("revised") else None,
         scene=SceneDescription.model_validate(state["scene"]),
     )
-    report = audit_programs(audited, services)
+    report = recall_audit(state, services)
+    if report is None:
+        report = audit_programs(audited, services)
+        keep_audit(state, report, services)
     record_audit(report, services)
     return record_outcome(state, {"audit": report.model_dump(mode="json")})
 
@@ -92,6 +105,7 @@ def audit_task(state: RunState, services: Services) -> Update:
 @logged_node("conclude")
 def conclude_with_best_version(state: RunState, services: Services) -> Update:
     """Say how the run ended, and why; a run that is not accepted leaves the best version in place."""
+    forget_judgements(services)
     status, reason = decide_run_status_and_reason(state)
     if status == "accepted" or not state.get("best"):
         return {"status": status, "reason": reason}

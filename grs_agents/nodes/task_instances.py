@@ -103,7 +103,7 @@ def _write_instances(instances: Sequence[TaskInstance], services: Services) -> N
         stale.unlink()
     for instance in instances:
         written = make_robot_path_relative(instance, services.folder).model_dump(mode="json")
-        write_json(services.folder / _instance_file_name(instance, "json"), written)
+        write_json(services.folder / _instance_file_name(instance.seed, "json"), written)
 
 
 def _find_instances_of_other_kinds(
@@ -178,12 +178,12 @@ def _share_rollout(
 ) -> list[Rollout]:
     """A rollout for each of some instances that differ in their seeds alone; of the ``instances`` an event too."""
     if same[0] in instances:
-        solved = solved.model_copy(update={"recording": _instance_file_name(same[0], "npz")})
+        solved = solved.model_copy(update={"recording": _instance_file_name(same[0].seed, "npz")})
     # What was measured once counts once: the trials stay with the first.
     again = [solved.model_copy(update={"seed": one.seed, "trials": ()}) for one in same[1:]]
     for instance, done in zip(same, [solved, *again], strict=True):
         if instance in instances:
-            services.log.append(_make_rollout_event(instance, done))
+            services.log.append(_make_rollout_event(done))
     return [solved, *again]
 
 
@@ -195,7 +195,7 @@ def _make_rollout_job(
     instance = instances[rank]
     job: dict[str, Any] = {"instance": instance.model_dump(mode="json")}
     if rank < filmed:
-        job["recording"] = str((services.folder / _instance_file_name(instance, "npz")).resolve())
+        job["recording"] = str((services.folder / _instance_file_name(instance.seed, "npz")).resolve())
         job["trials"] = len(range(rank, trials, filmed))
     return job
 
@@ -283,19 +283,25 @@ def _describe_camera(scene: SceneDescription) -> InstanceCamera | None:
         return None
 
 
-def _instance_file_name(instance: TaskInstance, suffix: str) -> str:
+def _instance_file_name(seed: int, suffix: str) -> str:
     """The name of what is kept of an instance, relative to the run folder."""
-    return f"instances/seed_{instance.seed}.{suffix}"
+    return f"instances/seed_{seed}.{suffix}"
 
 
-def _make_rollout_event(instance: TaskInstance, rollout: Rollout) -> RolloutEvent:
+def log_rollouts(rollouts: Sequence[Rollout], services: Services) -> None:
+    """One event for each rollout of an audit; its instance lies in the run folder."""
+    for rollout in rollouts:
+        services.log.append(_make_rollout_event(rollout))
+
+
+def _make_rollout_event(rollout: Rollout) -> RolloutEvent:
     return RolloutEvent(
-        seed=instance.seed,
+        seed=rollout.seed,
         reward=rollout.episode.reward,
         outcome=rollout.episode.outcome,
         steps=rollout.episode.steps,
         moved=rollout.moved,
         idle_reward=rollout.idle_reward,
         recording=rollout.recording,
-        instance=_instance_file_name(instance, "json"),
+        instance=_instance_file_name(rollout.seed, "json"),
     )

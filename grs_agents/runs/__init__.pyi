@@ -13,6 +13,8 @@ from .experiments import load_experiment as load_experiment
 from .experiments import markdown_table as markdown_table
 from .experiments import positive_int as positive_int
 from .experiments import terminal_table as terminal_table
+from .graph_loading import compile_graph as compile_graph
+from .graph_loading import load_graph as load_graph
 from .hashes import write_hashes as write_hashes
 from .kept_rows import StoredRows as StoredRows
 from .kept_rows import open_stored_rows as open_stored_rows
@@ -29,7 +31,6 @@ from .recording import select_cassette_settings as select_cassette_settings
 from .run_opening import GIVEN as GIVEN
 from .run_opening import RUNS as RUNS
 from .run_opening import Order as Order
-from .run_opening import load_graph as load_graph
 from .run_opening import make_run_folder as make_run_folder
 from .run_opening import open_resumed_folder as open_resumed_folder
 from .sandbox_setup import PRELOAD as PRELOAD

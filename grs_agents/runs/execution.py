@@ -18,14 +18,15 @@ from grs_agents.config import Config
 from grs_agents.errors import ConfigError, GrsError, InputError, OutputError
 from grs_agents.files import unwritable_error
 from grs_agents.foreign import path_exists
-from grs_agents.nodes import Services, conclude_with_best_version
+from grs_agents.nodes import Services, conclude_with_best_version, forget_judgements
 from grs_agents.policies import load_policy
 from grs_agents.questions import Question, parse_question
 from grs_agents.runs.checkpoint import FILE, check_checkpoint_file, check_restored_state
+from grs_agents.runs.graph_loading import compile_graph, explain_graph_error
 from grs_agents.runs.hashes import write_hashes
 from grs_agents.runs.record import EXIT_STATUS, RunRecord, count_run_results, seconds_by_stage, sum_reply_costs
 from grs_agents.runs.recording import add_recording_comparison, write_cassette
-from grs_agents.runs.run_opening import RUNS, Order, load_graph, open_run, remove_run_folder
+from grs_agents.runs.run_opening import RUNS, Order, open_run, remove_run_folder
 from grs_agents.runs.sandbox_setup import open_sandbox
 from grs_agents.sandbox import Sandbox
 from grs_agents.state import RunState
@@ -102,7 +103,7 @@ def _execute_with_log(order: Order, views: Views, folder: Path, record: RunRecor
             record, problem = _mark_record_failed(record, error, folder)
             record.write(folder)
         elif problem is None:  # the verdict stands
-            problem = _convert_to_grs_error(error, folder)
+            problem = _convert_to_grs_error(error, folder, record.graph)
     return Outcome(folder, record, problem, state)
 
 
@@ -161,19 +162,22 @@ def _mark_record_failed(
     """The record of a run that was interrupted or broke, and the error in the second case."""
     if isinstance(error, KeyboardInterrupt):
         return _mark_record_ended(record, "interrupted", "interrupted by the user", INTERRUPTED), None
-    problem = _convert_to_grs_error(error, folder)
+    problem = _convert_to_grs_error(error, folder, record.graph)
     return _mark_record_ended(record, "failed", str(problem), problem.exit_status), problem
 
 
-def _convert_to_grs_error(error: BaseException, folder: Path) -> GrsError:
-    """The user's errors as they are, a full or read-only disk as one of them, anything else as ours."""
+def _convert_to_grs_error(error: Exception | KeyboardInterrupt, folder: Path, graph: str) -> GrsError:
+    """The user's errors as they are, a full or read-only disk and what the user's own code raises as such, anything
+    else as ours."""
     if isinstance(error, GrsError):
         return error
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EROFS, errno.EDQUOT, errno.EACCES):
         return unwritable_error(folder, error)
     if isinstance(error, sqlite3.OperationalError) and "full" in str(error):
         return unwritable_error(folder / FILE, OSError(errno.ENOSPC, "disk is full"))
-    problem = UnexpectedError(f"{type(error).__name__}: {error}", f"report it with {folder / 'events.jsonl'}")
+    explained = None if isinstance(error, KeyboardInterrupt) else explain_graph_error(error, graph, __file__)
+    unforeseen = UnexpectedError(f"{type(error).__name__}: {error}", f"report it with {folder / 'events.jsonl'}")
+    problem = explained or unforeseen
     problem.__cause__ = error
     return problem
 
@@ -189,7 +193,7 @@ def _invoke_graph(
     with open_sandbox(config) as sandbox, _open_checkpointer(order, folder) as checkpointer:
         sandbox.warm_up()  # its imports overlap with comprehension
         services = _make_node_services(config, folder, log, sandbox)
-        graph = load_graph(config.graph).build().compile(checkpointer=checkpointer)
+        graph = compile_graph(config.graph, checkpointer)
         drawn = graph.get_graph()
         log.append(
             RunStarted(
@@ -202,7 +206,7 @@ def _invoke_graph(
                 edges=tuple((edge.source, edge.target) for edge in drawn.edges),
             )
         )
-        settings: dict[str, Any] = {"recursion_limit": 25 + 4 * config.max_fixes}
+        settings: dict[str, Any] = {"recursion_limit": config.recursion_limit or 25 + 4 * config.max_fixes}
         given: State = {"scene_path": str(order.source), "max_fixes": config.max_fixes, "fixes": 0, "history": []}
         begin: State = {**order.given, **given}
         try:
@@ -213,6 +217,7 @@ def _invoke_graph(
             resumed = order.resume and bool(_load_checkpoint_state(graph, settings, folder, order.source))
             if resumed:
                 log.append(Note(level="info", text=f"resumed, attempt {record.attempts}"))
+                forget_judgements(services)  # only what this process measured is used again
             try:
                 start = _command_with_reply(graph, settings, order, log) if resumed else begin
                 graph.invoke(start, settings, context=services, durability="sync")

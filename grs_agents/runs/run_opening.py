@@ -12,7 +12,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from grs_agents import content
@@ -25,6 +24,7 @@ from grs_agents.models import make_chat_model
 from grs_agents.perception import check_scene_source, short_scene_name
 from grs_agents.policies import load_policy
 from grs_agents.questions import require_reply_is_a_choice
+from grs_agents.runs.graph_loading import compile_graph, load_graph
 from grs_agents.runs.record import EXIT_STATUS, FILE, RunRecord, installed_versions, read_record
 from grs_agents.toolkit import load_tool
 
@@ -216,6 +216,7 @@ def require_configured_names_exist(config: Config, command: str, given: Mapping[
         )
     if command == "run" and not getattr(graph, "VERDICT", True):
         raise ConfigError(f"graph {config.graph!r} comes to no verdict", "use graph=grs, or `grs scene` for the scene")
+    compile_graph(config.graph)
     load_policy(config.policy)
     for name in config.tools.model_dump().values():
         load_tool(name)
@@ -234,11 +235,3 @@ def _require_usable_models_or_recording(config: Config) -> None:
         read_cassette(config.cassette)
     for spec in config.models.values() if config.record or not config.cassette else ():
         make_chat_model(spec, config.seed)
-
-
-def load_graph(name: str) -> ModuleType:
-    """The graph file ``name``. Raises ConfigError: nothing has that name, or the file has no ``build``."""
-    module = content.load_module("graphs", name)
-    if not callable(getattr(module, "build", None)):
-        raise ConfigError(f"graph {name!r} ({module.__file__}) has no build()", "define what is missing")
-    return module

@@ -1,14 +1,16 @@
 """From a program to data: what its ``reset`` set up, as a task instance."""
 
+from pydantic import ValidationError
+
 from grs_agents.library import Library
-from grs_agents.sim.cliport import Environment, Task, end_effectors
-from grs_agents.sim.instance import Goal, TaskInstance
+from grs_agents.sim.cliport import Environment, Task, end_effectors, parse_max_steps
+from grs_agents.sim.instance import Goal, InvalidValueError, TaskInstance, describe_first_error
 
 
 def instantiate(task: Task, seed: int, library: Library | None = None) -> TaskInstance:
     """Run a program's ``reset`` once and write down what it set up.
 
-    Raises ``SimulationError`` for no such scene, ``ValidationError`` for one that is out of range.
+    Raises ``SimulationError`` for no such scene, ``InvalidValueError`` among them for one that is out of range.
     """
     env = Environment(library=library, seed=seed)
     env.set_task(task)
@@ -18,18 +20,28 @@ def instantiate(task: Task, seed: int, library: Library | None = None) -> TaskIn
 
 def describe_instance(env: Environment, task: Task, seed: int) -> TaskInstance:
     """What stands in an environment that a task has just set up, written down; errors as ``instantiate``."""
-    return TaskInstance(
-        task=type(task).__name__[:200],
-        seed=seed,
-        max_steps=int(task.max_steps),
-        timestep=env.timestep,
-        hz=env.hz,
-        primitive="push" if end_effectors.uses_push_primitive(task.ee, task.primitive) else "pick_place",
-        sixdof=bool(task.sixdof),
-        pos_eps=task.pos_eps,
-        rot_eps=task.rot_eps,
-        objects=env.objects,
-        ties=env.object_ties,
-        goals=tuple(Goal.model_validate(goal.model_dump()) for goal in task.grs.stated),
-        warnings=tuple(warning[:500] for warning in env.warnings),
-    )
+    goals: list[Goal] = []
+    for number, stated in enumerate(task.grs.stated, start=1):
+        try:
+            goals.append(Goal.model_validate(stated.model_dump()))
+        except ValidationError as error:
+            raise InvalidValueError(describe_first_error(error, f"goal {number}")) from error
+    try:
+        return TaskInstance(
+            task=type(task).__name__[:200],
+            seed=seed,
+            max_steps=parse_max_steps(task.max_steps),
+            timestep=env.timestep,
+            hz=env.hz,
+            primitive="push" if end_effectors.uses_push_primitive(task.ee, task.primitive) else "pick_place",
+            sixdof=bool(task.sixdof),
+            pos_eps=task.pos_eps,
+            rot_eps=task.rot_eps,
+            objects=env.objects,
+            ties=env.object_ties,
+            goals=tuple(goals),
+            warnings=tuple(warning[:500] for warning in env.warnings),
+        )
+    except ValidationError as error:
+        objects = [{"id": item.id, "asset": item.asset} for item in env.objects]
+        raise InvalidValueError(describe_first_error(error, data={"objects": objects})) from error

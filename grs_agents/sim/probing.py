@@ -15,7 +15,7 @@ from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.cliport import Environment, Task
 from grs_agents.sim.expert import Oracle
 from grs_agents.sim.goals import StrictScorer
-from grs_agents.sim.instance import Stop, TaskInstance, set_last_recorder
+from grs_agents.sim.instance import SimulationError, Stop, TaskInstance, set_last_recorder
 from grs_agents.sim.instantiation import describe_instance
 from grs_agents.sim.motion import PickPlaceResult
 
@@ -226,7 +226,7 @@ class Probe(EpisodeReplay):
     def _describe_instance_differences(self, env: Environment) -> str:
         try:
             drawn = describe_instance(env, cast(Task, env.task), self.instance.seed)
-        except (AttributeError, TypeError, ValueError):
+        except (AttributeError, TypeError, ValueError, SimulationError):
             return "it is no task instance"
         mine = {item.id: item for item in drawn.task_objects}
         theirs = {item.id: item.model_copy(update=_NAMED_LATER) for item in self.instance.task_objects}

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import shlex
 import shutil
 import sqlite3
 import subprocess
@@ -248,3 +249,16 @@ def test_a_real_scene_comes_to_a_verdict(tmp_path: Path, real_scenes: Path) -> N
     done = grs("run", str(real_scenes / "osd_test45"), "--out", "run", "--json", folder=tmp_path)
     assert done.returncode in (0, 1), done.stderr
     assert json.loads(done.stdout)["counts"]["objects"] >= 2
+
+
+@pytest.mark.parametrize("word", ["a b", "$HOME", "it's", ";x"])
+def test_printed_commands_name_folders_as_a_shell_takes_them(
+    accepted: tuple[Path, dict[str, Any]], sample_scene: Path, tmp_path: Path, word: str
+) -> None:
+    run, out = shutil.copytree(accepted[0], tmp_path / word), tmp_path / f"{word} out"
+    summary = grs("run", str(sample_scene), "--out", str(run), "--resume", folder=tmp_path).stdout
+    replay = summary.partition("grs replay ")[2].partition("   opens")[0]
+    assert shlex.split(replay) == [str(run)]
+    exported = grs("export", str(run), "--out", str(out), folder=tmp_path).stdout
+    [command] = [line.removeprefix("open it: ") for line in exported.splitlines() if line.startswith("open it: ")]
+    assert shlex.split(command) == ["python", "-m", "mujoco.viewer", f"--mjcf={out / 'scene.xml'}"]

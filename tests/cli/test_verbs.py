@@ -5,6 +5,7 @@ import sys
 import tomllib
 from pathlib import Path
 from types import ModuleType
+from unittest.mock import patch
 
 import pytest
 
@@ -164,14 +165,19 @@ def test_check_takes_the_seeds_of_the_configuration(tmp_path: Path, program: Pat
     assert len(json.loads(done.stdout)["audit"]["rollouts"]) == 1
 
 
-def test_what_nobody_caught_is_our_error(tmp_path: Path) -> None:
+@pytest.mark.parametrize("source", ["raise RuntimeError('on purpose')", "def build():\n    1 / 0"])
+def test_a_graph_of_the_users_own_that_fails_is_one_line_with_its_file(tmp_path: Path, source: str) -> None:
     (tmp_path / "graphs").mkdir()
-    (tmp_path / "graphs" / "bad.py").write_text("raise RuntimeError('on purpose')")
-    content.add_overlay_folder(tmp_path)
-    try:
-        done = grs("graph", "bad", folder=tmp_path)
-    finally:
-        content._overlays.clear()
+    (tmp_path / "graphs" / "bad.py").write_text(source)
+    done = grs("--content", str(tmp_path), "graph", "bad", folder=tmp_path)
+    assert done.returncode == 2
+    [line] = done.stderr.splitlines()
+    assert line.startswith("grs: graph 'bad' cannot be ") and f"bad.py:{len(source.splitlines())}: " in line
+
+
+def test_what_nobody_caught_is_our_error(tmp_path: Path) -> None:
+    with patch("grs_agents.cli.listing.list_content", side_effect=RuntimeError("on purpose")):
+        done = grs("list", folder=tmp_path)
     assert done.returncode == 3
     lines = done.stderr.splitlines()
     assert lines[0].startswith("grs: RuntimeError: on purpose") and lines[1].startswith("Traceback")

@@ -2,13 +2,17 @@ import json
 import shutil
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from grs_agents.demos import AttemptStore, Demonstration, Format, write_dataset
+from grs_agents.demos import AttemptStore, Demonstration, Format, make_demonstrations, write_dataset
+from grs_agents.envs import GrsEnv
+from grs_agents.errors import InputError
 from grs_agents.task_folder import open_task_folder
-from tests.demos.block_tasks import ORDER
+from tests.demos.block_tasks import ORDER, two_blocks, write_instances
+from tests.gantry import GANTRY
 from tests.needs import needs
 
 
@@ -64,7 +68,6 @@ def test_robomimic(blocks: Path, kept: Path, demonstrations: list[Demonstration]
     out = write("robomimic", blocks, kept, tmp_path)
     with import_module("h5py").File(out / "demos.hdf5") as file:
         assert file["data"].attrs["total"] == sum(one.steps for one in demonstrations)
-        assert json.loads(file["data"].attrs["env_args"])["env_kwargs"]["control"] == "joint_position"
         masks = [name.decode() for mask in ("train", "valid") for name in file["mask"][mask]]
         assert sorted(masks) == ["demo_0", "demo_1", "demo_2"]
         for number, one in enumerate(demonstrations):
@@ -98,3 +101,88 @@ def test_a_data_set_says_what_it_is(kind: Format, blocks: Path, kept: Path, tmp_
     assert {"grs-agents", "mujoco", "numpy", "python"} == set(told["dataset"]["versions"])
     assert [camera["name"] for camera in told["dataset"]["cameras"]] == ["front", "wrist"]
     assert [one["base_seed"] for one in told["episodes"]] == [0, 1, 0]
+
+
+def read_environment_arguments(kind: Format, out: Path) -> dict[str, Any]:
+    """The arguments of the environment that a data set names."""
+    if kind == "robomimic":
+        with import_module("h5py").File(out / "demos.hdf5") as file:
+            named = json.loads(file["data"].attrs["env_args"])
+        assert named["env_name"] == "grs_agents.envs:GRS-v0"
+        return named["env_kwargs"]
+    return import_module("minari").MinariDataset(out / "grs/blocks-v0/data").env_spec.kwargs
+
+
+FILES = {"robomimic": "demos.hdf5", "minari": "grs/blocks-v0/data/main_data.hdf5"}
+
+
+@needs("minari", "h5py")
+@pytest.mark.parametrize("kind", ["robomimic", "minari"])
+def test_the_environment_that_a_data_set_names_acts_as_its_episodes_did(
+    kind: Format, blocks: Path, kept: Path, demonstrations: list[Demonstration], tmp_path: Path, monkeypatch
+) -> None:
+    out = write(kind, blocks, kept, tmp_path)
+    monkeypatch.chdir("/")
+    if kind == "minari":
+        env = import_module("minari").MinariDataset(out / "grs/blocks-v0/data").recover_environment()
+    else:
+        env = import_module("gymnasium").make("grs_agents.envs:GRS-v0", **read_environment_arguments(kind, out))
+    begin, _ = env.reset(options={"instance": 2})
+    np.testing.assert_allclose(begin["objects"], demonstrations[2].objects[0], atol=1e-5)
+    assert begin["front_rgb"].shape == demonstrations[2].images["front"][0].shape
+    assert [env.step(action)[2] for action in demonstrations[2].actions][-1]
+    env.close()
+
+
+@needs("minari", "h5py")
+@pytest.mark.parametrize("kind", ["robomimic", "minari"])
+@pytest.mark.parametrize("known_by", ["argument", "option", "variable", "current folder", "run"])
+def test_the_environment_of_a_moved_data_set_is_found(
+    kind: Format, known_by: str, blocks: Path, kept: Path, tmp_path: Path, monkeypatch
+) -> None:
+    moved = write(kind, blocks, kept, tmp_path).rename(tmp_path / "moved to here")
+    arguments = read_environment_arguments(kind, moved)
+    monkeypatch.chdir("/")
+    monkeypatch.setattr("sys.argv", ["train.py", "--epochs", "3", "\0"])
+    with pytest.raises(InputError, match=r"not in .*out, where it was made; give its present folder: run=FOLDER"):
+        GrsEnv(**arguments)
+    match known_by:
+        case "argument":
+            monkeypatch.setattr("sys.argv", ["train.py", str(moved / FILES[kind])])
+        case "option":
+            monkeypatch.setattr("sys.argv", ["train.py", f"--dataset={moved / FILES[kind]}"])
+        case "variable":
+            monkeypatch.setenv("MINARI_DATASETS_PATH", str(moved))
+        case "current folder":
+            monkeypatch.chdir(moved)
+        case _:
+            arguments["run"] = str(moved)
+    assert GrsEnv(**arguments).folder.path == moved
+
+
+@needs("h5py")
+def test_another_data_set_in_the_place_of_a_moved_one_is_not_taken(
+    blocks: Path, kept: Path, tmp_path: Path, monkeypatch
+) -> None:
+    out = write("robomimic", blocks, kept, tmp_path)
+    arguments = read_environment_arguments("robomimic", out)
+    card = json.loads((out / "grs.json").read_text(encoding="utf-8"))
+    assert str(tmp_path) not in json.dumps(card)
+    (out / "grs.json").write_text(json.dumps({**card, "dataset": {**card["dataset"], "id": "another"}}))
+    with pytest.raises(InputError, match="where it was made"):
+        GrsEnv(**arguments)
+    assert GrsEnv(str(blocks), dataset=arguments["dataset"]).folder.path == blocks  # a task folder that somebody names
+
+
+@needs("h5py")
+def test_a_data_set_has_a_copy_of_an_arm_of_its_own(tmp_path: Path) -> None:
+    folder, work = tmp_path / "gantry", tmp_path / "work"
+    (folder / "robot").mkdir(parents=True)
+    (folder / "robot" / "arm.xml").write_text(GANTRY)
+    instance = two_blocks(0).model_copy(update={"robot": "robot/arm.xml"})
+    write_instances(folder, instance)
+    order = ORDER.model_copy(update={"episodes": 1, "cameras": ()})
+    made = make_demonstrations(open_task_folder(folder), order, work, lambda _: None)
+    write_dataset(made, "robomimic", tmp_path / "out", open_task_folder(folder))
+    shutil.rmtree(folder)
+    assert open_task_folder(tmp_path / "out").read_instance(0).robot == str(tmp_path / "out/robot/arm.xml")

@@ -6,6 +6,7 @@ from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import pytest
 
@@ -135,7 +136,8 @@ def test_an_exception_in_a_node_becomes_the_record(
 
 
 def test_what_nobody_foresaw_keeps_its_cause_and_says_what_to_send(run: Run) -> None:
-    outcome = run("raise ValueError('no such luck')")
+    with patch("grs_agents.runs.execution.load_policy", side_effect=ValueError("no such luck")):
+        outcome = run(ACCEPTED)
     assert isinstance(outcome.problem, UnexpectedError) and isinstance(outcome.problem.__cause__, ValueError)
     assert (outcome.record.status, outcome.record.exit_status) == ("failed", 3)
     assert all(part in outcome.record.reason for part in ("ValueError: no such luck", "events.jsonl"))
@@ -143,8 +145,14 @@ def test_what_nobody_foresaw_keeps_its_cause_and_says_what_to_send(run: Run) -> 
 
 def test_a_graph_that_never_ends_is_stopped(run: Run) -> None:
     outcome = run("return {}", then='"first"', max_fixes=0)
-    assert (outcome.record.status, outcome.record.exit_status) == ("failed", 3)
-    assert "recursion limit" in outcome.record.reason.lower()
+    assert (outcome.record.status, outcome.record.exit_status) == ("failed", 2)
+    assert "did not end within 25 steps" in outcome.record.reason
+
+
+def test_the_limit_of_steps_is_a_setting(run: Run) -> None:
+    outcome = run("return {}", then='"first"', recursion_limit=7)
+    assert "mine.py) did not end within 7 steps; end its loop, or" in outcome.record.reason
+    assert "recursion_limit=N" in outcome.record.reason
 
 
 WAITS = """\
@@ -155,7 +163,7 @@ if not (services.folder.parent / "go").exists():
 
 @pytest.mark.parametrize(
     ("error", "status", "exit_status"),
-    [("KeyboardInterrupt", "interrupted", 130), ("ValueError('no such luck')", "failed", 3)],
+    [("KeyboardInterrupt", "interrupted", 130), ("ValueError('no such luck')", "failed", 2)],
 )
 def test_what_was_interrupted_or_broke_goes_on_at_the_node_where_it_stopped(
     run: Run, tmp_path: Path, error: str, status: str, exit_status: int

@@ -1,11 +1,13 @@
 from . import end_effectors as end_effectors
 from . import import_hook as import_hook
 from . import pybullet as pybullet
+from . import rotations as rotations
 from . import utils as utils
 from .api_documentation import api_reference as api_reference
 from .end_effectors import Spatula as Spatula
 from .end_effectors import push as push
 from .environment import Environment as Environment
+from .environment import parse_max_steps as parse_max_steps
 from .goal_arguments import convert_to_goal as convert_to_goal
 from .goal_arguments import make_goal as make_goal
 from .task import PublishedTask as PublishedTask

@@ -1,7 +1,7 @@
 """The environment: typed objects on a table, an arm with a suction cup, rewards from the task."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import AsyncGenerator, Callable, Coroutine, Generator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
@@ -164,11 +164,11 @@ class Environment(Workcell):
         self.places = {}
         self.remove_all_objects()
         self.failed_placements = 0
-        self.recorder = Recorder(int(self.task.max_steps))
+        self.recorder = Recorder(parse_max_steps(self.task.max_steps))
         set_last_recorder(self.recorder)
         try:
             self.tool = "spatula" if end_effectors.uses_push_primitive(self.task.ee, self.task.primitive) else "suction"
-            self.task.reset(self)
+            _refuse_unfinished_reset(self.task.reset(self))
             self.task.finish_goals(self)
         except GrsError as error:
             self.recorder.stop = make_stop_from_error(error)
@@ -313,6 +313,26 @@ class Environment(Workcell):
             why = f"was put into {' and '.join(within)}" if within else "was put in the air, or did not stand"
             ways = f"from {placement.format_point(start)} to {placement.format_point(end)}"
             self.record_warning(f"{label[number]} {why}: settling moved it {math.dist(start, end):.3f} m, {ways}")
+
+
+def parse_max_steps(value: Any) -> int:
+    """The actions that a task allows; raises ``SimulationError`` for what is no number."""
+    try:
+        return int(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise SimulationError(f"max_steps is {value!r}"[:150], "give a whole number of actions") from error
+
+
+def _refuse_unfinished_reset(returned: object) -> None:
+    """Refuse a ``reset`` whose body has not run: to call it only makes a coroutine or a generator."""
+    if isinstance(returned, Coroutine | Generator | AsyncGenerator):
+        if not isinstance(returned, AsyncGenerator):
+            returned.close()  # else Python warns that nobody awaited it
+        kind = "a generator (it has a yield)" if isinstance(returned, Generator) else "asynchronous (async def)"
+        raise SimulationError(
+            f"reset is {kind}, so that nothing in it ran when it was called",
+            "write `def reset(self, env):` without async or yield",
+        )
 
 
 def _has_moved_while_settling(start: Vec3, end: Vec3) -> bool:

@@ -1,4 +1,4 @@
-"""CLIPort's and PyBullet's import lines, answered by this runtime: programs written for them run unchanged.
+"""The import lines of CLIPort, PyBullet and transforms3d, answered by this runtime: programs with them run unchanged.
 
 Switched on by the sandbox worker alone, with ``install()``. The real packages are never imported, installed or not.
 """
@@ -12,13 +12,13 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any, Final, cast
 
-from grs_agents.sim.cliport import end_effectors, lohoravens, pybullet, utils
+from grs_agents.sim.cliport import end_effectors, lohoravens, pybullet, rotations, utils
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.task import PublishedTask
 from grs_agents.sim.instance import UnsupportedError
 from grs_agents.sim.world import templates
 
-PACKAGES: Final = ("cliport", "pybullet", "pybullet_utils", "pybullet_data")
+PACKAGES: Final = ("cliport", "pybullet", "pybullet_utils", "pybullet_data", "transforms3d")
 BUILT_IN: Final = (
     *("align_box_corner", "align_rope", "assembling_kits", "assembling_kits_seq", "block_insertion"),
     *("manipulating_rope", "packing_boxes", "packing_boxes_pairs", "packing_google_objects", "packing_shapes"),
@@ -29,7 +29,7 @@ BUILT_IN: Final = (
 
 
 def install() -> None:
-    """Let ``import cliport...`` and ``import pybullet`` reach this runtime's objects in this process."""
+    """Let imports of ``PACKAGES`` reach this runtime's objects in this process."""
     if any(isinstance(finder, _UnknownModuleRefuser) for finder in sys.meta_path):
         return
     for name in [name for name in sys.modules if name.split(".")[0] in PACKAGES]:
@@ -64,8 +64,32 @@ def _build_replacement_modules() -> dict[str, ModuleType]:
         "cliport.environments.environment": _make_module("cliport.environments.environment", Environment=Environment),
         "pybullet": pybullet,
         "pybullet_utils": _make_module("pybullet_utils"),
+        "transforms3d": _make_module("transforms3d"),
+        **{name: _make_module(name, **functions) for name, functions in _group_rotation_functions().items()},
         **{f"cliport.tasks.{name}": _make_published_task_module(f"cliport.tasks.{name}") for name in BUILT_IN},
     }
+
+
+def _group_rotation_functions() -> dict[str, dict[str, Callable[..., Any]]]:
+    """The functions of each module of ``transforms3d`` that is answered."""
+    conversions = "euler2mat mat2euler euler2quat quat2euler euler2axangle axangle2euler"
+    names = {
+        "euler": conversions,
+        "quaternions": "axangle2quat quat2axangle quat2mat mat2quat fillpositive qmult qconjugate qnorm qisunit "
+        "qinverse qeye qexp qlog qpow rotate_vector nearly_equivalent",
+        "axangles": "axangle2mat mat2axangle axangle2aff aff2axangle",
+        "affines": "compose decompose",
+        "utils": "normalized_vector vector_norm",
+    }
+    groups = {
+        f"transforms3d.{module}": {name: getattr(rotations, name) for name in listed.split()}
+        for module, listed in names.items()
+    }
+    groups["transforms3d.affines"]["decompose44"] = rotations.decompose
+    groups["transforms3d.taitbryan"] = {
+        name: rotations.tait_bryan(getattr(rotations, name)) for name in conversions.split()
+    }
+    return groups
 
 
 def _do_nothing(*_: Any, **__: Any) -> None:

@@ -7,10 +7,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
+from pydantic import ValidationError
+
 from grs_agents.base import Quat, Vec3
 from grs_agents.geometry import transforms
-from grs_agents.sim.instance import InstanceTie, SimulationError, UnsupportedError
-from grs_agents.sim.world import Tabletop, templates
+from grs_agents.sim.instance import (
+    InstanceTie,
+    InvalidValueError,
+    SimulationError,
+    UnsupportedError,
+    describe_first_error,
+)
+from grs_agents.sim.world import Tabletop, parse_pose, templates
 
 GEOM_SPHERE, GEOM_BOX, GEOM_CYLINDER, GEOM_MESH = 2, 3, 4, 5
 _TEMPLATES: Final = {
@@ -110,9 +118,10 @@ def getVisualShapeData(objectUniqueId: int, *_: Any, **__: Any) -> tuple[tuple[A
 
 def resetBasePositionAndOrientation(bodyUniqueId: int, posObj: Any, ornObj: Any, *_: Any, **__: Any) -> None:
     """Set an object down at a pose at once."""
-    _current_environment().set_object_pose(
-        bodyUniqueId, (transforms.to_vec3(posObj), transforms.to_unit_quaternion(ornObj))
-    )
+    env = _current_environment()
+    asset = env.object_by_id(bodyUniqueId).asset
+    pose = parse_pose((posObj, ornObj), f"p.resetBasePositionAndOrientation of object {bodyUniqueId} ({asset})")
+    env.set_object_pose(bodyUniqueId, pose)
 
 
 def getNumBodies(*_: Any, **__: Any) -> int:
@@ -156,18 +165,20 @@ def createConstraint(
             f"p.createConstraint: joint type {jointType} between {parentBodyUniqueId} and {childBodyUniqueId}",
             "use p.JOINT_POINT2POINT or p.JOINT_FIXED between two objects; category='fixed' holds one in place",
         )
-    return _current_environment().tie_objects(
-        InstanceTie(
+    call = f"p.createConstraint between objects {parentBodyUniqueId} and {childBodyUniqueId}"
+    parent_frame = parse_pose((parentFramePosition, parentFrameOrientation), f"{call}, frame of the parent")
+    child_frame = parse_pose((childFramePosition, childFrameOrientation), f"{call}, frame of the child")
+    try:
+        tie = InstanceTie(
             kind=_JOINTS[jointType],
             parent=parentBodyUniqueId,
             child=childBodyUniqueId,
-            parent_frame=(
-                transforms.to_vec3(parentFramePosition),
-                transforms.to_unit_quaternion(parentFrameOrientation),
-            ),
-            child_frame=(transforms.to_vec3(childFramePosition), transforms.to_unit_quaternion(childFrameOrientation)),
+            parent_frame=parent_frame,
+            child_frame=child_frame,
         )
-    )
+    except ValidationError as error:
+        raise InvalidValueError(describe_first_error(error, call)) from error
+    return _current_environment().tie_objects(tie)
 
 
 def createCollisionShape(

@@ -184,6 +184,10 @@ class Task(TaskKit):
         """
         env = self.grs.reset_in
         library = env.library if env is not None else templates.default_library()
+        if not isinstance(cast(object, replace), Mapping):
+            raise SimulationError(
+                f"fill_template({template!r}): {replace!r} is no dictionary"[:300], "give {'DIM': (x, y, z), ...}"
+            )
         replace = {
             stem: _unwrap_single_color_list(value) if stem == "COLOR" else value for stem, value in replace.items()
         }

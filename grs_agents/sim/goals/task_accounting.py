@@ -4,7 +4,7 @@ Also the published score of CLIPort: how far goals are met, where z and tilt do 
 """
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +25,7 @@ from grs_agents.sim.instance import (
     SimulationError,
     normalise_goal_rewards,
 )
-from grs_agents.sim.world import Tabletop, volume_share_in_zones
+from grs_agents.sim.world import Tabletop, is_number, volume_share_in_zones
 
 
 def symmetric_yaw_difference(first: float, second: float, symmetry: float) -> float:
@@ -143,9 +143,11 @@ class TaskAccounting:
         ]
 
 
-def _clamp_tolerance_with_warning(env: Tabletop, name: str, value: float, bound: float) -> float:
+def _clamp_tolerance_with_warning(env: Tabletop, name: str, value: Any, bound: float) -> float:
     """A tolerance within its bounds; noted where it was not."""
-    if 0 < value <= bound:
+    known = is_number(value)
+    if known and 0 < value <= bound:
         return float(value)
-    env.record_warning(f"{name}={value:.3g} is not within 0..{bound:.3g}, taken as {bound:.3g}")
+    shown = f"{value:.3g}" if known else repr(value)[:80]
+    env.record_warning(f"{name}={shown} is not within 0..{bound:.3g}, taken as {bound:.3g}")
     return bound

@@ -3,6 +3,7 @@ from .episode import ActionRecord as ActionRecord
 from .episode import EndState as EndState
 from .episode import Episode as Episode
 from .episode import GoalOutcome as GoalOutcome
+from .episode import InvalidValueError as InvalidValueError
 from .episode import NoFreeSpaceError as NoFreeSpaceError
 from .episode import ObjectLimitError as ObjectLimitError
 from .episode import ObjectMotion as ObjectMotion
@@ -17,6 +18,7 @@ from .episode import clear_last_episode as clear_last_episode
 from .episode import last_episode as last_episode
 from .episode import make_stop_from_error as make_stop_from_error
 from .episode import set_last_recorder as set_last_recorder
+from .faults import describe_first_error as describe_first_error
 from .goal import LONGEST_SENTENCE as LONGEST_SENTENCE
 from .goal import UPRIGHT_WITHIN as UPRIGHT_WITHIN
 from .goal import Goal as Goal
@@ -50,6 +52,5 @@ from .task_instance import InstanceObject as InstanceObject
 from .task_instance import InstanceTable as InstanceTable
 from .task_instance import InstanceTie as InstanceTie
 from .task_instance import TaskInstance as TaskInstance
-from .task_instance import describe_first_error as describe_first_error
 from .task_instance import hash_instance as hash_instance
 from .task_instance import parse_instance_json as parse_instance_json

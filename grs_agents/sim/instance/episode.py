@@ -65,6 +65,10 @@ class VertexLimitError(SimulationError):
     outcome: Outcome = "vertex_limit"
 
 
+class InvalidValueError(SimulationError):
+    """A value that no task instance may have: a place out of bounds, a number that is none."""
+
+
 class UnsupportedError(SimulationError):
     """The program asks for physics that this runtime does not have yet."""
 

@@ -16,6 +16,7 @@ from grs_agents.base import Frozen, Pose, Vec3
 from grs_agents.errors import InputError
 from grs_agents.foreign import check_json_limits
 from grs_agents.geometry import transforms
+from grs_agents.sim.instance.faults import describe_first_error
 from grs_agents.sim.instance.goal import Goal, Placed, Unit, check_unit_quaternion
 
 POSITION_TOLERANCE = 0.01
@@ -232,7 +233,7 @@ def parse_instance_json(text: str | bytes, objects: int = 200) -> TaskInstance:
         json.loads(data, parse_constant=_refuse_nan_and_infinity, object_pairs_hook=_refuse_duplicate_keys)
         instance = TaskInstance.model_validate_json(data, strict=True)
     except ValidationError as error:
-        raise InstanceError(describe_first_error(error), "correct the value") from error
+        raise InstanceError(describe_first_error(error, data=json.loads(data)), "correct the value") from error
     except (ValueError, RecursionError) as error:
         raise InstanceError(f"the instance is not plain JSON: {str(error)[:200]}", "write JSON") from error
     if len(instance.objects) > objects:
@@ -250,13 +251,6 @@ def hash_instance(instance: TaskInstance) -> str:
     """
     named = instance.model_copy(update={"robot": PurePath(instance.robot).name})
     return hashlib.sha256(named.model_dump_json().encode()).hexdigest()
-
-
-def describe_first_error(error: ValidationError) -> str:
-    """Where the first fault is, and what it is."""
-    first = error.errors(include_url=False)[0]
-    where = ".".join(str(part) for part in first["loc"])
-    return f"{where or 'instance'}: {first['msg']}"[:1000]
 
 
 def _refuse_nan_and_infinity(name: str) -> float:

@@ -1,19 +1,24 @@
 """Colours as programs write them."""
 
+import math
 from collections.abc import Sequence
 
 from grs_agents.sim.instance import SimulationError
 
 
-def color_to_rgba(color: str | Sequence[float]) -> tuple[float, float, float, float]:
-    """Red, green, blue, alpha, 0..1, of a name or three or four numbers; others are a ``SimulationError``."""
+def color_to_rgba(color: str | Sequence[float], what: str = "") -> tuple[float, float, float, float]:
+    """Red, green, blue, alpha, 0..1, of a name or three or four numbers; others are a ``SimulationError``, which begins
+    with ``what``."""
     if isinstance(color, str):
         if color not in COLORS:
-            raise SimulationError(f"colour {color!r} is unknown", f"use one of {', '.join(sorted(COLORS))}")
+            raise SimulationError(f"{what}colour {color!r} is unknown", f"use one of {', '.join(sorted(COLORS))}")
         color = COLORS[color]
-    values = [min(max(float(value), 0.0), 1.0) for value in color]
-    if len(values) not in (3, 4):
-        raise SimulationError(f"colour {list(color)!r} is not (r, g, b)", "give three numbers in 0..1")
+    try:
+        values = [min(max(float(value), 0.0), 1.0) for value in color]
+    except (TypeError, ValueError):
+        values = []
+    if len(values) not in (3, 4) or any(math.isnan(value) for value in values):
+        raise SimulationError(f"{what}colour {color!r} is not (r, g, b)"[:300], "give three numbers in 0..1")
     return (values[0], values[1], values[2], values[3] if len(values) == 4 else 1.0)
 
 

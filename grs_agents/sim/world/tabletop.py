@@ -4,16 +4,25 @@ import difflib
 import inspect
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from pydantic import ValidationError
 
 from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import FloatArray, transforms
 from grs_agents.library import Library, ObjectModel
 from grs_agents.sim.arms import Arm
-from grs_agents.sim.instance import InstanceObject, InstanceTie, NoFreeSpaceError, Recorder, SimulationError
+from grs_agents.sim.instance import (
+    InstanceObject,
+    InstanceTie,
+    InvalidValueError,
+    NoFreeSpaceError,
+    Recorder,
+    SimulationError,
+    describe_first_error,
+)
 from grs_agents.sim.world import budget, bystanders, compilation, footprints, spec, templates
 from grs_agents.sim.world.collision_volumes import Volume, sample_collision_volume
 from grs_agents.sim.world.colors import color_to_rgba
@@ -101,7 +110,8 @@ class Tabletop:
         """
         name = templates.resolve_asset_name(urdf, self.library)
         self.warn_of_unknown_arguments("env.add_object", _unknown, Tabletop.add_object)
-        if pose is None or pose[0] is None:
+        pair = cast("Sequence[Any]", pose) if isinstance(pose, tuple | list) else ()
+        if pose is None or (pair and pair[0] is None):
             found = f"add_object({name!r}) was given the pose None: no free place was found for it"
             raise NoFreeSpaceError(found, "add fewer or smaller objects, or give a fixed pose")
         filling = templates.find_filling_by_name(name)
@@ -115,11 +125,13 @@ class Tabletop:
         if category == "deformable":
             self.record_warning(f"add_object({name!r}): 'deformable' moves as 'rigid' does")
         number, asset = self._next_object_id, filling.template if filling else name
-        rgba = None if color is None else color_to_rgba(color)
-        at = parse_pose(pose, f"add_object({name!r})")
-        item = InstanceObject(
-            id=number, asset=asset, fill=dict(filling.values) if filling else {}, color=rgba, pose=at, category=category
-        )
+        call = f"add_object({name!r})"
+        rgba = None if color is None else color_to_rgba(color, f"{call}: ")
+        at, fill = parse_pose(pose, call), dict(filling.values) if filling else {}
+        try:
+            item = InstanceObject(id=number, asset=asset, fill=fill, color=rgba, pose=at, category=category)
+        except ValidationError as error:
+            raise InvalidValueError(describe_first_error(error, call)) from error
         return self.insert_object(self._replace_bystander_by_object(item))
 
     def _replace_bystander_by_object(self, item: InstanceObject) -> InstanceObject:
@@ -199,7 +211,9 @@ class Tabletop:
 
     def set_color(self, obj: int, color: str | Sequence[float]) -> None:
         """Recolour an object: a name of ``utils.COLORS`` or (r, g, b) 0..1."""
-        self._objects[obj] = self.object_by_id(obj).model_copy(update={"color": color_to_rgba(color)})
+        item = self.object_by_id(obj)
+        rgba = color_to_rgba(color, f"object {item.id} ({item.asset}): ")
+        self._objects[obj] = item.model_copy(update={"color": rgba})
 
     set_object_color = set_color
 
@@ -384,8 +398,13 @@ def parse_pose(value: Any, what: str) -> Pose:
         position = np.asarray(value[0], dtype=np.float64).ravel()
         turn = value[1] if len(value) > 1 and value[1] is not None else transforms.IDENTITY
         rotation = np.asarray(turn, dtype=np.float64)
-    except (TypeError, ValueError, IndexError) as error:
+    except (TypeError, ValueError, LookupError, OverflowError) as error:
         raise SimulationError(f"{what}: {value!r} is not a pose", "give ((x, y, z), (qx, qy, qz, qw))") from error
+    if position.shape == rotation.shape == (3,):
+        raise SimulationError(
+            f"{what}: {value!r} has three numbers as its rotation",
+            "give a quaternion (qx, qy, qz, qw); utils.eulerXYZ_to_quatXYZW makes one of three angles",
+        )
     if position.shape != (3,) or rotation.shape != (4,) or not np.isfinite([*position, *rotation]).all():
         raise SimulationError(f"{what}: {value!r} is not a pose", "give ((x, y, z), (qx, qy, qz, qw)), all finite")
     return (transforms.to_vec3(position), transforms.to_unit_quaternion(rotation))

@@ -152,7 +152,12 @@ def _check_value_magnitudes(template: str, values: Values) -> None:
     for stem, row in values.items():
         largest = max((abs(value) for value in row if not isinstance(value, str)), default=0.0)
         if largest > LARGEST_VALUE:
-            raise InputError(f"{template}: {stem} is {_format_row(row)}", f"give metres, at most {LARGEST_VALUE:g}")
+            remedy = f"give metres, at most {LARGEST_VALUE:g}"
+            if stem == "COLOR":
+                remedy = "give red, green and blue in 0..1"
+            elif largest >= 10:  # no metres: nothing on a table is as large
+                remedy += f": {largest:g} mm are {largest / 1000:g}"
+            raise InputError(f"{template}: {stem} is {_format_row(row)}", remedy)
 
 
 def describe_assumed_values(library: Library, template: str, replace: Mapping[str, Any]) -> list[str]:

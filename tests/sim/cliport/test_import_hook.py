@@ -13,9 +13,16 @@ from cliport.tasks.task import Task
 from cliport.utils import utils
 from cliport.utils.utils import COLORS
 import cliport.utils.utils as again
+import transforms3d
+import transforms3d.taitbryan
+from transforms3d import affines, axangles, euler
+from transforms3d.quaternions import mat2quat
+from transforms3d.utils import normalized_vector
 from grs_agents import sim
 assert Task is Short and issubclass(Task, sim.Task) and Environment is sim.Environment and p is sim.p
 assert utils is again is sim.utils and COLORS is sim.utils.COLORS
+assert transforms3d.euler is euler and euler.euler2quat(0, 0, 0).tolist() == [1, 0, 0, 0]
+assert callable(transforms3d.affines.decompose44) and callable(axangles.axangle2mat)
 assert callable(primitives.push) and callable(primitives.PickPlace) and Spatula
 """
 INSTALL = "from grs_agents.sim.cliport import import_hook; import_hook.install(); import_hook.install()\n"
@@ -45,10 +52,16 @@ def test_installed_packages_are_never_imported(tmp_path) -> None:
     (tmp_path / "pybullet.py").write_text("raise SystemExit('the real one')")
     done = ask(INSTALL + IMPORTS, str(tmp_path))
     assert done.returncode == 0, done.stderr
-    for name in ("cliport.tasks.stack", "pybullet_data", "cliport.tasks.put_block_in_bowl.deeper"):
+    unanswered = (
+        "cliport.tasks.stack",
+        "pybullet_data",
+        "cliport.tasks.put_block_in_bowl.deeper",
+        "transforms3d.zooms",
+    )
+    for name in unanswered:
         done = ask(f"{INSTALL}import {name}", str(tmp_path))
         assert f"ModuleNotFoundError: there is no {name} in this simulation" in done.stderr
-        assert "cliport.tasks.task" in done.stderr
+        assert "cliport.tasks.task" in done.stderr and "transforms3d.euler" in done.stderr
 
 
 def test_published_tasks_may_be_imported_and_are_refused_by_name_when_they_run() -> None:
