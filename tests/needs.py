@@ -128,6 +128,7 @@ NEEDS = {
         )
     },
     **{package: _package(package, 'pip install "grs-agents[demos]"') for package in ("pyarrow", "av", "h5py")},
+    "DracoPy": _package("DracoPy", 'pip install "grs-agents[assets]"'),
     "gymnasium": _package("gymnasium", 'pip install "grs-agents[gym]"'),
     "minari": _package("minari", 'pip install "grs-agents[minari]"'),
     "pillow_heif": _package("pillow_heif", 'pip install "grs-agents[heic]"'),

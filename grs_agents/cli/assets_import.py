@@ -30,6 +30,8 @@ from grs_agents.library.importing import (
 from grs_agents.terminal import VERBOSITY, print_escaped, print_json
 
 DEFAULT = Path("grs-content")
+_NAMED = 20
+"""Files that are told by name for each reason for which they are not read; ``--json`` has all of them."""
 
 
 def user_content_folder(library: Path | None) -> Path:
@@ -57,11 +59,13 @@ def import_source(
     with open_import_source(source, options) as source_items:
         collection = slugify_name(name) if name is not None else source_items.collection
         if not source_items.items and not source_items.refused:
-            raise InputError(f"{source} holds no mesh, URDF or MJCF", "name a folder that does")
+            passed = [f"{outcome.source}: {outcome.reason}" for outcome in source_items.unread[:_NAMED]]
+            remedy = f"it holds {' | '.join(passed)}" if passed else "name a folder that does"
+            raise InputError(f"{source} holds no mesh, URDF, SDF or MJCF", remedy)
         shipped = frozenset(asset.name for asset in Library(content.content_root() / "assets" / "library").assets())
         order = ImportRun(user_library_root(library), collection, options, Library().assets(), again, jobs, shipped)
         progress = Progress(len(source_items.items) + len(source_items.refused), as_json)
-        return print_import_report(order.run(source_items, progress), library, as_json)
+        return print_import_report([*order.run(source_items, progress), *source_items.unread], library, as_json)
 
 
 class Progress:
@@ -91,9 +95,17 @@ def print_import_report(outcomes: Sequence[ImportOutcome], library: Path | None,
     counts = Counter(outcome.status for outcome in outcomes)
     folder = user_content_folder(library)
     told = f"{counts['imported']} imported, {counts['duplicate']} duplicates, {counts['refused']} refused"
+    told += f", {counts['unread']} not read" if counts["unread"] else ""
     print_escaped(f"{told}; in {folder}")
     for outcome in refused:
         print_escaped(f"refused {outcome.source}: {outcome.reason}")
+    by_reason: dict[str, list[str]] = {}
+    for outcome in outcomes:
+        if outcome.status == "unread":
+            by_reason.setdefault(outcome.reason, []).append(outcome.source)
+    for reason, files in by_reason.items():
+        more = f" and {len(files) - _NAMED} more" if len(files) > _NAMED else ""
+        print_escaped(f"not read {', '.join(files[:_NAMED])}{more}: {reason}")
     look = shlex.join(["grs", "assets", "show", "--library", str(folder)])
     print_escaped(f"look: {look}   use: {shlex.join(['grs', '--content', str(folder), 'run'])} SCENE")
     return 1 if refused else 0

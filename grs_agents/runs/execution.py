@@ -82,7 +82,7 @@ def _is_scene_refused(ended: Outcome) -> bool:
     events = read_events(ended.folder / "events.jsonl")
     begun = {event.node for event in events if event.kind == "node_started"}
     found = any(event.kind == "scene_stage" and event.stage == "segmented" for event in events)
-    return begun <= _READING and not found
+    return bool(begun) and begun <= _READING and not found
 
 
 def _execute_with_log(order: Order, views: Views, folder: Path, record: RunRecord, config: Config) -> Outcome:

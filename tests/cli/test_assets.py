@@ -137,3 +137,42 @@ def test_objaverse_lists_first_and_downloads_only_what_is_asked_for(
     assert done.returncode == 0 and fetched == [["a1"]]
     (asset,) = json.loads(grs("assets", "list", "--json", folder=tmp_path).stdout)
     assert asset["origin"]["license"] == "CC-BY-4.0" and asset["category"] == "mug"
+
+
+def test_what_is_not_read_is_listed_by_name(tmp_path: Path) -> None:
+    home = tmp_path / "things"
+    models.write_urdf(home / "robot" / "block.urdf")
+    trimesh.creation.box((0.03, 0.03, 0.03)).export(home / "robot" / "spare.stl")
+    for name in ("Chair.USDZ", "lamp.fbx", "deep/part.stp", "scene.blend", "notes.txt", "arm.xacro"):
+        (home / name).parent.mkdir(exist_ok=True)
+        (home / name).write_text("x")
+    done = grs("assets", "import", "things", folder=tmp_path)
+    assert done.returncode == 0, done.stdout
+    assert "1 imported, 0 duplicates, 0 refused, 6 not read" in done.stdout
+    for words in ("not read Chair.USDZ: it is USD", "deep/part.stp", "lamp.fbx", "scene.blend", "xacro FILE"):
+        assert words in done.stdout
+    assert "robot/spare.stl: it lies beside robot/block.urdf" in done.stdout
+    assert "notes.txt" not in done.stdout
+    listed = json.loads(grs("assets", "import", "things", "--json", folder=tmp_path).stdout)
+    assert sorted(outcome["status"] for outcome in listed) == ["imported"] + ["unread"] * 6
+
+
+def test_a_source_of_what_is_not_read_says_what_it_is_and_the_way(tmp_path: Path) -> None:
+    (tmp_path / "only").mkdir()
+    (tmp_path / "only" / "lamp.fbx").write_text("x")
+    for source in ("only", "only/lamp.fbx"):
+        done = grs("assets", "import", source, folder=tmp_path)
+        assert done.returncode == 2
+        assert "FBX" in done.stderr and "Blender" in done.stderr
+
+
+def test_names_in_other_scripts_stay_in_the_words(tmp_path: Path) -> None:
+    (tmp_path / "things").mkdir()
+    for name, size in (("звезда", 0.03), ("りんご", 0.05), ("马克杯", 0.07)):
+        trimesh.creation.box((size, size, 2 * size)).export(tmp_path / "things" / f"{name}.stl")
+    done = grs("assets", "import", "things", "--json", folder=tmp_path)
+    assert done.returncode == 0, done.stdout
+    told = {outcome["item"]: outcome["asset"]["description"] for outcome in json.loads(done.stdout)}
+    assert set(told) == {"zvezda", "ringo", "u9a6c_u514b_u676f"}
+    assert "звезда" in told["zvezda"] and "りんご" in told["ringo"] and "马克杯" in told["u9a6c_u514b_u676f"]
+    assert grs("assets", "verify", folder=tmp_path).returncode == 0

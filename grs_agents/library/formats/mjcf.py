@@ -104,8 +104,8 @@ def _quaternion_from_z_axis(direction: np.ndarray[tuple[int], np.dtype[np.float6
     return (-y / length, x / length, 0.0, (1 + z) / length)
 
 
-class Defaults:
-    """What a file's ``<default>`` classes say of its geoms and meshes."""
+class MjcfDefaults:
+    """What a file's ``<default>`` classes say of its geoms, meshes and materials."""
 
     def __init__(self, top: Element) -> None:
         self._classes: dict[tuple[str, str], dict[str, str]] = {}
@@ -113,7 +113,7 @@ class Defaults:
             self._collect_class_defaults(default, {})
 
     def _collect_class_defaults(self, default: Element, inherited: dict[str, dict[str, str]]) -> None:
-        own = {tag: dict(inherited.get(tag, {})) for tag in ("geom", "mesh")}
+        own = {tag: dict(inherited.get(tag, {})) for tag in ("geom", "mesh", "material")}
         for tag, said in own.items():
             for element in default.findall(tag):
                 said.update(element.attrib)
@@ -154,7 +154,7 @@ class _Reader:
         for element in source.top.iter():
             if element.tag in _REFUSED:
                 raise source.make_error(f"<{element.tag}> is refused", "write out what it stands for")
-        self.defaults = Defaults(source.top)
+        self.defaults = MjcfDefaults(source.top)
         compiler = {name: text for element in source.top.findall("compiler") for name, text in element.attrib.items()}
         self.frames = Frames(source, compiler)
         self.folder = compiler.get("meshdir", compiler.get("assetdir", ""))

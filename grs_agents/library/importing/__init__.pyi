@@ -1,6 +1,7 @@
 from .archives import HOPE as HOPE
 from .archives import ImportSource as ImportSource
 from .archives import open_import_source as open_import_source
+from .asset_discovery import find_source_items as find_source_items
 from .asset_discovery import slugify_name as slugify_name
 from .asset_preparation import choose_up_axis_by_height as choose_up_axis_by_height
 from .asset_preparation import guess_length_unit as guess_length_unit
@@ -18,6 +19,7 @@ from .journal import update_manifest_entries as update_manifest_entries
 from .mesh_appearance import find_shipped_hope_asset as find_shipped_hope_asset
 from .mesh_reader import read_mesh as read_mesh
 from .mesh_simplification import simplify_textured_mesh as simplify_textured_mesh
+from .model_descriptions import read_urdf_or_mjcf as read_urdf_or_mjcf
 from .objaverse import ObjaverseEntry as ObjaverseEntry
 from .objaverse import download_objects as download_objects
 from .objaverse import load_objaverse_package as load_objaverse_package
@@ -32,5 +34,6 @@ from .types import Ints as Ints
 from .types import MeshPart as MeshPart
 from .types import RefusedError as RefusedError
 from .types import SourceItem as SourceItem
+from .types import SourceModel as SourceModel
 from .types import TexturedMesh as TexturedMesh
 from .types import Up as Up

@@ -13,14 +13,14 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Final
 
 from grs_agents.errors import InputError
-from grs_agents.library.importing.asset_discovery import DESCRIPTIONS, find_source_items, slugify_name
+from grs_agents.library.importing.asset_discovery import DESCRIPTIONS, UNREAD, slugify_name, survey_folder
 from grs_agents.library.importing.mesh_reader import SUFFIXES
 from grs_agents.library.importing.source_folder import SourceFolder
-from grs_agents.library.importing.types import ImportLimits, ImportOptions, RefusedError, SourceItem
+from grs_agents.library.importing.types import ImportLimits, ImportOptions, ImportOutcome, RefusedError, SourceItem
 
 ARCHIVE_SUFFIXES: Final = (".zip", ".whl", ".tgz", ".tar.gz", ".tar")
-_PICTURES: Final = (".png", ".jpg", ".jpeg", ".tga", ".bmp")
-_TEXTS: Final = (".mtl", ".bin", ".pbtxt", ".sdf", ".txt", ".md")
+_PICTURES: Final = (".png", ".jpg", ".jpeg", ".tga", ".bmp", ".webp", ".avif", ".dds", ".gif", ".ktx2")
+_TEXTS: Final = (".mtl", ".bin", ".pbtxt", ".config", ".txt", ".md")
 _WANTED: Final = frozenset((*SUFFIXES, *DESCRIPTIONS, *_PICTURES, *_TEXTS))
 _MAX_FILES: Final = 100_000
 _CHUNK: Final = 1 << 20
@@ -113,6 +113,7 @@ class ImportSource:
     items: tuple[SourceItem, ...]
     collection: str  # the name that it suggests
     refused: tuple[tuple[str, RefusedError], ...] = ()  # archives that are not read, each with the reason
+    unread: tuple[ImportOutcome, ...] = ()  # models in formats that are not read
 
 
 @contextmanager
@@ -137,23 +138,29 @@ def open_import_source(source: str, options: ImportOptions) -> Generator[ImportS
     loose = None if path in archives else _find_unpacked_items(path, options, hope_only=source == HOPE)
     if loose is not None and (loose[1] or not archives):
         beside = RefusedError("it lies beside assets that are not packed", "import it by itself")
-        yield ImportSource(*loose, name, tuple((archive.name, beside) for archive in archives))
+        folder, items, unread = loose
+        yield ImportSource(folder, items, name, tuple((archive.name, beside) for archive in archives), unread)
         return
     with tempfile.TemporaryDirectory(prefix="grs-import-") as home:
         refused = tuple(_unpack_archives(archives, Path(home), options.limits))
         folder = SourceFolder(Path(home), options.limits.bytes)
-        yield ImportSource(folder, tuple(find_source_items(folder)), name, refused)
+        items, unread = survey_folder(folder)
+        yield ImportSource(folder, tuple(items), name, refused, tuple(unread))
 
 
 def _find_unpacked_items(
     path: Path, options: ImportOptions, *, hope_only: bool
-) -> tuple[SourceFolder, tuple[SourceItem, ...]]:
-    """The assets of a folder or file that is not packed, and what their file names are relative to."""
+) -> tuple[SourceFolder, tuple[SourceItem, ...], tuple[ImportOutcome, ...]]:
+    """The assets of a folder or file that is not packed after what their file names are relative to, and what is not
+    read."""
     if path.is_file():
         folder = SourceFolder(_find_source_root(path.resolve()), options.limits.bytes)
-        return folder, (_source_item_of_file(path, folder.relative_file_name(path)),)
+        return folder, (_source_item_of_file(path, folder.relative_file_name(path)),), ()
     folder = SourceFolder(path, options.limits.bytes)
-    return folder, tuple(item for item in find_source_items(folder) if not hope_only or item.kind == "hope")
+    items, unread = survey_folder(folder)
+    if hope_only:
+        return folder, tuple(item for item in items if item.kind == "hope"), ()
+    return folder, tuple(items), tuple(unread)
 
 
 def _unpack_archives(archives: list[Path], home: Path, limits: ImportLimits) -> Iterable[tuple[str, RefusedError]]:
@@ -168,9 +175,14 @@ def _unpack_archives(archives: list[Path], home: Path, limits: ImportLimits) -> 
 
 def _source_item_of_file(path: Path, relative: str) -> SourceItem:
     suffix = path.suffix.lower()
+    if suffix in UNREAD:
+        what, way = UNREAD[suffix]
+        raise InputError(f"{path} is {what}, which is not read", way)
     if suffix not in (*SUFFIXES, *DESCRIPTIONS):
-        raise InputError(f"{path} is no asset", f"name a file that ends in {', '.join((*SUFFIXES, '.urdf', '.xml'))}")
-    return SourceItem(kind=DESCRIPTIONS.get(suffix, "mesh"), name=slugify_name(path.stem), file=relative)
+        raise InputError(f"{path} is no asset", f"name a file that ends in {', '.join((*SUFFIXES, *DESCRIPTIONS))}")
+    return SourceItem(
+        kind=DESCRIPTIONS.get(suffix, "mesh"), name=slugify_name(path.stem), title=path.stem, file=relative
+    )
 
 
 def _find_source_root(path: Path) -> Path:

@@ -1,19 +1,48 @@
 """What assets a folder holds: known layouts first, then descriptions, then loose meshes."""
 
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Final
+from urllib.parse import unquote
 
+from grs_agents.library.importing.gltf_document import find_gltf_files
 from grs_agents.library.importing.mesh_appearance import HOPE_LICENSE, OPEN_LICENSE
 from grs_agents.library.importing.mesh_reader import SUFFIXES
-from grs_agents.library.importing.source_folder import SourceFolder, find_obj_material_files
-from grs_agents.library.importing.types import Kind, RefusedError, SourceItem
+from grs_agents.library.importing.obj_reader import find_obj_material_files
+from grs_agents.library.importing.source_folder import SourceFolder
+from grs_agents.library.importing.types import ImportOutcome, Kind, RefusedError, SourceItem
 
-DESCRIPTIONS: Final[dict[str, Kind]] = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf"}
-_PREFERRED: Final = (".glb", ".gltf", ".obj", ".dae", ".ply", ".stl", ".msh")
+DESCRIPTIONS: Final[dict[str, Kind]] = {".urdf": "urdf", ".sdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf"}
+_BLENDER: Final = "open it in Blender and export GLB"
+_CAD: Final = "export GLB or STL from a CAD program, e.g. FreeCAD"
+_POINTS: Final = "make a mesh of the points, e.g. with MeshLab, and save it as PLY"
+_UNPACK: Final = "unpack it and import the folder"
+UNREAD: Final[dict[str, tuple[str, str]]] = {
+    **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), ("USD", _BLENDER)),
+    ".fbx": ("FBX", _BLENDER),
+    ".blend": ("a Blender scene", _BLENDER),
+    ".3ds": ("3D Studio", _BLENDER),
+    **dict.fromkeys((".x3d", ".wrl", ".vrml"), ("X3D or VRML", _BLENDER)),
+    **dict.fromkeys((".abc", ".lwo", ".lws", ".ac", ".ase", ".x", ".b3d"), ("a scene", _BLENDER)),
+    **dict.fromkeys(
+        (".max", ".ma", ".mb", ".c4d", ".skp", ".3dm"), ("a scene", "export GLB from the program it is of")
+    ),
+    **dict.fromkeys((".step", ".stp"), ("STEP", _CAD)),
+    **dict.fromkeys((".iges", ".igs"), ("IGES", _CAD)),
+    **dict.fromkeys((".brep", ".fcstd", ".sldprt", ".sldasm", ".ipt", ".iam", ".f3d", ".x_t", ".jt"), ("CAD", _CAD)),
+    ".amf": ("AMF", "save it as STL or 3MF from a slicer"),
+    ".zae": ("a packed DAE", "rename it to .zip and unpack it"),
+    **dict.fromkeys((".pcd", ".xyz", ".pts", ".las", ".laz", ".e57", ".splat"), ("points", _POINTS)),
+    ".xacro": ("a macro of a URDF", "run: xacro FILE > FILE.urdf"),
+    ".world": ("a Gazebo world", "import the models that it names"),
+    **dict.fromkeys((".7z", ".rar", ".gz", ".bz2", ".xz", ".zst"), ("an archive", _UNPACK)),
+}
+"""Formats of models that are not read: what they are, and the way to what is."""
+_PREFERRED: Final = (".glb", ".gltf", ".obj", ".dae", ".ply", ".3mf", ".stl", ".off", ".msh")
 _COLLISION: Final = re.compile(r"(_coll?|_collision|_ch|_vis|\.part\d+|_convex.*|coacd.*|vhacd.*)$", re.IGNORECASE)
 _UNTOLD: Final = ("model", "mesh", "textured", "object", "scene", "untitled")
 """Names of mesh files that say nothing: the folder's name is taken."""
@@ -23,24 +52,45 @@ _YCB_FILES: Final = (
     *(f"{folder}textured.obj" for folder in _YCB_FOLDERS),
     *("textured_simple.obj", "textured.obj", "google_16k/nontextured.ply", "google_16k/nontextured.stl"),
 )
-_FILES: Final = re.compile(r"""(?:filename|file)\s*=\s*["']([^"']+)["']""")
+_FILES: Final = re.compile(r"""(?:filename|file)\s*=\s*["']([^"']+)["']|<(?:uri|albedo_map)>\s*([^<]+?)\s*</""")
+_CONFIG: Final = "model.config"
+"""File of Gazebo beside the versions of a model."""
+_CONFIGURED: Final = re.compile(r"""<sdf(?:\s+version\s*=\s*["']([\d.]+)["'])?\s*>\s*([^<]+?)\s*</sdf>""")
 _HOPE: Final = "stable_hope_objects"
 _MOST: Final = 1_000_000
+_TITLE: Final = 120
 _HEAD: Final = 2000
 
 
 def find_source_items(folder: SourceFolder) -> list[SourceItem]:
     """The assets of a folder, in the order of their paths, each with a name of its own."""
+    return survey_folder(folder)[0]
+
+
+def survey_folder(folder: SourceFolder) -> tuple[list[SourceItem], list[ImportOutcome]]:
+    """The assets of a folder as `find_source_items`, and the models that are passed over, each with the reason."""
     names = list(_list_visible_files(folder.root))
     claimed: set[str] = set()
+    beside: dict[str, str] = {}
     items: list[SourceItem] = []
     known = (_find_hope_items(names), _find_gso_items(names), _find_ycb_items(names))
-    for layout in (*known, _find_urdf_and_mjcf_items(folder, names, claimed)):
+    for layout in (*known, _find_urdf_and_mjcf_items(folder, names, claimed, beside)):
         items += [item for item in layout if not _belongs_to_claimed_item(item.file, claimed)]
         claimed |= {item.file for item in items}
         claimed |= {f"{_folder_owned_by_item(item)}/" for item in items if item.kind in ("gso", "ycb", "hope")}
     items += list(_find_loose_mesh_items(names, claimed))
-    return _assign_unique_names(sorted(items, key=lambda item: item.file))
+    files = {file for item in items for file in (item.file, *item.files)}
+    unread = {name: "it is {}; {}".format(*UNREAD[kind]) for name in names if (kind := _lower_suffix(name)) in UNREAD}
+    unread |= {
+        name: f"it lies beside {main}, which does not name it; import it by itself"
+        for name, main in beside.items()
+        if name not in files and _lower_suffix(name) in SUFFIXES
+    }
+    outcomes = [
+        ImportOutcome(item=PurePosixPath(name).name, source=name, status="unread", reason=reason)
+        for name, reason in sorted(unread.items())
+    ]
+    return _assign_unique_names(sorted(items, key=lambda item: item.file)), outcomes
 
 
 def find_item_files(folder: SourceFolder, item: SourceItem) -> tuple[str, ...]:
@@ -49,17 +99,48 @@ def find_item_files(folder: SourceFolder, item: SourceItem) -> tuple[str, ...]:
     for name in tuple(files):
         if name.lower().endswith(".obj"):
             try:
-                materials, pictures = find_obj_material_files(folder, name)
+                files |= {*find_obj_material_files(folder, name)}
             except RefusedError:
                 continue
-            files |= {*materials, *pictures}
+        elif name.lower().endswith(".gltf"):
+            files |= set(find_gltf_files(folder, name))
     return tuple(sorted(files))
 
 
+_LETTERS: Final = dict(
+    zip(
+        "абвгдеёжзийклмнопрстуфхцчшщъыьэюяіїєґαβγδεζηθικλμνξοπρσςτυφχψωß",
+        "a b v g d e e zh z i y k l m n o p r s t u f kh ts ch sh shch - y - e yu ya i yi ye g "
+        "a v g d e z i th i k l m n x o p r s s t y f ch ps o ss".replace("-", "").split(" "),
+        strict=True,
+    )
+)
+"""Cyrillic and Greek letters, whose Unicode names are not how they are written, and one whose name is a description."""
+_LETTER_NAME: Final = re.compile(r"(?:LETTER|SYLLABLE|LIGATURE|VOWEL SIGN|DIGIT)(?: SMALL)? (.+?)(?: WITH .+)?$")
+
+
 def slugify_name(name: str) -> str:
-    """A name as files and programs can bear it: letters, digits, ``_`` and ``-``, at most 64."""
-    slug = re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_-")[:64]
+    """A name as files and programs can bear it: letters, digits, ``_`` and ``-``, at most 64.
+
+    Other scripts are transliterated, by the Unicode names of their letters where these are their sounds; ideographs
+    become their code points.
+    """
+    plain = "".join(map(_transliterate, unicodedata.normalize("NFKC", name)))
+    slug = re.sub(r"[^A-Za-z0-9_-]+", "_", plain).strip("_-")[:64]
     return slug if re.match(r"[A-Za-z0-9]", slug) else f"asset_{slug}".rstrip("_")
+
+
+def _transliterate(letter: str) -> str:
+    if letter.isascii():
+        return letter
+    base = unicodedata.normalize("NFKD", letter)[0]
+    latin = _LETTERS.get(letter.lower(), _LETTERS.get(base.lower()))
+    if latin is None and (match := _LETTER_NAME.search(unicodedata.name(letter, ""))):
+        latin = match[1].replace(" ", "").lower()
+    if latin is None:
+        kind = unicodedata.category(letter)
+        latin = "" if kind in ("Lm", "Mn") else f"_u{ord(letter):x}" if kind[0] in "LN" else "_"
+    return latin.capitalize() if letter.isupper() else latin
 
 
 def _list_visible_files(root: Path) -> Iterator[str]:
@@ -131,9 +212,23 @@ def _find_ycb_items(names: list[str]) -> Iterator[SourceItem]:
             yield SourceItem(kind="ycb", name=PurePosixPath(home).name, file=file, license=OPEN_LICENSE)
 
 
-def _find_urdf_and_mjcf_items(folder: SourceFolder, names: list[str], claimed: set[str]) -> Iterator[SourceItem]:
-    """URDF and MJCF files; the meshes that they name are theirs, and those beside the only one of a folder."""
-    descriptions = [name for name in names if _lower_suffix(name) in DESCRIPTIONS]
+def _find_urdf_and_mjcf_items(
+    folder: SourceFolder, names: list[str], claimed: set[str], beside: dict[str, str]
+) -> Iterator[SourceItem]:
+    """URDF, SDF and MJCF files; the meshes that they name are theirs, and those ``beside`` the only one of a folder."""
+    titles = {
+        name: title
+        for name in names
+        if PurePosixPath(name).name == _CONFIG
+        for name, title in _read_config(folder, name)
+    }
+    configured = {PurePosixPath(name).parent.as_posix() for name in titles}
+    descriptions = [
+        name
+        for name in names
+        if _lower_suffix(name) in DESCRIPTIONS
+        and (_lower_suffix(name) != ".sdf" or name in titles or PurePosixPath(name).parent.as_posix() not in configured)
+    ]
     homes = Counter(PurePosixPath(name).parent.as_posix() for name in descriptions)
     for name in descriptions:
         text = None if _belongs_to_claimed_item(name, claimed) else _read_urdf_or_mjcf_text(folder.root / name)
@@ -141,25 +236,49 @@ def _find_urdf_and_mjcf_items(folder: SourceFolder, names: list[str], claimed: s
             continue
         parts = _find_mentioned_files(text, name, names)
         claimed |= set(parts)
-        home = PurePosixPath(name).parent.as_posix()
+        pure = PurePosixPath(name)
+        home = pure.parent.as_posix()
         if home != "." and homes[home] == 1:
-            claimed |= {file for file in names if file.startswith(f"{home}/")} - set(descriptions)
-        yield SourceItem(kind=DESCRIPTIONS[_lower_suffix(name)], name=PurePosixPath(name).stem, file=name, files=parts)
+            around = {file for file in names if file.startswith(f"{home}/")} - set(descriptions)
+            beside |= dict.fromkeys(around - claimed, name)
+            claimed |= around
+        called = titles.get(name) or _name_that_tells(pure)
+        yield SourceItem(kind=DESCRIPTIONS[_lower_suffix(name)], name=called, file=name, files=parts)
+
+
+def _read_config(folder: SourceFolder, config: str) -> Iterator[tuple[str, str]]:
+    """The newest SDF file that a ``model.config`` of Gazebo names, and the name of the model."""
+    with (folder.root / config).open(encoding="utf-8", errors="replace") as file:
+        text = file.read(_MOST)
+    versions = [
+        ([int(part) for part in version.split(".") if part], name) for version, name in _CONFIGURED.findall(text)
+    ]
+    title = re.search(r"<name>\s*([^<]+?)\s*</name>", text)
+    file = PurePosixPath(config).parent / max(versions)[1] if versions else None
+    if file is not None and (folder.root / file).is_file():
+        yield file.as_posix(), title[1] if title is not None else ""
 
 
 def _read_urdf_or_mjcf_text(path: Path) -> str | None:
-    """The text of a URDF or MJCF file; None for XML of another kind."""
+    """The text of a URDF, SDF or MJCF file; None for XML of another kind."""
+    mark = {".urdf": "", ".sdf": "<sdf"}.get(_lower_suffix(path.name), "<mujoco")
     with path.open(encoding="utf-8", errors="replace") as file:
         head = file.read(_HEAD)
-        return head + file.read(_MOST) if _lower_suffix(path.name) == ".urdf" or "<mujoco" in head else None
+        return head + file.read(_MOST) if mark in head else None
 
 
 def _find_mentioned_files(text: str, description: str, names: list[str]) -> tuple[str, ...]:
     """The files whose names a description says, below its folder or the folder around that."""
-    mentioned = {PurePosixPath(file).name for file in _FILES.findall(text)}
+    said = (file or uri for file, uri in _FILES.findall(text))
+    mentioned = {PurePosixPath(unquote(file).replace("\\", "/")).name.casefold() for file in said}
     around = PurePosixPath(description).parent.parent  # of "." it is "." itself
     files = [PurePosixPath(file) for file in names]
-    return tuple(file.as_posix() for file in files if file.name in mentioned and file.is_relative_to(around))
+    return tuple(file.as_posix() for file in files if file.name.casefold() in mentioned and file.is_relative_to(around))
+
+
+def _name_that_tells(file: PurePosixPath) -> str:
+    """The name of a file without its suffix, or that of its folder where it says nothing."""
+    return file.parent.name if file.stem.lower() in _UNTOLD and file.parent.name else file.stem
 
 
 def _find_loose_mesh_items(names: list[str], claimed: set[str]) -> Iterator[SourceItem]:
@@ -169,13 +288,11 @@ def _find_loose_mesh_items(names: list[str], claimed: set[str]) -> Iterator[Sour
         if _lower_suffix(name) in SUFFIXES and not _belongs_to_claimed_item(name, claimed):
             loose.setdefault(PurePosixPath(name).with_suffix("").as_posix(), []).append(name)
     for stem, files in loose.items():
-        pure = PurePosixPath(stem)
         main = _COLLISION.sub("", stem)
         if main != stem and main in loose:
             continue
         file = min(files, key=lambda file: _PREFERRED.index(_lower_suffix(file)))
-        untold = pure.name.lower() in _UNTOLD and pure.parent.name
-        yield SourceItem(kind="mesh", name=pure.parent.name if untold else pure.name, file=file)
+        yield SourceItem(kind="mesh", name=_name_that_tells(PurePosixPath(file)), file=file)
 
 
 def _assign_unique_names(items: list[SourceItem]) -> list[SourceItem]:
@@ -188,5 +305,6 @@ def _assign_unique_names(items: list[SourceItem]) -> list[SourceItem]:
         while slug.lower() in taken:
             slug, number = f"{base[:60]}-{number}", number + 1
         taken.add(slug.lower())
-        named.append(item.model_copy(update={"name": slug}))
+        title = "".join(letter if letter.isprintable() else " " for letter in item.name)[:_TITLE]
+        named.append(item.model_copy(update={"name": slug, "title": title}))
     return named

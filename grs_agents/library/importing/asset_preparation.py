@@ -75,7 +75,10 @@ def prepare_asset(job: ImportJob) -> tuple[Asset, TexturedMesh, list[Collider]]:
         colliders, more = decompose_into_convex_parts(solid.vertices, solid.faces, watertight, options.parts)
         notes += more
     elif scale != 1.0 or not np.allclose(turn, np.eye(3)):
-        raise RefusedError("what collides is not in the frame of what is seen", "give both in metres with z up")
+        extent = float(np.ptp(solid.vertices, axis=0).max() / scale)
+        low, high = POSSIBLE
+        message = f"in metres, as its format says, it would be {extent:.3g} m long, outside {low} to {high} m"
+        raise RefusedError(message, "scale what is seen and what collides to metres, with z up")
     else:
         colliders = reading.colliders
     solid, colliders = _center_mesh_and_solids(solid, colliders)
@@ -83,7 +86,7 @@ def prepare_asset(job: ImportJob) -> tuple[Asset, TexturedMesh, list[Collider]]:
     size: Vec3 = (x, y, z)
     if not _SIZES[0] <= max(size) <= _SIZES[1]:
         raise RefusedError(f"it is {max(size):.3g} m long, outside {_SIZES[0]} to {_SIZES[1]} m", "give its --unit")
-    category = reading.category or category_from_name(item.name)
+    category = reading.category or category_from_name(item.title or item.name)
     volume = mesh_volume(solid.vertices, solid.faces) if watertight else sum(map(collider_volume, colliders))
     physics = _estimate_physics(reading, category, volume)
     result = run_drop_test(colliders, physics.mass.value, physics.friction.value)
@@ -108,7 +111,7 @@ def prepare_asset(job: ImportJob) -> tuple[Asset, TexturedMesh, list[Collider]]:
         mass=physics.mass.value,
         friction=physics.friction.value,
         color=names[0],
-        description=describe_color_and_size(item.name, names, size),
+        description=describe_color_and_size(item.title or item.name, names, size),
         hollow=hollow,
         physics=physics,
         origin=origin,

@@ -14,7 +14,7 @@ from grs_agents.library.asset import MANIFEST, Asset, Manifest, Origin, read_man
 from grs_agents.library.importing.source_folder import SourceFolder
 from grs_agents.library.importing.types import ImportOptions, ImportOutcome, RefusedError
 
-_VERSION = "1"
+_VERSION = "2"
 """Of what the importer makes; a new one imports everything again."""
 
 

@@ -2,6 +2,7 @@
 For published object sets, masses, sizes and licences are known besides."""
 
 import re
+import unicodedata
 from typing import Final
 
 import numpy as np
@@ -32,9 +33,10 @@ _SYNONYMS = {"mushroom": "can", "tin": "can", "skillet": "pan", "frypan": "pan",
 
 
 def split_name_into_words(name: str) -> list[str]:
-    """The words of a file name or CamelCase name, lower-case, without numbers that only count."""
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|[^A-Za-z0-9]+", " ", name)
-    return [word.lower() for word in spaced.split() if not word.isdigit()]
+    """The words of a file name or CamelCase name in any script, lower-case, without numbers that only count."""
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", unicodedata.normalize("NFC", name))
+    letters = (letter if unicodedata.category(letter)[0] in "LMN" else " " for letter in spaced)
+    return [word.lower() for word in "".join(letters).split() if not word.isdigit()]
 
 
 def category_from_name(name: str) -> str:

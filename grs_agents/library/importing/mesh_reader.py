@@ -1,8 +1,9 @@
-"""Reading mesh files: OBJ, GLB, glTF, STL, PLY, DAE and MuJoCo's MSH, with their colours and pictures.
+"""Reading mesh files: OBJ, GLB, glTF, STL, PLY, DAE, OFF, 3MF and MuJoCo's MSH, with their colours and pictures.
 Every file that a mesh names is checked before trimesh reads it."""
 
 import re
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree
@@ -10,7 +11,16 @@ from xml.etree import ElementTree
 import numpy as np
 
 from grs_agents.library.formats import check_xml_safety
-from grs_agents.library.importing.source_folder import SourceFolder, find_obj_material_files
+from grs_agents.library.importing.gltf import read_gltf
+from grs_agents.library.importing.obj_reader import read_obj
+from grs_agents.library.importing.source_folder import SourceFolder
+from grs_agents.library.importing.textures import (
+    GREY,
+    build_mesh_part,
+    color_to_uint8,
+    read_picture_or_note,
+)
+from grs_agents.library.importing.threemf import read_3mf
 from grs_agents.library.importing.types import (
     Floats,
     Image,
@@ -23,13 +33,10 @@ from grs_agents.library.importing.types import (
     Up,
 )
 
-SUFFIXES: Final = (".obj", ".glb", ".gltf", ".stl", ".ply", ".dae", ".msh")
-_UNITS: Final[dict[str, Unit]] = {".glb": "m", ".gltf": "m", ".dae": "m"}
-_UPS: Final[dict[str, Up]] = {".glb": "y", ".gltf": "y"}
+SUFFIXES: Final = (".obj", ".glb", ".gltf", ".stl", ".ply", ".dae", ".off", ".3mf", ".msh")
 _STL_HEADER, _STL_FACE = 84, 50
-_GREY = (180, 180, 180)
 _LIBRARY_ERRORS: Final = (ValueError, TypeError, LookupError, AttributeError, OSError, AssertionError, RuntimeError)
-_LOAD_ERRORS: Final = (*_LIBRARY_ERRORS, ImportError, ArithmeticError, SyntaxError, struct.error)
+_LOAD_ERRORS: Final = (*_LIBRARY_ERRORS, ImportError, NameError, ArithmeticError, SyntaxError, struct.error)
 """What reading a broken file may end in."""
 
 
@@ -42,22 +49,35 @@ def read_mesh(folder: SourceFolder, name: str, limits: ImportLimits, texture: st
     if not path.stat().st_size:
         raise RefusedError(f"{name} is empty", "export it again")
     _check_face_count(path.name, _declared_face_count(path, suffix), limits)
-    image = read_texture_image(folder.resolve_file(texture), limits.pixels) if texture else None
-    if suffix == ".msh":
-        return SourceModel([_read_mujoco_msh(path, image)])
-    scale, unit, up = 1.0, _UNITS.get(suffix, "auto"), _UPS.get(suffix, "auto")
-    if suffix == ".obj" and texture is None:
-        for image_name in find_obj_material_files(folder, name)[1]:
-            picture = folder.resolve_file(image_name)
-            read_texture_image(picture, limits.pixels, header_only=True)  # trimesh would go on without it
+    notes: list[str] = []
+    image = None if texture is None else read_picture_or_note(folder.resolve_file(texture), limits.pixels, notes)
+    if suffix in (".glb", ".gltf"):
+        model = read_gltf(folder, name, limits, image)
+        return replace(model, notes=notes + model.notes)
+    if suffix == ".obj":
+        parts, more = read_obj(folder, name, limits, image)
+        return _check_model(SourceModel(parts, notes=notes + more), name)
+    if suffix == ".3mf":
+        return _check_model(SourceModel(read_3mf(path, limits, notes), unit="m", up="z", notes=notes), name)
+    if suffix in _READERS:
+        return SourceModel([_READERS[suffix](path, image, limits, notes)], notes=notes)
+    scale = 1.0
+    unit: Unit = "auto"
+    up: Up = "auto"
     if suffix == ".dae":
         check_xml_safety(path.read_bytes(), lambda message, remedy: RefusedError(f"{name}: {message}", remedy))
+        unit = "m"
         scale, up = _read_dae_unit_and_up(path)
-    meshes = _load_with_trimesh(path, folder, name, limits, blind=image is not None)
-    if not meshes:
-        raise RefusedError(f"{name} has no faces", "export the surface, not its points")
+    meshes = _load_with_trimesh(path, folder, name, limits, notes, blind=image is not None)
     _check_face_count(name, sum(len(mesh.faces) for mesh in meshes), limits)
-    return SourceModel([_convert_to_mesh_part(mesh, scale, image, limits, name) for mesh in meshes], unit=unit, up=up)
+    parts = [_convert_to_mesh_part(mesh, scale, image, limits, name, notes) for mesh in meshes]
+    return _check_model(SourceModel(parts, unit=unit, up=up, notes=list(dict.fromkeys(notes))), name)
+
+
+def _check_model(model: SourceModel, name: str) -> SourceModel:
+    if not model.parts:
+        raise RefusedError(f"{name} has no faces", "export the surface, not its points")
+    return model
 
 
 def _check_face_count(name: str, faces: int, limits: ImportLimits) -> None:
@@ -67,15 +87,10 @@ def _check_face_count(name: str, faces: int, limits: ImportLimits) -> None:
 
 def _declared_face_count(path: Path, suffix: str) -> int:
     """How many faces a file says that it has, before anything is made of them; 0 where it does not say."""
-    if suffix == ".obj":
-        with path.open("rb") as file:
-            return sum(line.startswith(b"f ") for line in file)
+    if suffix != ".ply":
+        return 0
     with path.open("rb") as file:
-        head = file.read(4096)
-    if suffix == ".stl" and len(head) >= _STL_HEADER:
-        (count,) = struct.unpack("<I", head[80:84])
-        return count if path.stat().st_size == _STL_HEADER + _STL_FACE * count else 0
-    count = re.search(rb"element\s+face\s+(\d+)", head.split(b"end_header")[0]) if suffix == ".ply" else None
+        count = re.search(rb"element\s+face\s+(\d+)", file.read(4096).split(b"end_header")[0])
     return int(count[1]) if count else 0
 
 
@@ -93,8 +108,10 @@ def _read_dae_unit_and_up(path: Path) -> tuple[float, Up]:
     return 1.0, "y"
 
 
-def _load_with_trimesh(path: Path, folder: SourceFolder, name: str, limits: ImportLimits, *, blind: bool) -> list[Any]:
-    """The meshes with faces of a file, by trimesh."""
+def _load_with_trimesh(
+    path: Path, folder: SourceFolder, name: str, limits: ImportLimits, notes: list[str], *, blind: bool
+) -> list[Any]:
+    """The meshes with faces of a file, by trimesh; pictures that are not there are noted."""
     import trimesh
 
     resolver: Any = _Resolver(folder, name, blind=blind)
@@ -110,12 +127,10 @@ def _load_with_trimesh(path: Path, folder: SourceFolder, name: str, limits: Impo
         remedy = 'run: pip install "grs-agents[assets]"' if error.name in ("collada", "lxml") else "convert it to GLB"
         raise RefusedError(f"{name} needs the package {error.name}", remedy) from error
     except _LOAD_ERRORS as error:
-        if resolver.refused is not None:
-            raise resolver.refused from error
         reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
         raise RefusedError(f"{name} cannot be read: {reason}", "export it again") from error
     if resolver.refused is not None:
-        raise resolver.refused
+        notes.append(f"{resolver.refused.message}: the picture is not shown")
     return meshes
 
 
@@ -131,7 +146,7 @@ class _Resolver:
         if self._blind:
             raise FileNotFoundError(name)
         try:
-            return self._folder.resolve_file(name.strip(), self._name).read_bytes()
+            return self._folder.find_file(name, self._name).read_bytes()
         except RefusedError as error:
             self.refused = self.refused or error
             raise FileNotFoundError(name) from error
@@ -151,19 +166,28 @@ class _Resolver:
         return False
 
 
-def _convert_to_mesh_part(mesh: Any, scale: float, image: Image | None, limits: ImportLimits, name: str) -> MeshPart:
+def _convert_to_mesh_part(
+    mesh: Any, scale: float, image: Image | None, limits: ImportLimits, name: str, notes: list[str]
+) -> MeshPart:
     """A mesh of trimesh, ``scale`` times as large."""
     vertices, faces = np.asarray(mesh.vertices, np.float64) * scale, np.asarray(mesh.faces, np.int64)
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise RefusedError(f"{name}: a face names vertex {faces.max()} of {len(vertices)}", "export it again")
-    if not np.isfinite(vertices[faces]).all():
-        raise RefusedError(f"{name} has vertices that are not finite numbers (NaN or infinity)", "export it again")
+    _check_finite(vertices[faces], name)
     uvs = _face_corner_uvs(mesh, faces)
-    if image is None or uvs is None:
+    if image is None:
         material = getattr(mesh.visual, "material", None)
-        own = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-        image = None if own is None else read_texture_image(own, limits.pixels)
-    return MeshPart(vertices, faces, uvs if image is not None else None, image, _face_colors(mesh, len(faces)))
+        own, simple = (getattr(material, name, None) for name in ("baseColorTexture", "image"))
+        if own is None and simple is not None and simple.format is None:  # a picture of trimesh where there is none
+            return build_mesh_part(vertices, faces, uvs, None, None, name, notes)
+        own = simple if own is None else own
+        image = None if own is None else read_picture_or_note(own, limits.pixels, notes)
+    return build_mesh_part(vertices, faces, uvs, image, _face_colors(mesh, len(faces)), name, notes)
+
+
+def _check_finite(points: Floats, name: str) -> None:
+    if not np.isfinite(points).all():
+        raise RefusedError(f"{name} has vertices that are not finite numbers (NaN or infinity)", "export it again")
 
 
 def _face_corner_uvs(mesh: Any, faces: Ints) -> Floats | None:
@@ -172,28 +196,124 @@ def _face_corner_uvs(mesh: Any, faces: Ints) -> Floats | None:
     return None if uvs.ndim != 2 or len(uvs) != len(mesh.vertices) or not np.isfinite(uvs).all() else uvs[:, :2][faces]
 
 
-def _face_colors(mesh: Any, count: int) -> Image:
-    """(F, 3) uint8 colour of each face, from its material, its own colour or its vertices' colours."""
-    visual, grey = mesh.visual, np.tile(np.array(_GREY, np.uint8), (count, 1))
+def _face_colors(mesh: Any, count: int) -> Image | None:
+    """(F, 3) uint8 colour of each face, from its material, its own colour or its vertices' colours; None without."""
+    visual = mesh.visual
     material = getattr(visual, "material", None)
     if material is not None:
         main = getattr(material, "baseColorFactor", None)
         main = getattr(material, "main_color", None) if main is None else main
-        rgb = np.asarray(_GREY if main is None else main).ravel()[:3]
-        return np.tile(_rgb_to_uint8(rgb), (count, 1)) if len(rgb) == 3 else grey
+        rgb = np.asarray(GREY if main is None else main).ravel()[:3]
+        return np.tile(color_to_uint8(rgb), (count, 1)) if len(rgb) == 3 else None
     if getattr(visual, "kind", None) not in ("face", "vertex"):
-        return grey
+        return None
     colors = np.asarray(visual.face_colors)
-    return colors[:, :3].astype(np.uint8) if len(colors) == count else grey
+    return colors[:, :3].astype(np.uint8) if len(colors) == count else None
 
 
-def _rgb_to_uint8(rgb: Any) -> Image:
-    values = np.nan_to_num(np.asarray(rgb, np.float64))
-    scale = 255.0 if np.issubdtype(np.asarray(rgb).dtype, np.floating) and values.max(initial=0) <= 1 else 1.0
-    return np.clip(np.rint(values * scale), 0, 255).astype(np.uint8)
+def _read_stl(path: Path, image: Image | None, limits: ImportLimits, notes: list[str]) -> MeshPart:
+    """An STL file, binary or text; all of its solids are one part, with the colours that binary ones may have.
+
+    Neither the word ``solid`` at the beginning nor the size tell the two forms apart: binary files begin with it and
+    hold more bytes than their faces need, too.
+    """
+    size, name = path.stat().st_size, path.name
+    with path.open("rb") as file:
+        head = file.read(4096)
+    count = int.from_bytes(head[80:84], "little") if len(head) >= _STL_HEADER else 0
+    is_text = head.lstrip()[:5].lower() == b"solid" and b"facet" in head.lower()
+    if count and size >= _STL_HEADER + _STL_FACE * count and not (is_text and size != _STL_HEADER + _STL_FACE * count):
+        _check_face_count(name, count, limits)
+        layout = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+        rows = np.fromfile(path, layout, count, offset=_STL_HEADER)
+        corners, colors = rows["corners"].astype(np.float64), _stl_colors(head[:80], rows["attribute"])
+    elif is_text:
+        lines = (line.split() for line in path.read_bytes().lower().splitlines())
+        vertices = [words[1:4] for words in lines if words and words[0] == b"vertex"]
+        _check_face_count(name, len(vertices) // 3, limits)
+        try:
+            points = np.array(vertices, np.float64).reshape(-1, 3, 3)
+        except ValueError as error:
+            raise RefusedError(
+                f"{name} has {len(vertices)} corners that are not three numbers each", "export it again"
+            ) from error
+        corners, colors = points, None
+    else:
+        room = max(0, size - _STL_HEADER) // _STL_FACE
+        message = f"{name} is no STL file: its header says {count} faces, its {size} bytes have room for {room}"
+        raise RefusedError(message, "export it again")
+    if not len(corners):
+        raise RefusedError(f"{name} has no faces", "export it again")
+    _check_finite(corners, name)
+    faces = np.arange(3 * len(corners)).reshape(-1, 3)
+    return build_mesh_part(corners.reshape(-1, 3), faces, None, image, colors, name, notes)
 
 
-def _read_mujoco_msh(path: Path, image: Image | None) -> MeshPart:
+def _stl_colors(header: bytes, attributes: Any) -> Image | None:
+    """(F, 3) colours of 5 bits a channel: blue first where bit 15 is set (VisCAM and SolidView), or, after a header
+    with ``COLOR=`` (Materialise Magics), red first where it is not set; None where no face has one."""
+    bits = attributes.astype(np.int64)
+    channels = np.stack([bits & 31, bits >> 5 & 31, bits >> 10 & 31], axis=1)
+    at = header.find(b"COLOR=")
+    has_color = (bits >> 15 == 0) if at >= 0 else (bits >> 15 == 1)
+    if at < 0 and not has_color.any():
+        return None
+    base = header[at + 6 : at + 9] if at >= 0 else b""
+    plain = np.array(list(base) if len(base) == 3 else GREY, np.int64)
+    shown = channels if at >= 0 else channels[:, ::-1]
+    return np.where(has_color[:, None], np.rint(shown * 255 / 31), plain).astype(np.uint8)
+
+
+_OFF_HEADER: Final = re.compile(r"(?P<st>ST)?(?P<color>C)?(?P<normal>N)?OFF\s*(?P<counts>\d.*)?")
+
+
+def _read_off(path: Path, image: Image | None, limits: ImportLimits, notes: list[str]) -> MeshPart:
+    """An OFF file as text, with the colours of its faces or vertices; the counts may follow the first word at once."""
+    name = path.name
+    text = path.read_bytes().decode("utf-8", errors="replace")
+    lines = [line for row in text.split("\n") if (line := row.partition("#")[0].strip())]
+    header = _OFF_HEADER.fullmatch(lines[0]) if lines else None
+    if header is None:
+        raise RefusedError(f"{name} does not begin with OFF, COFF, NOFF or STOFF", "save it as OFF in text form")
+    rows = [header["counts"], *lines[1:]] if header["counts"] else lines[1:]
+    try:
+        count, face_count = (int(word) for word in rows[0].split()[:2])
+        _check_face_count(name, face_count, limits)
+        table = [[float(word) for word in row.split()] for row in rows[1 : count + 1]]
+        vertices = np.array([row[:3] for row in table], np.float64).reshape(count, 3)
+        faces, plain = list[tuple[int, int, int]](), list[list[float]]()
+        for row in rows[count + 1 : count + 1 + face_count]:
+            words = row.split()
+            size = int(words[0])
+            corners = [int(word) for word in words[1 : size + 1]]
+            faces += [(corners[0], corners[number], corners[number + 1]) for number in range(1, len(corners) - 1)]
+            rest = [float(word) for word in words[size + 1 : size + 4]]
+            plain += [rest if len(rest) == 3 else []] * max(0, len(corners) - 2)
+            _check_face_count(name, len(faces), limits)
+    except (ValueError, IndexError) as error:
+        raise RefusedError(f"{name} cannot be read: {str(error)[:120]}", "export it again") from error
+    index = np.array(faces, np.int64).reshape(-1, 3)
+    if not len(index) or index.min() < 0 or index.max() >= count:
+        raise RefusedError(f"{name} has no faces of its {count} vertices", "export the surface, not its points")
+    _check_finite(vertices[index], name)
+    start = 6 if header["normal"] else 3
+    point_colors = [row[start : start + 3] for row in table] if header["color"] else []
+    colors: Image | None = None
+    if any(plain):
+        grey = [float(level) for level in GREY]
+        colors = _colors_to_uint8(np.array([color or grey for color in plain]))
+    elif point_colors and all(len(color) == 3 for color in point_colors):
+        colors = _colors_to_uint8(np.array(point_colors)[index].mean(axis=1))
+    return build_mesh_part(vertices, index, None, image, colors, name, notes)
+
+
+def _colors_to_uint8(values: Floats) -> Image:
+    """(N, 3) colours; numbers up to 1 are shares, larger ones are of 255."""
+    values = np.nan_to_num(values)
+    return np.clip(np.rint(values * (1.0 if values.max(initial=0.0) > 1 else 255.0)), 0, 255).astype(np.uint8)
+
+
+def _read_mujoco_msh(path: Path, image: Image | None, limits: ImportLimits, notes: list[str]) -> MeshPart:
     """MuJoCo's binary mesh: four counts, then positions, normals, texture coordinates and faces."""
     data = path.read_bytes()
     counts = struct.unpack("<4i", data[:16]) if len(data) >= 16 else (0, 0, 0, 0)
@@ -201,41 +321,17 @@ def _read_mujoco_msh(path: Path, image: Image | None) -> MeshPart:
     expected = 16 + 4 * (3 * vertices + 3 * normals + 2 * coordinates + 3 * faces)
     if min(counts) < 0 or vertices < 4 or faces < 1 or expected != len(data):
         raise RefusedError(f"{path.name} is no MSH file of {vertices} vertices and {faces} faces", "export it again")
+    _check_face_count(path.name, faces, limits)
     numbers = np.frombuffer(data, "<f4", 3 * (vertices + normals) + 2 * coordinates, 16).astype(np.float64)
     points = numbers[: 3 * vertices].reshape(-1, 3)
     index = np.frombuffer(data, "<i4", 3 * faces, len(data) - 12 * faces).reshape(-1, 3).astype(np.int64)
     if index.min() < 0 or index.max() >= vertices or not np.isfinite(points).all():
         raise RefusedError(f"{path.name} has faces or vertices that cannot be (NaN or out of range)", "export it again")
     uvs = None
-    if coordinates == vertices and image is not None:
+    if coordinates == vertices:
         flat = numbers[3 * (vertices + normals) :].reshape(-1, 2)
         uvs = np.stack([flat[:, 0], 1 - flat[:, 1]], axis=1)[index]
-    grey = np.tile(np.array(_GREY, np.uint8), (len(index), 1))
-    return MeshPart(points, index, uvs, image if uvs is not None else None, grey)
+    return build_mesh_part(points, index, uvs, image, None, path.name, notes)
 
 
-def read_texture_image(source: Any, pixels: int, *, header_only: bool = False) -> Image:
-    """A picture as (H, W, 3) uint8 RGB, what is transparent over white.
-
-    Args:
-        source: a path or an opened Pillow image.
-        pixels: the most it may have.
-        header_only: only see that it is a picture of at most ``pixels``; the result is empty.
-    """
-    from PIL import Image as Pictures
-
-    name = source.name if isinstance(source, Path) else "the texture"
-    try:
-        opened: Any = Pictures.open(source) if isinstance(source, Path) else source
-        width, height = opened.size
-        if width * height > pixels or min(width, height) < 1:
-            raise RefusedError(f"{name} has {width} x {height} px, {pixels} are the most", "make it smaller")
-        if header_only:
-            return np.zeros((0, 0, 3), np.uint8)
-        if opened.mode in ("RGBA", "LA", "PA") or "transparency" in opened.info:
-            white: Any = Pictures.new("RGBA", opened.size, (255, 255, 255, 255))
-            white.alpha_composite(opened.convert("RGBA"))
-            opened = white
-        return np.asarray(opened.convert("RGB"), np.uint8)
-    except (OSError, ValueError, SyntaxError, Pictures.DecompressionBombError) as error:
-        raise RefusedError(f"{name} is no picture: {str(error)[:120]}", "convert it to PNG") from error
+_READERS: Final = {".stl": _read_stl, ".off": _read_off, ".msh": _read_mujoco_msh}

@@ -2,6 +2,7 @@
 Two faces of the simplified mesh share a square of texels, painted as the original mesh is there."""
 
 import importlib
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -15,26 +16,42 @@ _MARGIN: Final = 1
 """Texels between the faces of a square, and around it."""
 
 
-def transfer_texture_to_mesh(old: TexturedMesh, vertices: Floats, faces: Ints, edge: int) -> TexturedMesh:
-    """The new mesh, painted in a texture of ``edge`` px as the old one is at the nearest places."""
-    columns = int(np.ceil(np.sqrt(-(-len(faces) // 2))))
-    cell = max(2 * _MARGIN + 3, edge // columns)
+@dataclass(frozen=True)
+class FaceSquares:
+    """A texture in which two faces share a square of texels."""
+
+    side: int  # of the texture, px
+    uvs: Floats  # (F, 3, 2) texture coordinates of the corners, origin at the lower left
+    face: Ints  # (T,) the face of each texel that has one
+    weights: Floats  # (T, 3) of the face's corners at the texel
+    texel: Ints  # (T,) number of the texel, row by row
+
+
+def lay_out_face_squares(count: int, edge: int) -> FaceSquares:
+    """The places of ``count`` faces in a texture of about ``edge`` px."""
+    columns = int(np.ceil(np.sqrt(-(-count // 2))))
+    cell = max(2 * _MARGIN + 4, edge // columns)
     side = columns * cell
-    index = np.arange(len(faces))
+    index = np.arange(count)
     left, top = (index // 2 % columns) * cell, (index // 2 // columns) * cell
     inner = cell - 2 * _MARGIN - 2
     lower = np.array([[0, 0], [inner - 1, 0], [0, inner - 1]]) + _MARGIN
     upper = cell - 1 - lower
     texels = np.where((index % 2 == 0)[:, None, None], lower, upper) + np.stack([left, top], axis=1)[:, None]
     uvs = np.stack([(texels[:, :, 0] + 0.5) / side, 1 - (texels[:, :, 1] + 0.5) / side], axis=2)
-    image = np.zeros((side * side, 3), np.uint8)
-    owner, weights, where = _map_texels_to_faces(len(faces), cell, inner, columns)
+    return FaceSquares(side, uvs, *_map_texels_to_faces(count, cell, inner, columns))
+
+
+def transfer_texture_to_mesh(old: TexturedMesh, vertices: Floats, faces: Ints, edge: int) -> TexturedMesh:
+    """The new mesh, painted in a texture of ``edge`` px as the old one is at the nearest places."""
+    squares = lay_out_face_squares(len(faces), edge)
+    image = np.zeros((squares.side**2, 3), np.uint8)
     tree: Any = importlib.import_module("small_gicp").KdTree(old.vertices[old.faces].mean(axis=1))
-    for start in range(0, len(owner), _CHUNK):
+    for start in range(0, len(squares.face), _CHUNK):
         part = slice(start, start + _CHUNK)
-        points = np.einsum("ij,ijk->ik", weights[part], vertices[faces[owner[part]]])
-        image[where[part]] = _sample_nearest_colors(old, points, tree)
-    return TexturedMesh(vertices, faces, uvs, image.reshape(side, side, 3))
+        points = np.einsum("ij,ijk->ik", squares.weights[part], vertices[faces[squares.face[part]]])
+        image[squares.texel[part]] = _sample_nearest_colors(old, points, tree)
+    return TexturedMesh(vertices, faces, squares.uvs, image.reshape(squares.side, squares.side, 3))
 
 
 def _map_texels_to_faces(count: int, cell: int, inner: int, columns: int) -> tuple[Ints, Floats, Ints]:

@@ -1,5 +1,9 @@
 """Names of files that strangers wrote: only what lies inside the source is opened, and only what is small enough."""
 
+import re
+import unicodedata
+from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Final
 from urllib.parse import unquote
@@ -7,6 +11,12 @@ from urllib.parse import unquote
 from grs_agents.library.importing.types import RefusedError
 
 _CONTROL: Final = 32
+_ROOTED: Final = re.compile(r"(?:(?:file|package|model)://|[A-Za-z]:)?(?P<path>.*)", re.DOTALL)
+"""A URI of ROS or Gazebo and a path with a drive name a place on the author's machine."""
+_TAIL: Final = 8
+"""Folders of such a path that are compared with those of the source."""
+_ENTRIES: Final = 100_000
+"""Files of a folder whose names are compared."""
 
 
 class SourceFolder:
@@ -23,29 +33,73 @@ class SourceFolder:
         resolved = ((self.root / beside).parent / name if beside else self.root / name).resolve()
         if not resolved.is_relative_to(self.root):
             raise RefusedError(f"{by}{name[:120]!r}, which leaves the source folder", "keep files inside the source")
-        if not resolved.is_file():
+        try:
+            exists = resolved.is_file()
+        except OSError:  # a part of the name is too long for the file system
+            exists = False
+        if not exists:
             raise RefusedError(f"{by}{name[:120]!r}, which does not exist", "put the file there")
         if (size := resolved.stat().st_size) > self.most:
             raise RefusedError(f"{name[:120]} has {size} bytes, {self.most} are the most", "simplify it")
         return resolved
+
+    def find_file(self, name: str, beside: str = "") -> Path:
+        """`search_file`; errors as `resolve_file` where there is none."""
+        found = self.search_file(name, beside)
+        return self.resolve_file(name, beside) if found is None else self.resolve_file(self.relative_file_name(found))
+
+    def search_file(self, name: str, beside: str = "") -> Path | None:
+        """The file that the author of ``beside`` meant by ``name``; None where there is none.
+
+        Backslashes, percent codes and letter case are those of other systems. Of an absolute path and of a
+        ``package://`` or ``model://`` name the longest end counts that exists beside ``beside`` or in a folder around
+        it; of a relative path that does not exist its last part beside ``beside``.
+        """
+        home = (self.root / beside).parent if beside else self.root
+        for spelled in dict.fromkeys((name.strip().strip('"'), unquote(name.strip().strip('"')))):
+            match = _ROOTED.match(spelled.replace("\\", "/"))
+            path = match["path"] if match is not None else ""
+            rooted = len(path) < len(spelled) or path.startswith(("/", "~"))
+            words = [word for word in path.split("/") if word not in ("", ".")]
+            if any(ord(letter) < _CONTROL for letter in path) or not words:
+                continue
+            tails = [words[start:] for start in range(len(words))][-_TAIL:]
+            homes = [place for place in (home, *home.parents) if place.is_relative_to(self.root)]
+            places = [(tail, place) for tail in tails for place in homes] if rooted else [(words, home)]
+            for tail, place in [*places, (words[-1:], home)]:
+                found = self._follow(place, tail)
+                if found is not None:
+                    return found
+        return None
+
+    def _follow(self, place: Path, words: Sequence[str]) -> Path | None:
+        """The file that ``words`` lead to from a folder in any letter case; None outside the root or if there is
+        none."""
+        for word in words:
+            if word == "..":
+                place = place.parent
+                continue
+            if not place.is_relative_to(self.root) or not (entry := _find_entry(place, word)):
+                return None
+            place = entry
+        place = place.resolve()
+        return place if place.is_relative_to(self.root) and place.is_file() else None
 
     def relative_file_name(self, path: Path) -> str:
         """The name of a file inside the folder."""
         return path.resolve().relative_to(self.root).as_posix()
 
 
-def find_obj_material_files(folder: SourceFolder, obj: str) -> tuple[list[str], list[str]]:
-    """The material files and colour pictures that an OBJ file names, relative to the folder."""
-    materials: list[str] = []
-    pictures: list[str] = []
-    with folder.resolve_file(obj).open(encoding="utf-8", errors="replace") as lines:
-        names = [row.split(None, 1)[1].strip() for row in lines if row.startswith("mtllib ") and row.split()[1:]]
-    for name in names:
-        path = folder.resolve_file(name, obj)
-        materials.append(folder.relative_file_name(path))
-        for line in path.read_text("utf-8", errors="replace").splitlines():
-            words = line.split()
-            if len(words) > 1 and words[0].lower() == "map_kd":
-                picture = folder.resolve_file(unquote(words[-1]), materials[-1])
-                pictures.append(folder.relative_file_name(picture))
-    return materials, pictures
+def _find_entry(folder: Path, name: str) -> Path | None:
+    """The entry of a folder by its name, else by its name in another letter case or Unicode form."""
+    try:
+        if (folder / name).exists():
+            return folder / name
+        wanted = _fold_case(name)
+        return next((entry for entry in islice(folder.iterdir(), _ENTRIES) if _fold_case(entry.name) == wanted), None)
+    except OSError:
+        return None
+
+
+def _fold_case(name: str) -> str:
+    return unicodedata.normalize("NFC", name).casefold()

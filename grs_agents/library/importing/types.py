@@ -62,6 +62,7 @@ class SourceItem(Frozen):
 
     kind: Kind  # how it is read
     name: str  # slug that it gets in its collection
+    title: str = ""  # what its source calls it, in any script; ``name`` where it is empty
     file: str  # what is read, relative to the source folder
     files: tuple[str, ...] = ()  # all that it is made of, relative to the source folder, ``file`` first
     texture: str | None = None  # picture that the file itself does not name
@@ -86,8 +87,8 @@ class ImportOutcome(Frozen):
 
     item: str  # its name
     source: str  # its file in the source
-    status: Literal["imported", "duplicate", "refused"]  # ``imported``, ``duplicate`` of another asset, or ``refused``
-    reason: str = ""  # why it was refused, or what it is a copy of
+    status: Literal["imported", "duplicate", "refused", "unread"]  # ``unread`` is what no reader is for
+    reason: str = ""  # why it was refused or is not read, or what it is a copy of
     notes: tuple[str, ...] = ()  # what was guessed, found and mended
     key: str = ""  # what it was made from: content of the files and options
     asset: Asset | None = None  # its entry in the manifest

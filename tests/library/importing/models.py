@@ -13,6 +13,8 @@ from PIL import Image
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
+from tests.library.importing.gltf_files import GltfFile
+
 RED, BLUE = (220, 30, 30), (30, 60, 200)
 
 
@@ -173,34 +175,78 @@ def write_malformed(folder: Path) -> dict[str, str]:
     with (folder / "vast.stl").open("wb") as file:
         file.write(bytes(80) + struct.pack("<I", 10_000_000))
         file.truncate(84 + 50 * 10_000_000)
-    textured_box(folder, "bare", (0.05, 0.05, 0.05), "nowhere.png")
-    textured_box(folder, "sly", (0.05, 0.05, 0.06), "../../../etc/passwd")
-    textured_box(folder, "rooted", (0.05, 0.05, 0.07), "/etc/hostname")
-    (folder / "sly_library.obj").write_text("mtllib ../../secret.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n")
-    textured_box(folder, "bomb_picture", (0.05, 0.05, 0.08), "bomb.png")
-    Image.new("L", (20_000, 20_000)).save(folder / "bomb.png")
     write_urdf(folder / "sly_urdf" / "sly.urdf", "../../../../etc/passwd")
     write_mjcf(folder / "sly_mjcf" / "sly.xml", "../../../../../etc/passwd")
     entity = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'
     (folder / "entities.urdf").write_text(f'{entity}<robot name="&b;"><link name="x"/></robot>')
     (folder / "entities.dae").write_text(f"{entity}<COLLADA>&b;</COLLADA>")
-    uri = {"asset": {"version": "2.0"}, "buffers": [{"uri": "../../../../etc/passwd", "byteLength": 4}]}
-    uri |= {"bufferViews": [{"buffer": 0, "byteLength": 4}], "meshes": [], "scenes": [{"nodes": []}], "scene": 0}
-    (folder / "sly_buffer.gltf").write_text(json.dumps(uri))
+    sly = GltfFile()
+    sly.write(folder / "sly_buffer.gltf", "data")
+    sly.json["buffers"][0]["uri"] = "../../../../etc/passwd"
+    (folder / "sly_buffer.gltf").write_text(json.dumps(sly.json))
     return {
         "nan.obj": "not finite",
         "points.obj": "face",
         "flat.obj": "one plane",
         "empty.glb": "empty.glb is empty",
         "huge.ply": "10000000 faces",
-        "bare.obj": "does not exist",
-        "rooted.obj": "no relative path",
-        "bomb_picture.obj": "bomb.png",
         **dict.fromkeys(("wild.obj", "noise.glb", "static.stl", "vast.stl"), ""),
         **dict.fromkeys(("entities.urdf", "entities.dae"), "entities"),
-        **dict.fromkeys(("sly.obj", "sly_library.obj", "sly_buffer.gltf"), "leaves the source"),
+        **dict.fromkeys(("sly_buffer.gltf",), "leaves the source"),
         **dict.fromkeys(("sly_urdf/sly.urdf", "sly_mjcf/sly.xml"), "leaves the source"),
     }
+
+
+TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+
+
+def write_3mf(path: Path) -> Path:
+    """A 3MF file as slicers write them: an object of two colours, placed twice by components, one of them from another
+    file, a face with a picture, and a support that is no part of it."""
+    buffer = io.BytesIO()
+    Image.new("RGB", (4, 4), (10, 200, 10)).save(buffer, "PNG")
+    core, material, production = (
+        f'xmlns{prefix}="http://schemas.microsoft.com/3dmanufacturing/{name}"'
+        for prefix, name in (("", "core/2015/02"), (":m", "material/2015/02"), (":p", "production/2015/06"))
+    )
+    corners = ((0, 0, 0), (40, 0, 0), (0, 40, 0), (0, 0, 40))
+    points = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in corners)
+    looks = ("", ' pid="1" p1="1"', ' pid="8" p1="0" p2="1" p3="2"', "")
+    faces = ("021", "013", "123", "032")
+    triangles = [f'<triangle v1="{a}" v2="{b}" v3="{c}"{look}/>' for (a, b, c), look in zip(faces, looks, strict=True)]
+    mesh = f"<mesh><vertices>{points}</vertices><triangles>{''.join(triangles)}</triangles></mesh>"
+    main = (
+        f'<model unit="millimeter" {core} {material} {production}><resources><basematerials id="1">'
+        '<base name="r" displaycolor="#FF0000FF"/><base name="b" displaycolor="#0000FF"/></basematerials>'
+        '<m:texture2d id="7" path="/3D/t.png" contenttype="image/png"/><m:texture2dgroup id="8" texid="7">'
+        '<m:tex2coord u="0" v="0"/><m:tex2coord u="1" v="0"/><m:tex2coord u="0" v="1"/></m:texture2dgroup>'
+        f'<object id="2" pid="1" pindex="0">{mesh}</object><object id="9" type="support">{mesh}</object>'
+        '<object id="3"><components><component objectid="2" transform="1 0 0 0 1 0 0 0 1 100 0 0"/>'
+        '<component objectid="5" p:path="/3D/other.model"/></components></object></resources>'
+        '<build><item objectid="3"/><item objectid="9"/></build></model>'
+    )
+    other = f'<model {core}><resources><object id="5">{mesh}</object></resources><build/></model>'
+    kind = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
+    relations = f'<Relationships><Relationship Target="/3D/main.model" Id="a" Type="{kind}"/></Relationships>'
+    texts = {"_rels/.rels": relations, "3D/main.model": main, "3D/other.model": other}
+    return zipped(path, {name: text.encode() for name, text in texts.items()} | {"3D/t.png": buffer.getvalue()})
+
+
+def write_sdf(folder: Path, version: str = "1.6") -> Path:
+    """A model as Gazebo has them: a textured mesh by its ``model://`` name, a red ball above it, a box that touches."""
+    textured_box(folder / "meshes", "body", (0.04, 0.06, 0.10), "gone.png")
+    picture(folder / "materials" / "textures" / "Body.PNG", (20, 160, 60), (20, 160, 60))
+    path = folder / ("model.sdf" if version == "1.6" else f"model-{version}.sdf")
+    path.write_text(
+        f'<?xml version="1.0"?><sdf version="{version}"><model name="m"><pose>5 5 5 0 0 0</pose><link name="l">'
+        '<pose degrees="true">0 0 0.05 0 0 90</pose><inertial><mass>0.3</mass></inertial><visual name="v"><geometry>'
+        f"<mesh><uri>model://{folder.name}/meshes/body.obj</uri></mesh></geometry><material><pbr><metal><albedo_map>"
+        'materials\\textures\\body.png</albedo_map></metal></pbr></material></visual><visual name="b"><pose>0.01 0 0.06'
+        " 0 0 0</pose><geometry><sphere><radius>0.01</radius></sphere></geometry><material><script><name>Gazebo/Red"
+        '</name></script></material></visual><collision name="c"><geometry><box><size>0.04 0.06 0.1</size></box>'
+        "</geometry><surface><friction><ode><mu>0.8</mu></ode></friction></surface></collision></link></model></sdf>"
+    )
+    return path
 
 
 def zip_bomb(path: Path, megabytes: int = 120) -> Path:
