@@ -22,6 +22,7 @@ from grs_agents.runs import (
     Order,
     RunRecord,
     Views,
+    add_hash,
     check_user_program,
     execute_run,
     load_graph,
@@ -93,6 +94,7 @@ class Run:
         from grs_agents.views.film import make_rollout_shot, write_film
 
         write_film(make_rollout_shot(self.folder, seed), Path(path))
+        add_hash(self.folder, Path(path))
         return Path(path)
 
     def resume(

@@ -1,9 +1,17 @@
-"""Files written whole: a reader sees the old content or the new, never half of it."""
+"""Files written whole: a reader sees the old content or the new, never half of it.
+
+So it is after a power cut too, once a durable write has followed. To flush each file by itself took 0.6 s of a run's 15
+on a disk of 5 ms. Files between two durable writes are flushed side by side, which the disk does at once.
+"""
 
 import errno
 import json
+import os
+import shutil
 import stat
 import sys
+from collections import deque
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -11,8 +19,37 @@ from uuid import uuid4
 
 from grs_agents.errors import InputError, OutputError
 
+_LONGEST_PATH = 4096
+"""Bytes; no system takes a longer path."""
+_UNUSABLE = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno.EACCES, errno.EPERM)
+"""What the system says of a path that somebody named; nothing of ours is missing then."""
+_FLUSHED_TOGETHER = 8
+"""Threads that wait for the disk."""
+_unflushed: deque[Path] = deque()
+"""What this process wrote since the last durable write."""
+
 STANDARD_OUTPUT = Path("-")
 """What a verb that writes one document takes for standard output."""
+
+
+def check_path_name(name: str, shown: str) -> None:
+    """See that ``name``, which errors call ``shown``, can be the path of something. Raises InputError: it cannot."""
+    if len(name) > _LONGEST_PATH:
+        remedy = f"give at most {_LONGEST_PATH}; put long settings into a file and name it with --config"
+        raise InputError(f"{shown} has {len(name)} characters", remedy)
+    if "\0" in name:
+        raise InputError(f"{shown} holds a NUL: {name}", "leave it out")
+    if any("\ud800" <= letter <= "\udfff" for letter in name):
+        raise InputError(f"{shown} is not UTF-8: {name}", "rename the file, or set the locale to UTF-8")
+
+
+def convert_system_error(error: OSError) -> InputError | None:
+    """The one-line error where the system refuses what a user named or allows; None where the fault may be ours."""
+    if error.errno in (errno.EMFILE, errno.ENFILE):
+        return InputError("too many files are open", "raise the limit of this shell: ulimit -n 1024")
+    if error.filename is not None and error.errno in _UNUSABLE:
+        return InputError(f"cannot use {str(error.filename)[:200]}: {error.strerror}", "name another file or folder")
+    return None
 
 
 def resolve_output_file(path: Path) -> Path:
@@ -47,21 +84,74 @@ def write_file_or_stdout(path: Path, data: bytes) -> Path:
     return path
 
 
-def write_bytes(path: Path, data: bytes) -> Path:
+def write_bytes(path: Path, data: bytes, durable: bool = False) -> Path:
     """Write ``data`` to ``path`` through a temporary file in the same folder. A link is replaced, never followed.
-    Raises InputError: the folder cannot be written, the disk is full, or ``path`` is there and no regular file."""
+
+    Args:
+        durable: whether this file, and all that this process has written before, outlasts a power cut from now on. A
+            file that says how far something came needs that; so does one that another process relies on.
+
+    Raises:
+        InputError: the folder cannot be written, the disk is full, or ``path`` is there and no regular file.
+    """
     if not path.is_symlink():
         path = resolve_output_file(path)
     temporary = path.with_name(f".{path.name}.{uuid4().hex[:8]}")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
+        if durable:
+            flush_written_files()
         temporary.write_bytes(data)
+        if durable or path.exists():  # else a power cut might leave neither the old content nor the new
+            _flush(temporary)
         temporary.replace(path)
+        _unflushed.append(path.absolute())
+        if durable:
+            _unflushed.append(path.parent.absolute())  # which may be as new
+            flush_written_files()
     except OSError as error:
         with suppress(OSError):  # what stands in the way of the file may stand in the way of its removal
             temporary.unlink()
         raise unwritable_error(path, error) from error
     return path
+
+
+def make_folder(folder: Path) -> None:
+    """Make ``folder`` and those above it that are missing; the next durable write makes them durable."""
+    missing = [level for level in (folder, *folder.parents) if not level.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    _unflushed.extend(level.absolute() for level in missing)
+
+
+def copy_folder(source: Path, target: Path) -> None:
+    """Copy a folder with all that is in it; files of the same names in ``target`` are replaced."""
+    shutil.copytree(source, target, dirs_exist_ok=True)
+    _unflushed.extend((target.absolute(), *target.absolute().rglob("*")))
+
+
+def flush_written_files() -> None:
+    """See that all that this process has written outlasts a power cut. Raises OSError: the disk does not take it."""
+    written: set[Path] = set()
+    with suppress(IndexError):  # other threads may flush meanwhile
+        while True:
+            written.add(_unflushed.popleft())
+    with ThreadPoolExecutor(_FLUSHED_TOGETHER) as pool:
+        list(pool.map(_flush, {place for path in written for place in (path, path.parent)}))
+
+
+def _flush(path: Path) -> None:
+    """Wait until the disk holds a file, or the names in a folder; one that is gone needs nothing."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except OSError:
+        return
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # of file systems that cannot flush a folder
+            raise
+    finally:
+        os.close(descriptor)
 
 
 def unwritable_error(path: Path, error: OSError) -> OutputError:
@@ -70,11 +160,11 @@ def unwritable_error(path: Path, error: OSError) -> OutputError:
     return OutputError(f"cannot write {path}: {reason}", "free space or name a writable folder with --out")
 
 
-def write_text(path: Path, text: str) -> Path:
+def write_text(path: Path, text: str, durable: bool = False) -> Path:
     """Write ``text`` as UTF-8, whole."""
-    return write_bytes(path, text.encode("utf-8"))
+    return write_bytes(path, text.encode("utf-8"), durable)
 
 
-def write_json(path: Path, value: Any) -> Path:
+def write_json(path: Path, value: Any, durable: bool = False) -> Path:
     """Write ``value`` as indented JSON, whole; NaN and infinity are refused by ``json``."""
-    return write_text(path, json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    return write_text(path, json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n", durable)

@@ -6,7 +6,6 @@ generated code is in either's way.
 
 import os
 import re
-import shutil
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import cast
 
 from grs_agents.errors import InputError, UnknownNameError
+from grs_agents.files import copy_folder
 from grs_agents.foreign import check_run_folder, read_bytes, read_json
 from grs_agents.library import Library
 from grs_agents.sim import TaskInstance, parse_instance_json
@@ -52,7 +52,7 @@ class TaskFolder:
         """Copy what instances name of the folder itself into another one: assets, and the files of an arm."""
         for name in (_ASSETS, ROBOT_FOLDER):
             if (self.path / name).is_dir():
-                shutil.copytree(self.path / name, out / name)
+                copy_folder(self.path / name, out / name)
 
 
 def open_task_folder(path: Path, accepted: bool = True) -> TaskFolder:

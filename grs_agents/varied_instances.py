@@ -90,7 +90,7 @@ def make_varied_instances(
     show(manifest)
     for made in map_in_processes(_make_varied_instance, waiting, workers, _set_job, (folder.path, variation, out)):
         manifest = manifest.with_added_instance(made)
-        write_json(out / MANIFEST, manifest.model_dump(mode="json"))
+        write_json(out / MANIFEST, manifest.model_dump(mode="json"), durable=True)
         show(manifest)
     return manifest
 
@@ -136,7 +136,7 @@ def _make_varied_instance(seed: int) -> VariedInstance:
     solved = episode.outcome == "success" and min(episode.reward, episode.strict) >= SOLVED > done.idle_reward
     if solved:
         written = make_robot_path_relative(instance, folder.path).model_dump(mode="json")
-        write_json(out / "instances" / f"seed_{seed}.json", written)
+        write_json(out / "instances" / f"seed_{seed}.json", written, durable=True)
     return VariedInstance(
         seed=seed,
         base=base,

@@ -37,6 +37,20 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+@pytest.fixture
+def flushed(monkeypatch: pytest.MonkeyPatch) -> set[int]:
+    """The inodes that the disk was asked to hold."""
+    inodes: set[int] = set()
+    flush = os.fsync
+
+    def flush_and_note(descriptor: int) -> None:
+        flush(descriptor)
+        inodes.add(os.fstat(descriptor).st_ino)
+
+    monkeypatch.setattr(os, "fsync", flush_and_note)
+    return inodes
+
+
 @pytest.fixture(scope="session")
 def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder that all processes of the session share."""

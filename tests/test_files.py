@@ -59,6 +59,30 @@ def test_a_full_disk_is_an_input_error(tmp_path: Path, monkeypatch: pytest.Monke
         write_bytes(tmp_path / "x", b"new")
 
 
+def test_a_durable_file_takes_what_was_written_before_it_along(tmp_path: Path, flushed: set[int]) -> None:
+    """Who goes on after a power cut relies on the durable file, hence on all that it tells of."""
+    early = write_bytes(tmp_path / "new" / "early", b"whole")
+    assert not flushed
+    last = write_json(tmp_path / "last.json", ["early"], durable=True)
+    assert {path.stat().st_ino for path in (early, early.parent, last, tmp_path, tmp_path.parent)} <= flushed
+
+
+def test_what_replaces_a_file_is_on_the_disk_first(tmp_path: Path, flushed: set[int]) -> None:
+    write_bytes(tmp_path / "x", b"old")
+    assert write_bytes(tmp_path / "x", b"new").stat().st_ino in flushed
+
+
+def test_a_disk_that_takes_nothing_is_an_input_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(descriptor: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    write_bytes(tmp_path / "x", b"old")
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(InputError, match="Input/output error"):
+        write_bytes(tmp_path / "x", b"new")
+    assert (tmp_path / "x").read_bytes() == b"old" and len(list(tmp_path.iterdir())) == 1
+
+
 values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),

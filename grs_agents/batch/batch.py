@@ -18,6 +18,7 @@ from grs_agents.batch.run_process import RunEnd, RunJob
 from grs_agents.config import load_config
 from grs_agents.errors import InputError
 from grs_agents.files import write_json, write_text
+from grs_agents.models import list_model_variables
 from grs_agents.perception import short_scene_name
 from grs_agents.version import __version__
 
@@ -81,7 +82,20 @@ def _run_jobs_into_rows(order: BatchOrder, jobs: Sequence[RunJob], rows: dict[st
             written = time.monotonic()
         watch(row)
 
-    run_jobs(jobs, store_row, workers=order.workers, timeout=order.timeout, engine=order.engine, address=order.address)
+    models = load_config(order.config, order.settings).config.models.values()
+    try:
+        run_jobs(
+            jobs,
+            store_row,
+            workers=order.workers,
+            timeout=order.timeout,
+            engine=order.engine,
+            address=order.address,
+            variables=list_model_variables(models),
+        )
+    except KeyboardInterrupt:
+        _write_results_and_page(order.out, summarize_rows([*rows.values(), *ended.values()]))
+        raise
     rows.update((job.name, ended[job.name]) for job in jobs)
 
 
@@ -155,4 +169,4 @@ def _write_or_compare_batch_file(order: BatchOrder) -> None:
     if earlier != ours:
         differ = [key for key in ours if not isinstance(earlier, dict) or earlier.get(key) != ours[key]]
         raise InputError(f"{order.out} holds a batch with another {', '.join(differ)}", "name another --out")
-    write_json(file, ours)
+    write_json(file, ours, durable=True)

@@ -31,7 +31,7 @@ class BatchResults(Frozen):
 
 def write_results(out: Path, results: BatchResults) -> None:
     """Write ``results.json``, ``results.csv`` and, where pyarrow is installed, ``results.parquet``, each whole."""
-    write_json(out / RESULTS, results.model_dump(mode="json"))
+    write_json(out / RESULTS, results.model_dump(mode="json"), durable=True)
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, _COLUMNS)
     writer.writeheader()

@@ -3,18 +3,24 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from threading import Lock
+from typing import IO, Final
 
-from grs_agents import content
+from grs_agents.content import list_content_options
 from grs_agents.errors import InputError
 from grs_agents.perception import is_known_scene, resolve_scene_path
 from grs_agents.runs import RunRecord, read_record
 
 ENDED: Final = ("accepted", "rejected", "waiting")
 """What is not run again: verdicts, and what waits for a person."""
+_GRACE: Final = 2.5
+"""Seconds for a run that is asked to end to write its record; then it is killed. A driver that gets SIGTERM has five
+until most supervisors kill it."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +33,8 @@ class RunJob:
     folder: Path
     options: tuple[str, ...] = ()  # further options of `grs run`
     known: Path | None = None  # the folder of a run of the same photo, whose scene is taken over where it has one
+    # options by which a worker of a cluster finds the content of the process that ordered the run
+    content: tuple[str, ...] = field(default_factory=lambda: tuple(list_content_options()))
 
     @property
     def source(self) -> str:
@@ -46,29 +54,74 @@ class RunEnd:
 Watcher = Callable[[RunEnd], None]
 
 
-def run_job(job: RunJob, timeout: float) -> RunEnd:
+class RunProcesses:
+    """The processes of the runs that are under way, which end together."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._running: set[subprocess.Popen[bytes]] = set()
+        self._ended = False
+
+    @contextmanager
+    def start(self, command: Sequence[str], errors: IO[str]) -> Generator[subprocess.Popen[bytes]]:
+        """A process that is under way until the block ends. Raises InterruptedError: ``end`` was called before."""
+        with self._lock:
+            if self._ended:
+                raise InterruptedError("the batch ends")
+            process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=errors,
+                process_group=0,  # Ctrl-C reaches the driver alone, which asks each run once
+            )
+            self._running.add(process)
+        try:
+            yield process
+        finally:
+            with self._lock:
+                self._running.discard(process)
+
+    def end(self) -> None:
+        """Ask all processes to end, kill those that do not, and let no further one start."""
+        with self._lock:
+            self._ended = True
+            running = list(self._running)
+        try:
+            for process in running:
+                process.terminate()
+            latest = time.monotonic() + _GRACE
+            for process in running:
+                process.wait(max(0.0, latest - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            pass
+        finally:  # a second request to end waits for nobody
+            for process in running:
+                process.kill()
+
+
+def run_job(job: RunJob, timeout: float, processes: RunProcesses) -> RunEnd:
     """Make or resume one run in a process of its own, and wait for its end."""
     earlier = read_run_record_or_none(job.folder)
     if earlier is not None and earlier.status in ENDED:
         return RunEnd(job, earlier.exit_status)
-    overlays = [part for root in reversed(content.content_search_roots()[:-1]) for part in ("--content", str(root))]
     begin = ("--resume",) if earlier is not None else ("--seed", str(job.seed))
     source = job.source
     if earlier is not None and resolve_scene_path(Path(job.scene)) == Path(earlier.source):
         source = job.scene  # begun before there was a run of the same photo to take the scene over from
-    command = [*overlays, "run", source, "--out", str(job.folder), "--json", *begin, *job.options]
+    command = [*job.content, "run", source, "--out", str(job.folder), "--json", *begin, *job.options]
     # The environment is the user's own: a model may need its key.
     starter = [sys.executable, "-m", "grs_agents.batch.child", str(os.getpid())]
     job.folder.parent.mkdir(parents=True, exist_ok=True)
     log = job.folder.with_name(f"{job.name}.log")  # no pipe: it would break with us, while the run still speaks
-    with log.open("w", encoding="utf-8") as errors:
+    with log.open("w", encoding="utf-8") as errors, processes.start([*starter, *command], errors) as process:
         try:
-            done = subprocess.run(
-                [*starter, *command], stdout=subprocess.DEVNULL, stderr=errors, timeout=timeout, check=False
-            )
+            status = process.wait(timeout)
         except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
             return RunEnd(job, None, f"killed after {timeout:.0f} s")
-    return RunEnd(job, done.returncode, _read_last_line(log) if done.returncode > 1 else "")
+    return RunEnd(job, status, _read_last_line(log) if status > 1 else "")
 
 
 def _read_last_line(log: Path) -> str:

@@ -43,8 +43,12 @@ def run_batch_and_print_rows(
         0 if every run came to a verdict and every wanted task was found, 1 if not.
     """
     order = BatchOrder(list_scenes(scenes), out, tasks, seed or 0, config, tuple(settings), **limits)
-    with _show_batch_progress_bar(order) as watch:
-        results = run_batch(order, watch)
+    try:
+        with _show_batch_progress_bar(order) as watch:
+            results = run_batch(order, watch)
+    except KeyboardInterrupt:
+        print_escaped("interrupted; the same command goes on", error=True)
+        raise
     if reports:
         for row in results.rows:
             folder = order.out / row.run

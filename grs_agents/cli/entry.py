@@ -7,21 +7,21 @@ import io
 import logging
 import os
 import re
+import resource
 import sys
 import traceback
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import Any, NoReturn, TextIO, cast
 
 from grs_agents import interrupts
 from grs_agents.errors import GrsError, InputError, suggest_name
+from grs_agents.files import check_path_name, convert_system_error
 from grs_agents.runs import defer_unused_imports
 from grs_agents.terminal import VERBOSITY, EscapingFormatter, print_escaped
 
-_LONGEST_PATH = 4096
-"""Bytes; no system takes a longer path."""
-_UNUSABLE = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno.EACCES, errno.EPERM)
-"""What the system says of a path that somebody named; nothing of ours is missing then."""
-
+_FEWEST_FILES = 256
+"""Open files that the shell must allow. The sandbox's processes number some of theirs from 128 upwards."""
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _COLLECTED_AFTER = 20_000
 """New containers until the collector of cycles looks at them; imports alone make hundreds of thousands that stay."""
 _NO_CHOICE = re.compile(r"'([^']*)' is not one of ((?:'[\w-]+'(?:, )?)+)")
@@ -35,31 +35,78 @@ def main() -> None:
     A request to end (SIGTERM) is an interruption like Ctrl-C.
     """
     interrupts.install_signal_handlers()
+    _open_standard_streams()
     _reduce_startup_cost()
     VERBOSITY.set("normal")
+    try:
+        _run_and_exit()
+    finally:
+        _flush_standard_output()
+
+
+def _run_and_exit() -> NoReturn:
     try:
         from grs_agents.cli.commands import app
 
         if logging.lastResort is not None:
             logging.lastResort.setFormatter(EscapingFormatter())
+        _require_open_files()
         _check_arguments(sys.argv[1:])
         sys.exit(_run_command_line(app))
     except GrsError as error:
-        print_escaped(f"grs: {error}", error=True)
-        if VERBOSITY.get() == "verbose":
-            print_escaped("".join(traceback.format_exception(error)), error=True, end="")
-        sys.exit(error.exit_status)
+        _exit_with_line(error)
     except OSError as error:
-        if error.filename is None or error.errno not in _UNUSABLE:
-            _exit_with_traceback(error)
-        print_escaped(
-            f"grs: cannot use {str(error.filename)[:200]}: {error.strerror}; name another file or folder", error=True
-        )
-        sys.exit(InputError.exit_status)
+        if error.filename is None and error.errno in _FULL:
+            _flush_standard_output()
+            _exit_with_line(_unwritable_output_error(error))
+        if refused := convert_system_error(error):
+            _exit_with_line(refused)
+        _exit_with_traceback(error)
     except KeyboardInterrupt:
         sys.exit(_INTERRUPTED)
     except Exception as error:
         _exit_with_traceback(error)
+
+
+def _open_standard_streams() -> None:
+    """Let nothing that a verb opens become standard output, and let text be written that its encoding lacks."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:  # the shell has closed it: ``>&-``
+            os.open(os.devnull, os.O_RDWR)
+    # Python leaves None where a stream was closed
+    sys.stdout = cast(TextIO | None, sys.stdout) or os.fdopen(1, "w")
+    sys.stderr = cast(TextIO | None, sys.stderr) or os.fdopen(2, "w")
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # as standard error does by itself
+
+
+def _flush_standard_output() -> None:
+    """Write what is left, or exit with the line that says why it cannot be written."""
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        with contextlib.suppress(OSError):  # or Python would try once more
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if error.errno == errno.EPIPE:  # ``| head``: who closes a pipe knows that there is more
+            sys.exit(1)
+        _exit_with_line(_unwritable_output_error(error))
+
+
+def _unwritable_output_error(error: OSError) -> InputError:
+    return InputError(f"cannot write the output: {error.strerror}", "free space on the disk, or send it elsewhere")
+
+
+def _require_open_files() -> None:
+    """Raise the limit on open files as far as it is too low. Raises InputError: the system does not allow that."""
+    lowest, highest = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if highest != resource.RLIM_INFINITY and highest < _FEWEST_FILES:
+        raise InputError(
+            f"this shell allows {highest} open files, and grs needs {_FEWEST_FILES}", "raise the limit: ulimit -n 1024"
+        )
+    if lowest != resource.RLIM_INFINITY and lowest < _FEWEST_FILES:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (_FEWEST_FILES, highest))
 
 
 def _reduce_startup_cost() -> None:
@@ -69,11 +116,23 @@ def _reduce_startup_cost() -> None:
     defer_unused_imports()
 
 
-def _exit_with_traceback(error: Exception) -> None:
+def _exit_with_line(error: GrsError) -> NoReturn:
+    _print_error(f"grs: {error}\n")
+    if VERBOSITY.get() == "verbose":
+        _print_error("".join(traceback.format_exception(error)))
+    sys.exit(error.exit_status)
+
+
+def _exit_with_traceback(error: Exception) -> NoReturn:
     """Print an error of ours and end."""
-    print_escaped(f"grs: {type(error).__name__}: {error}; report it with this traceback:", error=True)
-    print_escaped("".join(traceback.format_exception(error)), error=True, end="")
+    _print_error(f"grs: {type(error).__name__}: {error}; report it with this traceback:\n")
+    _print_error("".join(traceback.format_exception(error)))
     sys.exit(GrsError.exit_status)
+
+
+def _print_error(text: str) -> None:
+    with contextlib.suppress(OSError):  # where nobody can be told, the exit status says enough
+        print_escaped(text, error=True, end="", flush=True)
 
 
 def _check_arguments(arguments: Sequence[str]) -> None:
@@ -83,11 +142,7 @@ def _check_arguments(arguments: Sequence[str]) -> None:
         shown = f"argument {number}" + (f" ({arguments[number - 2]} ...)" if number > 1 else "")
         if argument == "" or (option and argument.endswith("=") and not value):
             raise InputError(f"{shown} is empty", "give a value, or leave the option out")
-        if len(value) > _LONGEST_PATH:
-            remedy = f"give at most {_LONGEST_PATH}; put long settings into a file and name it with --config"
-            raise InputError(f"{shown} has {len(value)} characters", remedy)
-        if any("\ud800" <= letter <= "\udfff" for letter in argument):
-            raise InputError(f"{shown} is not UTF-8: {argument}", "rename the file, or set the locale to UTF-8")
+        check_path_name(value, shown)
 
 
 def _suggest_choice(message: str) -> str:
@@ -108,7 +163,7 @@ def _run_command_line(app: Any) -> int:
         message = io.StringIO()
         with contextlib.redirect_stderr(message):
             cast(Any, error).show()
-        print_escaped(_suggest_choice(message.getvalue()), error=True, end="")
+        _print_error(_suggest_choice(message.getvalue()))
         return error.exit_code
     except Abort:
         return 1

@@ -1,17 +1,18 @@
 """What a run leaves for others: ``grs report`` and ``grs share``."""
 
+import tempfile
 from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
-from grs_agents.cli.show import rebuild_recording
+from grs_agents.cli.show import make_recording
 from grs_agents.errors import InputError
 from grs_agents.files import STANDARD_OUTPUT, check_output_path, write_file_or_stdout
 from grs_agents.library import Library
 from grs_agents.models import PROVIDERS
-from grs_agents.runs import read_record
+from grs_agents.runs import add_hash, read_record
 from grs_agents.terminal import print_escaped, print_json
 from grs_agents.trace import read_events
 
@@ -41,7 +42,9 @@ def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) ->
     check_output_path(out)
     sources = Sources(folder, library_with_run_assets(folder, Library()), show)
     page = render_html_report(record.model_dump(mode="json"), read_events(folder / "events.jsonl"), sources)
-    return write_file_or_stdout(out, page.encode("utf-8", "replace"))
+    path = write_file_or_stdout(out, page.encode("utf-8", "replace"))
+    add_hash(folder, path)
+    return path
 
 
 def write_run_as_file(folder: Path, out: Path | None, seed: int | None, large: bool, as_json: bool) -> None:
@@ -52,11 +55,15 @@ def write_run_as_file(folder: Path, out: Path | None, seed: int | None, large: b
     kind = "" if out is None else out.suffix.lower()
     with show_activity_status("writing the report") as show:
         if out is not None and kind == ".rrd":
-            path = write_file_or_stdout(out, rebuild_recording(folder).read_bytes())
+            with tempfile.TemporaryDirectory() as temporary:
+                recording = make_recording(folder, Path(temporary) / "trace.rrd")
+                path = write_file_or_stdout(out, recording.read_bytes())
+            add_hash(folder, path)
         elif out is not None and kind in SUFFIXES:
             read_record(folder)
             path = out
             write_film(make_rollout_shot(folder, seed, HIGH_DEFINITION if large else None), path, show=show)
+            add_hash(folder, path)
         elif out in (None, STANDARD_OUTPUT) or kind in (".html", ".htm"):
             path = write_report(folder, out, show)
         else:
@@ -85,6 +92,7 @@ def share_run_as_zip(folder: Path, out: Path | None, as_json: bool) -> None:
             make_scrubber(folder, _list_api_key_variables(record.config.as_json())),
             partial(_write_recording_and_report, show=show),
         )
+        add_hash(folder, path)
     if as_json and path != STANDARD_OUTPUT:
         print_json({**asdict(shared), "path": str(shared.path)})
         return
@@ -98,7 +106,9 @@ def share_run_as_zip(folder: Path, out: Path | None, as_json: bool) -> None:
 
 def _write_recording_and_report(copy: Path, show: Callable[[str], None]) -> list[Path]:
     show("making the recording")
-    made = [rebuild_recording(copy), write_report(copy, None, show)]
+    recording = make_recording(copy, copy / "trace.rrd")
+    add_hash(copy, recording)
+    made = [recording, write_report(copy, None, show)]
     show("packing")
     return made
 

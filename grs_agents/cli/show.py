@@ -9,7 +9,7 @@ from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.runs import read_record
 from grs_agents.terminal import print_escaped, print_json
-from grs_agents.trace import RunEnded, read_events
+from grs_agents.trace import read_events
 
 
 def show_run(folder: Path, as_json: bool) -> None:
@@ -53,15 +53,15 @@ def show_step(folder: Path, number: int | None, as_json: bool) -> None:
             print_escaped(f"\n=== {section.heading}\n{section.text}".rstrip())
 
 
-def rebuild_recording(folder: Path) -> Path:
-    """The recording of a run, made from its events."""
-    from grs_agents.views.rerun import rebuild_rrd_file
+def make_recording(folder: Path, file: Path) -> Path:
+    """Write the recording of a run into ``file``, made of its events as far as it has come.
+    Raises InputError: there is no event."""
+    from grs_agents.views.rerun import record_run
 
     read_record(folder)
-    recording = rebuild_rrd_file(folder, Library())
-    if not recording.is_file():
-        raise InputError(f"{recording} cannot be made: the run logged no event", "run the scene again")
-    return recording
+    if not record_run(folder, Library(), file):
+        raise InputError(f"{folder} holds nothing to show: the run logged no event", "run the scene again")
+    return file
 
 
 def play_in_window(folder: Path, seed: int | None) -> int:
@@ -73,11 +73,16 @@ def play_in_window(folder: Path, seed: int | None) -> int:
 
 
 def open_run_viewer(folder: Path, beside: Path | None, web: bool, as_json: bool) -> int:
-    """Open the viewer on a run's recording, made from the events where it is not whole, or on two runs side by side."""
+    """Open the viewer on a recording of a run, or of two side by side. It is made of the events: the ``trace.rrd`` in
+    the folder may lack the last of them, or be somebody else's."""
+    from grs_agents.views import show_activity_status
+
     read_record(folder)
     with tempfile.TemporaryDirectory() as temporary:
         if beside is None:
-            return _open_viewer_and_wait(_find_or_make_recording(folder, Path(temporary)), web, as_json)
+            with show_activity_status("making the recording"):
+                recording = make_recording(folder, Path(temporary) / "trace.rrd")
+            return _open_viewer_and_wait(recording, web, as_json)
         from grs_agents.views.rerun import record_comparison
 
         read_record(beside)
@@ -94,16 +99,3 @@ def _open_viewer_and_wait(recording: Path, web: bool, as_json: bool) -> int:
         if address:
             print_escaped(json.dumps({"url": address.url}) if as_json else f"open {address.url}", flush=True)
         return process.wait()
-
-
-def _find_or_make_recording(folder: Path, temporary: Path) -> Path:
-    """The recording of a run; of one that was cut short or still goes on, a copy that holds its last event too."""
-    from grs_agents.views import show_activity_status
-    from grs_agents.views.rerun import record_run
-
-    events = read_events(folder / "events.jsonl")
-    with show_activity_status("making the recording"):
-        if events and not isinstance(events[-1], RunEnded) and record_run(folder, Library(), temporary / "trace.rrd"):
-            return temporary / "trace.rrd"
-        recording = folder / "trace.rrd"
-        return recording if recording.is_file() else rebuild_recording(folder)

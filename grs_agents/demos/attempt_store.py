@@ -61,9 +61,13 @@ class AttemptStore:
     def add(self, attempt: int, result: Demonstration | Dropped) -> None:
         """Keep what came of an attempt, whole or not at all."""
         if isinstance(result, Dropped):
-            self._rejected_attempt_files[attempt] = write_json(self._attempt_file(attempt, "json"), result.model_dump())
+            self._rejected_attempt_files[attempt] = write_json(
+                self._attempt_file(attempt, "json"), result.model_dump(), durable=True
+            )
         else:
-            self._kept_attempt_files[attempt] = write_bytes(self._attempt_file(attempt, "npz"), _encode_as_npz(result))
+            self._kept_attempt_files[attempt] = write_bytes(
+                self._attempt_file(attempt, "npz"), _encode_as_npz(result), durable=True
+            )
 
     def _attempt_file(self, attempt: int, kind: str) -> Path:
         return self.path / f"attempt_{attempt:06d}.{kind}"

@@ -8,6 +8,7 @@ from .factory import PROVIDERS as PROVIDERS
 from .factory import is_loopback_url as is_loopback_url
 from .factory import is_offline as is_offline
 from .factory import is_provider_installed as is_provider_installed
+from .factory import list_model_variables as list_model_variables
 from .factory import make_chat_model as make_chat_model
 from .factory import make_retries as make_retries
 from .key_redaction import redact_keys as redact_keys

@@ -34,6 +34,7 @@ FailureKind = Literal[
     "credentials",  # the key is not accepted, or may not use this model
     "quota",  # nothing is left of what was paid for
     "not_found",  # no such model or endpoint
+    "redirected",  # to another server, which is not asked
     "prompt_too_long",
     "refused_request",  # for another reason
     "malformed",  # the answer is not what the provider's protocol says

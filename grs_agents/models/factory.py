@@ -2,7 +2,7 @@
 
 import ipaddress
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from math import ceil
@@ -48,10 +48,18 @@ class Provider:
     # further arguments; the client's own retries are switched off, ours are in `retry`
     defaults: Mapping[str, Any] = field(default_factory=lambda: {"max_retries": 0})
     by_line: bool = False  # whether each line of a reply is a JSON document of its own
+    variables: tuple[str, ...] = ()  # further environment variables that its client reads
 
 
 PROVIDERS: Mapping[str, Provider] = {
-    "openai": Provider("langchain_openai", "ChatOpenAI", "root_client._client", "OPENAI_API_KEY", "openai"),
+    "openai": Provider(
+        "langchain_openai",
+        "ChatOpenAI",
+        "root_client._client",
+        "OPENAI_API_KEY",
+        "openai",
+        variables=("OPENAI_BASE_URL", "OPENAI_API_BASE", "OPENAI_ORG_ID", "OPENAI_PROJECT_ID", "OPENAI_PROXY"),
+    ),
     "azure": Provider(
         "langchain_openai",
         "AzureChatOpenAI",
@@ -60,6 +68,7 @@ PROVIDERS: Mapping[str, Provider] = {
         "openai",
         model_argument="azure_deployment",
         url_argument="azure_endpoint",
+        variables=("AZURE_OPENAI_ENDPOINT", "OPENAI_API_VERSION", "OPENAI_ORG_ID", "OPENAI_PROXY"),
     ),
     "anthropic": Provider(
         "langchain_anthropic",
@@ -68,8 +77,20 @@ PROVIDERS: Mapping[str, Provider] = {
         "ANTHROPIC_API_KEY",
         "anthropic",
         defaults={"max_retries": 0, "max_tokens": 8192},
+        variables=("ANTHROPIC_BASE_URL", "ANTHROPIC_API_URL", "ANTHROPIC_PROXY"),
     ),
-    "bedrock": Provider("langchain_aws", "ChatBedrockConverse", "client", "AWS_SECRET_ACCESS_KEY", "bedrock", ""),
+    "bedrock": Provider(
+        "langchain_aws",
+        "ChatBedrockConverse",
+        "client",
+        "AWS_SECRET_ACCESS_KEY",
+        "bedrock",
+        "",
+        variables=(
+            *("AWS_ACCESS_KEY_ID", "AWS_SESSION_TOKEN", "AWS_BEARER_TOKEN_BEDROCK", "AWS_REGION", "AWS_DEFAULT_REGION"),
+            *("AWS_PROFILE", "AWS_ENDPOINT_URL", "AWS_ENDPOINT_URL_BEDROCK_RUNTIME", "AWS_CA_BUNDLE"),
+        ),
+    ),
     "google": Provider(
         "langchain_google_genai",
         "ChatGoogleGenerativeAI",
@@ -78,6 +99,7 @@ PROVIDERS: Mapping[str, Provider] = {
         "google",
         "google_api_key",
         length_argument="max_output_tokens",
+        variables=("GEMINI_API_KEY", "GOOGLE_GENAI_USE_VERTEXAI", "GOOGLE_CLOUD_PROJECT", "GOOGLE_CLOUD_LOCATION"),
     ),
     "ollama": Provider(
         "langchain_ollama",
@@ -89,6 +111,7 @@ PROVIDERS: Mapping[str, Provider] = {
         length_argument="num_predict",
         defaults={},
         by_line=True,
+        variables=("OLLAMA_HOST", "OLLAMA_API_KEY"),
     ),
 }
 
@@ -167,6 +190,16 @@ def _make_user_defined_model(choice: ModelChoice) -> "BaseChatModel":
     if not isinstance(made, BaseChatModel):
         raise ConfigError(f"model {name!r} is no LangChain chat model", "derive it from BaseChatModel")
     return made
+
+
+def list_model_variables(models: Iterable[ModelConfig]) -> frozenset[str]:
+    """The environment variables that the clients of ``models`` and their fallbacks read, whether set or not."""
+    names: set[str] = set()
+    for choice in (choice for model in models for choice in (model, *model.fallbacks)):
+        provider = PROVIDERS.get(choice.model.partition(":")[0])
+        default = () if provider is None else (provider.key_variable, *provider.variables)
+        names.update(filter(None, (choice.key_variable, *default)))
+    return frozenset(names)
 
 
 def is_provider_installed(provider: str) -> bool:

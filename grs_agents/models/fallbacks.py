@@ -16,7 +16,7 @@ from grs_agents.models.answer import (
 )
 from grs_agents.models.retry import Retries, request_message
 
-_FOR_GOOD = ("unreachable", "credentials", "quota", "not_found")
+_FOR_GOOD = ("unreachable", "credentials", "quota", "not_found", "redirected")
 """What does not mend itself within a run: such a model is passed over from then on."""
 
 

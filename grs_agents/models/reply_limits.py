@@ -1,4 +1,4 @@
-"""How much a provider may send, how long it may take over one reply, and what was seen of it on the wire."""
+"""Whom a request reaches, how much a provider may send, how long it may take, and what was seen on the wire."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -7,10 +7,12 @@ from contextvars import ContextVar, copy_context
 from dataclasses import dataclass
 from functools import partial
 from threading import Thread
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
+from urllib.parse import urljoin, urlsplit
 
 from grs_agents.interrupts import is_interrupt_requested
 from grs_agents.models.answer import ProviderFailure
+from grs_agents.models.key_redaction import redact_keys
 
 Result = TypeVar("Result")
 _LOOK = 0.2
@@ -20,6 +22,11 @@ LONGEST = 16 * 2**20
 MOST_MARKS = 200_000
 """Braces, brackets and commas of one JSON document, those in its texts included. Clients make an object of every entry:
 4 MB of empty ones cost a client 1 GB and 47 s. The longest replies hold half as many marks."""
+_REDIRECTS = frozenset({301, 302, 303, 307, 308})
+_FIRST_SERVER = "grs_first_server"
+"""Extension of an httpx request, which a redirect inherits: the server that the client itself addressed."""
+_LONGEST_SERVER = 200
+"""Characters of a server's name in a message; the longest host name has 253."""
 
 
 @dataclass
@@ -39,6 +46,9 @@ _call: ContextVar[ModelHttpCall | None] = ContextVar("call", default=None)
 def limit_and_record_http_client(client: Any, by_line: bool = False) -> None:
     """Note what ``client`` (of httpx, its successor httpx2, or botocore) sends and gets, and bound what it reads.
 
+    Redirects to another server are refused: clients repeat the whole prompt with its pictures there, and all but the
+    ``Authorization`` header.
+
     Args:
         by_line: each line of a body is a JSON document of its own.
     """
@@ -56,8 +66,21 @@ def limit_and_record_http_client(client: Any, by_line: bool = False) -> None:
 
 
 def _store_server_url(request: Any) -> None:
+    server = f"{request.url.scheme}://{request.url.netloc.decode()}"
+    first: str = request.extensions.setdefault(_FIRST_SERVER, server)
+    if server not in (first, first.replace("http://", "https://", 1)):
+        _refuse_redirect(first, server)
     if (call := _call.get()) is not None:
-        call.server, call.status, call.retry_after = f"{request.url.scheme}://{request.url.netloc.decode()}", None, ""
+        call.server, call.status, call.retry_after = server, None, ""
+
+
+def _refuse_redirect(first: str, server: str) -> NoReturn:
+    """Raises ProviderFailure, also where the client makes something else of it."""
+    message = f"the model's server {first} redirects to {redact_keys(server)[:_LONGEST_SERVER]}, which was sent nothing"
+    problem = ProviderFailure("redirected", message, "name that server with models.<role>.base_url if you trust it")
+    if (call := _call.get()) is not None:
+        call.problem = problem
+    raise problem
 
 
 def _limit_and_record_response(by_line: bool, response: Any) -> None:
@@ -72,6 +95,9 @@ def _send_botocore_request(client: Any, request: Any, **_: Any) -> Any:
     call.server, call.status, call.retry_after = client.meta.endpoint_url, None, ""
     request.stream_output = True
     response = client._endpoint.http_session.send(request)
+    if response.status_code in _REDIRECTS:  # botocore follows none
+        target = urlsplit(urljoin(request.url, response.headers.get("location") or ""))
+        _refuse_redirect(call.server, f"{target.scheme}://{target.netloc}")
     call.status, call.retry_after = response.status_code, response.headers.get("retry-after") or ""
     response._content = b"".join(_read_limited_chunks(response.raw.stream, False))
     return response

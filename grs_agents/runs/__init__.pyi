@@ -15,6 +15,7 @@ from .experiments import positive_int as positive_int
 from .experiments import terminal_table as terminal_table
 from .graph_loading import compile_graph as compile_graph
 from .graph_loading import load_graph as load_graph
+from .hashes import add_hash as add_hash
 from .hashes import write_hashes as write_hashes
 from .kept_rows import StoredRows as StoredRows
 from .kept_rows import open_stored_rows as open_stored_rows

@@ -16,7 +16,7 @@ from grs_agents import interrupts
 from grs_agents.agents import Agents, BudgetReached
 from grs_agents.config import Config
 from grs_agents.errors import ConfigError, GrsError, InputError, OutputError
-from grs_agents.files import unwritable_error
+from grs_agents.files import convert_system_error, unwritable_error
 from grs_agents.foreign import path_exists
 from grs_agents.nodes import Services, conclude_with_best_version, forget_judgements
 from grs_agents.policies import load_policy
@@ -94,8 +94,6 @@ def _execute_with_log(order: Order, views: Views, folder: Path, record: RunRecor
             record, problem = _run_graph_and_record(order, config, folder, log, record, state)
             if config.record:
                 write_cassette(Path(config.record), config, record, folder)
-            if record.status in EXIT_STATUS:
-                write_hashes(folder)
     except GraphInterrupt:
         raise
     except (Exception, KeyboardInterrupt) as error:  # the log or a view could not be opened or closed
@@ -104,6 +102,11 @@ def _execute_with_log(order: Order, views: Views, folder: Path, record: RunRecor
             record.write(folder)
         elif problem is None:  # the verdict stands
             problem = _convert_to_grs_error(error, folder, record.graph)
+    if record.status in EXIT_STATUS:
+        try:
+            write_hashes(folder)  # of the recording too, which is whole now
+        except (Exception, KeyboardInterrupt) as error:
+            problem = problem or _convert_to_grs_error(error, folder, record.graph)
     return Outcome(folder, record, problem, state)
 
 
@@ -173,6 +176,8 @@ def _convert_to_grs_error(error: Exception | KeyboardInterrupt, folder: Path, gr
         return error
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EROFS, errno.EDQUOT, errno.EACCES):
         return unwritable_error(folder, error)
+    if isinstance(error, OSError) and (refused := convert_system_error(error)):
+        return refused
     if isinstance(error, sqlite3.OperationalError) and "full" in str(error):
         return unwritable_error(folder / FILE, OSError(errno.ENOSPC, "disk is full"))
     explained = None if isinstance(error, KeyboardInterrupt) else explain_graph_error(error, graph, __file__)

@@ -1,7 +1,7 @@
 """``hashes.json``: what every file of an ended run held, and every file of the library that its instances use.
 
-It tells that something was changed. It is no signature: whoever changes a file can write new hashes, and then only
-the recomputed audit tells.
+Pages, films and recordings that verbs add later are entered as they are added. It tells that something was changed. It
+is no signature: whoever changes a file can write new hashes, and then only the recomputed audit tells.
 """
 
 import hashlib
@@ -21,8 +21,8 @@ from grs_agents.library import Library
 from grs_agents.sim import TaskInstance
 
 FILE = "hashes.json"
-MADE_LATER = frozenset({".rrd", ".html", ".zip", ".mp4", ".gif"})
-"""Kinds of files that trace, report, share and play make of a run, at any time; nothing is read from them."""
+MADE_LATER = frozenset({".rrd", ".html", ".htm", ".zip", ".mp4", ".gif", ".webp"})
+"""Kinds of files that verbs make of a run, also anew; nothing is read from them, but people look at them."""
 _APART = frozenset({FILE, ".lock"})
 Hash = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 """SHA-256 of a file's bytes."""
@@ -45,19 +45,43 @@ def write_hashes(folder: Path) -> RunHashes:
     library = Library()
     used = {name: _hash_asset(name, library) for name in _collect_asset_names(folder) if name in library}
     hashes = RunHashes(files=_hash_run_files(folder), library=used)
-    write_text(folder / FILE, hashes.as_text())
+    write_text(folder / FILE, hashes.as_text(), durable=True)
     return hashes
+
+
+def add_hash(folder: Path, file: Path) -> None:
+    """Let the hashes of an ended run tell what ``file`` holds, if a verb has just made it in the run's ``folder``.
+
+    Hashes that are not as they were written stay so, for `list_changed_files` to tell. Raises InputError: a file cannot
+    be read or written.
+    """
+    place, root = file.resolve(), folder.resolve()
+    if place.suffix.lower() not in MADE_LATER or not place.is_relative_to(root) or not (root / FILE).is_file():
+        return
+    try:
+        hashes = _read_hashes(root)
+    except InputError:
+        return
+    if read_bytes(root / FILE) == hashes.as_text().encode():
+        files = {**hashes.files, place.relative_to(root).as_posix(): _sha256_of_bytes(read_bytes(place))}
+        write_text(root / FILE, hashes.model_copy(update={"files": files}).as_text())
 
 
 def update_hashes_in_copy(copy: Path, before: Mapping[str, bytes], left_out: Iterable[str]) -> None:
     """Let the hashes in ``copy`` say what its files hold now that ``before`` were replaced and ``left_out`` are gone.
 
-    A file that did not have its hash before gets no new one: a change of somebody else's stays one.
+    Pages, films and recordings are gone too; `add_hash` tells of those that are made of the copy. A file that did not
+    have its hash before gets no new one: a change of somebody else's stays one.
     """
     if not (copy / FILE).is_file():
         return
     hashes = _read_hashes(copy)
-    files = {name: value for name, value in hashes.files.items() if name not in set(left_out)}
+    gone = set(left_out)
+    files = {
+        name: value
+        for name, value in hashes.files.items()
+        if name not in gone and Path(name).suffix.lower() not in MADE_LATER
+    }
     for name, data in before.items():
         if files.get(name) == _sha256_of_bytes(data):
             files[name] = _sha256_of_bytes(read_bytes(copy / name))
@@ -101,7 +125,7 @@ def _describe_hash_differences(before: Mapping[str, str], now: Mapping[str, str]
 
 
 def _hash_run_files(folder: Path) -> dict[str, str]:
-    files = (file for file in folder.rglob("*") if file.is_file() and file.suffix not in MADE_LATER)
+    files = (file for file in folder.rglob("*") if file.is_file())
     named = {file.relative_to(folder).as_posix(): file for file in files}
     return {name: _sha256_of_bytes(read_bytes(file)) for name, file in sorted(named.items()) if name not in _APART}
 

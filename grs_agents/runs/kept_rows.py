@@ -28,7 +28,7 @@ class StoredRows(Generic[_Row]):
         if name not in self.rows:
             self.rows[name] = row
             rows = {name: row.model_dump(mode="json") for name, row in self.rows.items()}
-            write_json(self.file, {"of": self.of, "rows": rows})
+            write_json(self.file, {"of": self.of, "rows": rows}, durable=True)
 
 
 def open_stored_rows(folder: Path, kind: type[_Row], of: Mapping[str, Any]) -> StoredRows[_Row]:

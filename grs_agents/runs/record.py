@@ -53,7 +53,7 @@ class RunRecord(Frozen):
     def write(self, folder: Path) -> "RunRecord":
         """Write ``run.json`` whole; on a full disk over the old record, which must not go on saying ``running``."""
         try:
-            write_json(folder / FILE, self.model_dump(mode="json"))
+            write_json(folder / FILE, self.model_dump(mode="json"), durable=True)
         except InputError:
             if not (folder / FILE).is_file():
                 raise

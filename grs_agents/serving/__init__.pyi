@@ -7,5 +7,6 @@ from .langgraph_server import no_router as no_router
 from .langgraph_server import router as router
 from .langgraph_server import scene as scene
 from .langgraph_server import tool_author as tool_author
+from .mcp_server import build_mcp_server as build_mcp_server
 from .mcp_server import list_mcp_tools as list_mcp_tools
 from .mcp_server import serve_mcp as serve_mcp

@@ -21,12 +21,13 @@ from grs_agents import content, interrupts
 from grs_agents.api import Run, RunStream, check, run, stream
 from grs_agents.config import Config
 from grs_agents.errors import GrsError, InputError
-from grs_agents.files import write_text
+from grs_agents.files import check_path_name, convert_system_error, write_text
 from grs_agents.foreign import is_folder, list_folder_names, read_bytes, read_text, resolve_member_file
 from grs_agents.runs import RUNS, open_sandbox, read_record
 from grs_agents.sandbox import Sandbox
 from grs_agents.sim import TaskInstance
 from grs_agents.task_folder import open_task_folder
+from grs_agents.terminal import escape_control_chars
 from grs_agents.toolkit import ToolContext, load_tool, open_library
 from grs_agents.version import __version__
 from grs_agents.views import find_step_by_number, group_events_into_steps, iter_step_sections, step_to_dict
@@ -42,6 +43,8 @@ _INSTRUCTIONS = """GRS turns a photo with depth of a table into a simulated robo
 look at a run. The resource grs://runs lists the runs; grs://prompts/NAME is a prompt. Lengths are metres in the robot
 frame: x forward, y left, z up from the table top."""
 
+_PATHS = frozenset({"photo", "folder", "scene"})
+"""Arguments that name something on the disk."""
 Photo = Annotated[
     str, Field(description="A folder with rgb.png, depth.png and camera.json, an .npz file, or a shipped scene's name.")
 ]
@@ -157,15 +160,22 @@ def read_prompt(name: str) -> str:
 
 
 def _convert_grs_errors_to_tool_errors(tool: Callable[..., Any]) -> Callable[..., Any]:
-    """The tool, whose GrsError is told to the client; the protocol's package keeps all other errors to itself."""
+    """The tool, whose GrsError is told to the client, as is what the system says of a path; the protocol's package
+    keeps all other errors to itself."""
     from mcp.server.mcpserver.exceptions import ToolError
 
     @wraps(tool)
     def call(**arguments: Any) -> Any:
         try:
+            for name in _PATHS & arguments.keys():
+                check_path_name(arguments[name] or "", name)
             return tool(**arguments)
         except (GrsError, KeyboardInterrupt) as error:
-            raise ToolError(str(error)) from error
+            raise ToolError(escape_control_chars(str(error))) from error
+        except OSError as error:
+            if refused := convert_system_error(error):
+                raise ToolError(escape_control_chars(str(refused))) from error
+            raise
 
     return call
 

@@ -1,6 +1,7 @@
 """The event log: ``events.jsonl``, one event a line, written before anybody is told."""
 
 import json
+import os
 import threading
 import time
 import warnings
@@ -14,12 +15,14 @@ from typing import BinaryIO
 from pydantic import ValidationError
 
 from grs_agents.errors import InputError
-from grs_agents.files import unwritable_error
+from grs_agents.files import flush_written_files, make_folder, unwritable_error
 from grs_agents.foreign import MOST_JSON_BYTES, check_json_limits, read_bytes
 from grs_agents.terminal import escape_control_chars
 from grs_agents.trace.events import EVENT, VERSION, Event
 
 Subscriber = Callable[[Event], None]
+_QUICK = 0.05
+"""Seconds; a reply that came quicker is had again as quickly, and to flush the log takes about a tenth of that."""
 _step: ContextVar[int | None] = ContextVar("step", default=None)
 """The sequence of the event that started the node which runs in this context: nodes may run side by side."""
 
@@ -67,6 +70,11 @@ def _read_log_bytes(path: Path) -> bytes:
     return data
 
 
+def _is_relied_on(event: Event) -> bool:
+    """Whether an event, with those before it, is to outlast a power cut: what it tells of is not done again."""
+    return event.kind in ("node_ended", "run_ended") or (event.kind == "reply" and event.seconds > _QUICK)
+
+
 class _ReportingExceptions:
     """Hands an exception of its block to ``report`` instead of raising it; interrupts go through."""
 
@@ -95,7 +103,7 @@ class EventLog:
         self._subscribers: list[Subscriber] = []
         self._reported: set[int] = set()
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(path.parent)
             self._file = path.open("ab")
             self._resume_numbering(self._file)
         except OSError as error:
@@ -139,8 +147,13 @@ class EventLog:
             }
             stamped = event.model_copy(update=stamp)
             try:
+                relied_on = _is_relied_on(stamped)
+                if relied_on:
+                    flush_written_files()  # an event of files says that they are there
                 self._file.write(EVENT.dump_json(stamped) + b"\n")
                 self._file.flush()
+                if relied_on:
+                    os.fsync(self._file.fileno())
             except OSError as error:
                 raise unwritable_error(self.path, error) from error
             self.sequence += 1

@@ -115,6 +115,109 @@ def test_a_run_that_takes_too_long_is_killed(tmp_path: Path, small_scene: Path) 
     assert end.exit_status is None and "killed after" in end.error
 
 
+WAITING = """
+import os, pathlib, signal, sys, time
+from langgraph.graph import END, START, StateGraph
+from grs_agents.nodes import Services
+from grs_agents.state import RunState
+
+waits = any(name.endswith("second") for name in sys.argv) and not pathlib.Path(__file__).with_suffix(".pid").exists()
+
+def work(state: RunState):
+    if waits:
+        pathlib.Path(__file__).with_suffix(".pid").write_text(str(os.getpid()))
+        while True:
+            time.sleep(60)
+    return {"status": "accepted", "reason": "done"}
+
+def build():
+    if waits and STUBBORN:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    graph = StateGraph(RunState, context_schema=Services)
+    graph.add_node("work", work)
+    graph.add_edge(START, "work")
+    graph.add_edge("work", END)
+    return graph
+"""
+"""A graph whose run of the second scene waits for ever when it is made for the first time."""
+
+
+@pytest.mark.parametrize("stubborn", [False, True])
+def test_a_batch_that_is_asked_to_end_ends_its_runs_and_goes_on(
+    tmp_path: Path, small_scene: Path, stubborn: bool
+) -> None:
+    (tmp_path / "graphs").mkdir()
+    (tmp_path / "graphs" / "waiting.py").write_text(WAITING.replace("STUBBORN", str(stubborn)))
+    for name in ("first", "second"):
+        shutil.copytree(small_scene, tmp_path / name)
+    order = ["--content", ".", "batch", "first", "second", "--set", "graph=waiting", "--workers", "1"]
+    order += ["--timeout", "3600", "--out", "out", "--json"]
+    number = tmp_path / "graphs" / "waiting.pid"
+    with subprocess.Popen(
+        [sys.executable, "-m", "grs_agents", *order], cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    ) as driver:
+        assert driver.stderr is not None
+        wait_until(lambda: read_if_any(number) != "")
+        driver.terminate()
+        assert driver.wait(60) == 130
+        assert b"the same command goes on" in driver.stderr.read()
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(number.read_text()), 0)
+    assert [(row.run, row.status) for row in read_results(tmp_path / "out").rows] == [("first-0", "accepted")]
+    record = tmp_path / "out" / "second-0" / "run.json"
+    assert json.loads(record.read_text())["status"] == ("running" if stubborn else "interrupted")
+    done = grs(*order, folder=tmp_path)
+    rows = json.loads(done.stdout)["rows"]
+    assert [(row["run"], row["status"]) for row in rows] == [("first-0", "accepted"), ("second-0", "accepted")]
+    assert json.loads(record.read_text())["attempts"] == 2
+
+
+TELLING = (
+    WAITING.split("waits =", maxsplit=1)[0]
+    + """
+def work(state: RunState):
+    names = sorted(name for name in os.environ if "GRS" in name or "KEY" in name)
+    return {"status": "accepted", "reason": " ".join(names)}
+
+def build():
+    graph = StateGraph(RunState, context_schema=Services)
+    graph.add_node("work", work)
+    graph.add_edge(START, "work")
+    graph.add_edge("work", END)
+    return graph
+"""
+)
+"""A graph whose run tells the names of variables that it finds in its environment."""
+
+
+def test_a_cluster_gets_the_variables_that_runs_need(
+    tmp_path: Path, small_scene: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The cluster stands before the variables are set, so that it can have them from the batch alone."""
+    pytest.importorskip("ray")
+    cluster_utils = pytest.importorskip("ray.cluster_utils")
+    pytest.importorskip("langchain_openai")
+    (tmp_path / "graphs").mkdir()
+    (tmp_path / "graphs" / "telling.py").write_text(TELLING)
+    cluster = cluster_utils.Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+    try:
+        for name in ("OPENAI_API_KEY", "MY_KEY", "GRS_SEED", "GITHUB_KEY", "ANTHROPIC_API_KEY"):
+            monkeypatch.setenv(name, "3")
+        models = ["models.default=openai:any", "models.judge.model=openai:any", "models.judge.key_variable=MY_KEY"]
+        settings = [part for setting in (*models, "graph=telling") for part in ("--set", setting)]
+        order = ["--content", ".", "batch", str(small_scene), "--engine", "ray", "--address", cluster.address]
+        done = grs(*order, *settings, "--out", "out", "--json", folder=tmp_path)
+    finally:
+        cluster.shutdown()
+    assert done.returncode == 0, done.stderr
+    (row,) = json.loads(done.stdout)["rows"]
+    assert set(row["reason"].split()) & {"OPENAI_API_KEY", "MY_KEY", "GRS_SEED", "GITHUB_KEY", "ANTHROPIC_API_KEY"} == {
+        "OPENAI_API_KEY",
+        "MY_KEY",
+        "GRS_SEED",
+    }
+
+
 def test_a_lost_worker_of_a_cluster_costs_its_own_run(tmp_path: Path, small_scene: Path) -> None:
     """Two nodes on this machine; the process of one run is killed with its worker, and that run is made again."""
     ray = pytest.importorskip("ray")

@@ -179,6 +179,16 @@ def test_a_signal_before_the_first_node_is_not_lost(tmp_path: Path, known_scene:
         assert json.loads(again.stdout)["status"] == "accepted", again.stderr
 
 
+def test_every_file_of_a_run_outlasts_a_power_cut(tmp_path: Path, known_scene: Path, flushed: set[int]) -> None:
+    done = grs("run", str(known_scene), "--out", "run", "--set", "audit.seeds=1", "--json", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    made = {str(file.relative_to(tmp_path / "run")): file.stat().st_ino for file in (tmp_path / "run").rglob("*")}
+    others = {".lock", "checkpoint.sqlite", "trace.rrd"}  # SQLite flushes by itself; the trace is made of the events
+    assert {name for name, inode in made.items() if inode not in flushed} <= others
+    assert {(tmp_path / "run").stat().st_ino, tmp_path.stat().st_ino} <= flushed
+    assert "instances/seed_0.npz" in made and json.loads((tmp_path / "run" / "run.json").read_text())["rewards"]
+
+
 def test_two_processes_do_not_run_in_one_folder(tmp_path: Path, known_scene: Path, scripted_server: Any) -> None:
     pytest.importorskip("langchain_openai")
     asked, go_on = Event(), Event()

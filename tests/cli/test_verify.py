@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 
 from grs_agents import content
+from grs_agents.config import Config
 from grs_agents.library import Library, Shape
-from grs_agents.runs import write_hashes
+from grs_agents.runs import RunRecord, write_hashes
+from grs_agents.trace import EventLog
 from tests.cli.command import Done, grs
+from tests.views.conftest import Script
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +79,7 @@ def test_a_run_holds_also_with_what_other_verbs_make_of_it(run: Path) -> None:
         "history/simulation_001.py",
         "scene/rgb.png",
         "checkpoint.sqlite",
+        "trace.rrd",
     ],
 )
 def test_one_changed_byte_is_named(run: Path, name: str) -> None:
@@ -89,6 +93,83 @@ def test_a_changed_byte_among_the_hashes_is_found(run: Path, seed: int) -> None:
     change_byte(run / "hashes.json", seed)
     done, found = verify(run)
     assert done.returncode == 1 and found["differences"]
+
+
+@pytest.fixture(scope="module")
+def shown_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A made-up run of half a second, hashed, with each kind of thing that verbs make of a run to be looked at."""
+    folder = tmp_path_factory.mktemp("shown") / "run"
+    folder.mkdir()
+    script = Script(EventLog(folder / "events.jsonl"), folder)
+    script.before_fix()
+    script.after_fix(seconds=0.5)
+    script.log.close()
+    config = Config().model_dump(mode="json")
+    ended = RunRecord(
+        id="shown",
+        status="accepted",
+        exit_status=0,
+        command="scene",
+        source="photo",
+        graph="scene",
+        config=config,
+        versions={},
+        seeds=(0, 1),
+    )
+    ended.write(folder)
+    write_hashes(folder)
+    for out in SHOWN:
+        verb = "share" if out.endswith(".zip") else "report"
+        assert grs(verb, "run", "--out", f"run/{out}", folder=folder.parent).returncode == 0
+    return folder
+
+
+@pytest.fixture
+def shown(shown_once: Path, tmp_path: Path) -> Path:
+    """A copy of it to change."""
+    return Path(shutil.copytree(shown_once, tmp_path / "run"))
+
+
+SHOWN = ("report.html", "instances/film.webp", "trace.rrd", "shared.zip")
+
+
+def test_what_verbs_make_of_a_run_is_hashed_as_it_is_made(shown: Path) -> None:
+    assert grs("report", "run", "--out", "run/trace.rrd", folder=shown.parent).returncode == 0  # over the first
+    _, found = verify(shown)
+    assert found["differences"] == []
+    for out in SHOWN:
+        change_byte(shown / out)
+    (shown / "trace.1.rrd").write_bytes(b"RRF2")
+    _, found = verify(shown)
+    names = [f"{out}: it was changed" for out in SHOWN] + ["trace.1.rrd: it was added"]
+    assert sorted(found["differences"]) == sorted(names)
+
+
+def test_a_verb_hashes_nothing_but_what_it_makes(shown: Path) -> None:
+    (shown / "task.json").write_text("{}")
+    change_byte(shown / "report.html")
+    assert grs("report", "run", "--out", "run/trace.rrd", folder=shown.parent).returncode == 0
+    _, found = verify(shown)
+    assert found["differences"] == ["report.html: it was changed", "task.json: it was added"]
+    with (shown / "hashes.json").open("a") as hashes:
+        hashes.write(" ")
+    assert grs("report", "run", "--out", "run/trace.rrd", folder=shown.parent).returncode == 0
+    assert "hashes.json: it was written anew" in verify(shown)[1]["differences"]
+
+
+def test_a_swapped_recording_is_not_replayed(shown: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    viewer = shown.parent / "viewer"
+    viewer.write_text('#!/bin/sh\nfor file; do :; done\ncp "$file" seen.rrd\n')
+    viewer.chmod(0o755)
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr("grs_agents.views.rerun.viewer.find_rerun_program", lambda: viewer)
+    (shown / "trace.rrd").write_bytes(b"somebody else's")
+    done = grs("replay", "run", folder=shown.parent)
+    assert done.returncode == 0, done.stderr
+    seen = (shown.parent / "seen.rrd").read_bytes()
+    assert seen.startswith(b"RRF2") and len(seen) > 10_000
+    assert (shown / "trace.rrd").read_bytes() == b"somebody else's"
+    assert verify(shown)[1]["differences"] == ["trace.rrd: it was changed"]
 
 
 def test_files_that_are_gone_or_new_are_named(run: Path) -> None:

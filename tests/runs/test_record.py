@@ -60,7 +60,7 @@ def test_a_record_reads_back(tmp_path: Path) -> None:
 def test_a_full_disk_does_not_leave_it_running(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     record().write(tmp_path)
 
-    def full(*_: object) -> None:
+    def full(*_: object, **named: object) -> None:
         raise InputError("disk is full")
 
     monkeypatch.setattr("grs_agents.runs.record.write_json", full)

@@ -14,9 +14,12 @@ from typing import Any
 import httpx
 import pytest
 from mcp import Client, MCPError, StdioServerParameters
+from mcp.server.mcpserver.exceptions import ToolError
 from mcp.types import BlobResourceContents, ImageContent, TextContent, TextResourceContents
 
 from grs_agents import content
+from grs_agents.config import Config
+from grs_agents.serving import build_mcp_server
 from tests.envs.conftest import block_instance
 from tests.views.looking import free_port
 
@@ -199,6 +202,33 @@ def test_a_run_whose_client_leaves_is_interrupted(tmp_path: Path, small_scene: P
         assert (server.wait(100), server.stderr.read()) == (0, b"")
     (record,) = tmp_path.glob("runs/*/run.json")
     assert json.loads(record.read_text("utf-8"))["status"] == "interrupted"
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("a" * 5_000, "has 5000 characters; give at most 4096"),
+        ("a" * 300, "aaaa"),
+        ("a\0b", "holds a NUL: a\\x00b"),
+        ("\ud800", "is not UTF-8"),
+        ("nowhere", "nowhere"),
+    ],
+    ids=["5000", "300", "NUL", "surrogate", "missing"],
+)
+def test_a_path_that_nothing_can_have_is_told_in_one_line(name: str, told: str) -> None:
+    server = build_mcp_server(Config())
+    calls: tuple[tuple[str, dict[str, Any]], ...] = (
+        ("show", {"folder": name}),
+        ("scene", {"photo": name}),
+        ("check", {"simulation": PROGRAM, "scene": name}),
+        ("rollout", {"folder": name, "seed": 0}),
+        ("render", {"folder": name, "seed": 0}),
+    )
+    for tool, arguments in calls:
+        with pytest.raises(ToolError) as refused:
+            asyncio.run(server.call_tool(tool, arguments))
+        assert told in str(refused.value) and "\n" not in str(refused.value), tool
+        str(refused.value).encode()
 
 
 def test_over_http_only_this_machine_is_served(tmp_path: Path) -> None:

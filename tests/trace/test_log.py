@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
-from grs_agents.trace import EVENT, Event, EventLog, Finding, NodeStarted, Note, read_events
+from grs_agents.files import write_bytes
+from grs_agents.trace import EVENT, Event, EventLog, Finding, NodeEnded, NodeStarted, Note, Reply, read_events
 
 
 def test_events_are_stamped_written_and_told_in_order(tmp_path: Path) -> None:
@@ -46,6 +47,20 @@ def test_a_resumed_log_goes_on_counting(tmp_path: Path) -> None:
     with EventLog(path) as log:
         assert log.append(Note(text="b")).sequence == 1
         assert log.attempt == 2
+
+
+def test_what_is_not_done_again_outlasts_a_power_cut(tmp_path: Path, flushed: set[int]) -> None:
+    path = tmp_path / "events.jsonl"
+    with EventLog(path) as log:
+        mask = write_bytes(tmp_path / "scene" / "mask.png", b"whole")
+        log.append(NodeStarted(node="segment", visit=1))
+        log.append(Reply(call="a", role="describe", model="offline", text="a cup", seconds=0.001))
+        assert not flushed & {mask.stat().st_ino, path.stat().st_ino}
+        log.append(NodeEnded(node="segment", seconds=0.1))
+        assert flushed >= {mask.stat().st_ino, mask.parent.stat().st_ino, tmp_path.stat().st_ino, path.stat().st_ino}
+        flushed.clear()
+        log.append(Reply(call="b", role="describe", model="paid", text="a cup", seconds=2.0))
+        assert path.stat().st_ino in flushed
 
 
 @given(st.lists(st.text(max_size=20), min_size=1, max_size=5), st.floats(0, 1))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from grs_agents.files import unwritable_error, write_json
+from grs_agents.files import flush_written_files, make_folder, unwritable_error, write_json
 from grs_agents.library.asset import MANIFEST, Asset, Manifest, Origin, read_manifest
 from grs_agents.library.importing.source_folder import SourceFolder
 from grs_agents.library.importing.types import ImportOptions, ImportOutcome, RefusedError
@@ -36,7 +36,8 @@ class Journal:
         """Remember an outcome, on disk too."""
         self.outcomes[outcome.source] = outcome
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(self.path.parent)
+            flush_written_files()  # the outcome says that the asset's files are there
             with self.path.open("a+b") as file:
                 torn = file.tell() > 0 and (file.seek(-1, os.SEEK_END), file.read(1))[1] != b"\n"
                 file.write((b"\n" if torn else b"") + outcome.model_dump_json().encode() + b"\n")
@@ -68,7 +69,7 @@ def update_manifest_entries(root: Path, assets: Iterable[Asset], removed: Iterab
     entries = {asset.name: asset for asset in read_manifest(root).assets if asset.name not in removed}
     entries |= {asset.name: asset for asset in assets}
     manifest = Manifest(assets=tuple(entries[name] for name in sorted(entries)))
-    write_json(root / MANIFEST, manifest.model_dump(mode="json"))
+    write_json(root / MANIFEST, manifest.model_dump(mode="json"), durable=True)
 
 
 _SHAPE_TOLERANCE, _LOOK_TOLERANCE = 0.01, 0.15

@@ -1,10 +1,10 @@
 """A scene that was comprehended before: the folder of a run, whose pictures and proxies another run takes over."""
 
-import shutil
 from pathlib import Path
 from typing import Any, Final
 
 from grs_agents.errors import InputError
+from grs_agents.files import copy_folder
 from grs_agents.foreign import check_run_folder, is_folder, path_exists, read_json
 from grs_agents.perception.reading.bop import is_bop_source
 from grs_agents.perception.types import SceneDescription, read_scene_description
@@ -34,7 +34,7 @@ def copy_scene_from_run(source: Path, folder: Path, robot: str) -> SceneDescript
     scene = read_scene_description(source / "scene.json")
     for name in _OF_SCENE:
         if path_exists(source / name):
-            shutil.copytree(source / name, folder / name, dirs_exist_ok=True)
+            copy_folder(source / name, folder / name)
     scene.write(folder / "scene.json")
     return scene
 
