@@ -127,6 +127,24 @@ NEEDS = {
             ("langchain_ollama", "ollama"),
         )
     },
+    **{
+        f"langchain_{name}": _package(f"langchain_{name}", f"pip install langchain-{name.replace('_', '-')}")
+        for name in (
+            *(
+                "azure_ai",
+                "baseten",
+                "cohere",
+                "deepseek",
+                "fireworks",
+                "google_vertexai",
+                "groq",
+                "huggingface",
+                "ibm",
+            ),
+            *("litellm", "meta", "mistralai", "nvidia_ai_endpoints", "openrouter", "perplexity", "together", "upstage"),
+            "xai",
+        )
+    },
     **{package: _package(package, 'pip install "grs-agents[demos]"') for package in ("pyarrow", "av", "h5py")},
     "DracoPy": _package("DracoPy", 'pip install "grs-agents[assets]"'),
     "gymnasium": _package("gymnasium", 'pip install "grs-agents[gym]"'),

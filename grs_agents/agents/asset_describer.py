@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 from langchain_core.language_models.chat_models import BaseChatModel
 from langchain_core.messages import HumanMessage
-from pydantic import ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from grs_agents import content
 from grs_agents.agents.agent import image_block_from_array
 from grs_agents.agents.prompt_template import render_prompt_template
 from grs_agents.agents.reply import ReplyError, parse_json
+from grs_agents.agents.types import ModelReply
 from grs_agents.base import Frozen
 from grs_agents.config import ModelConfig
 from grs_agents.files import write_json
@@ -38,10 +39,8 @@ _PIXELS_PER_TOKEN = 600
 _TRIES = 3
 
 
-class AssetDescription(Frozen):
+class AssetDescription(ModelReply):
     """What a model says of an asset."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     description: str = Field(min_length=1, max_length=2000)
     color: str = Field(min_length=1, max_length=40)

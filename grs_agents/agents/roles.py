@@ -6,12 +6,23 @@ and task also see how the robot's episode ended; the judge sees its start and it
 """
 
 import json
-from collections.abc import Collection, Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, cast
+from difflib import get_close_matches
+from typing import Any, Literal, TypeVar, cast
 
 from grs_agents.agents.agent import Agents
-from grs_agents.agents.reply import ReplyError, extract_python_program, parse_json, parse_json_rows, parse_verdict
+from grs_agents.agents.reply import (
+    ReplyError,
+    extract_python_program,
+    extract_test_program,
+    join_problems,
+    list_problems,
+    parse_json,
+    parse_verdict,
+    read_json_rows,
+)
 from grs_agents.agents.types import (
     Description,
     Match,
@@ -26,6 +37,7 @@ from grs_agents.agents.types import (
 )
 
 Json = dict[str, Any]
+Task = TypeVar("Task", bound=TaskDefinition)
 
 
 def describe_segments(
@@ -38,17 +50,26 @@ def describe_segments(
     asked = [int(row["id"]) for row in rows]
 
     def parse_descriptions(text: str) -> dict[int, Description]:
-        replies = parse_json_rows(text, SegmentReply)
-        if len(replies) == len(asked) == 1:
+        rows = read_json_rows(text, SegmentReply)
+        problems = list_problems(rows)
+        replies = [row.parsed for row in rows if row.parsed is not None]
+        if len(rows) == len(replies) == len(asked) == 1:
             replies = [replies[0].model_copy(update={"id": asked[0]})]
-        found = {number: reply for reply in replies if (number := reply.id) is not None}
-        if missing := sorted(set(asked) - set(found)):
-            raise ReplyError(f"the reply has no object with the id {missing[0]}; describe the segments {asked}")
-        for number in asked:
-            whole = found[number].part_of
-            if whole is not None and (whole == number or whole not in numbers):
-                raise ReplyError(f"segment {number}: part_of is {whole}, which is no other segment; else give null")
-        return {number: Description.model_validate(found[number].model_dump()) for number in asked}
+        described = {number: reply for reply in replies if (number := reply.id) is not None}
+        faulty = {str(row.number) for row in rows if row.parsed is None}
+        missing = [number for number in asked if number not in described and str(number) not in faulty]
+        if missing and "None" not in faulty:
+            problems.append(f"the reply has no object with the id {', '.join(map(str, missing))}")
+        for number in set(asked) & set(described):
+            whole = described[number].part_of
+            # no segment has the number 0, and none is a piece of itself
+            if whole == number or (whole is not None and whole <= 0 and whole not in numbers):
+                described[number] = described[number].model_copy(update={"part_of": None})
+            elif whole is not None and whole not in numbers:
+                problems.append(f"segment {number}: part_of is {whole}, which is no segment; else give null")
+        if problems:
+            raise ReplyError(join_problems(problems))
+        return {number: Description.model_validate(described[number].model_dump()) for number in asked}
 
     return agents.ask_role(
         "describe", {"segments": to_json_lines(rows), "pictures": pictures}, parse_descriptions, images
@@ -57,13 +78,18 @@ def describe_segments(
 
 def match_asset(agents: Agents, candidate: Json, assets: Sequence[Json], images: Sequence[str]) -> Match | NoReply:
     """Match one candidate with an asset. ``assets`` hold name, description, color and size."""
-    names = {str(asset["name"]) for asset in assets}
+    names = {str(asset["name"]): str(asset["name"]) for asset in assets}
 
     def parse_match(text: str) -> Match:
         answer = parse_json(text, Match)
-        if answer.match == "asset" and answer.asset not in names:
-            raise ReplyError(f"asset {answer.asset!r} is not in the list of assets")
-        return answer
+        if answer.match != "asset":
+            return answer
+        asset = _find_asset(answer.asset or "", names)
+        if asset is None:
+            raise ReplyError(
+                f"asset {answer.asset!r} is not in the list of assets{_suggest_assets(answer.asset, names)}"
+            )
+        return answer.model_copy(update={"asset": asset})
 
     return agents.ask_role(
         "match", {"candidate": to_json_text(candidate), "assets": to_json_lines(assets)}, parse_match, images
@@ -74,12 +100,10 @@ def author_task(
     agents: Agents, scene: Json, fixtures: Sequence[Json], images: Sequence[str]
 ) -> TaskDefinition | NoReply:
     """Define a task for the scene. ``fixtures``: library assets that may be added to what the photo shows."""
-    known = {str(item["asset"]) for item in scene["objects"]} | {str(item["name"]) for item in fixtures}
+    names = name_assets(scene["objects"], fixtures)
 
     def parse_task_definition(text: str) -> TaskDefinition:
-        task = parse_json(text, TaskDefinition)
-        _refuse_unknown_assets(task, known)
-        return task
+        return _name_assets_exactly(parse_json(text, TaskDefinition), names)
 
     return agents.ask_role(
         "task", {"scene": to_json_text(scene), "fixtures": to_json_lines(fixtures)}, parse_task_definition, images
@@ -108,7 +132,7 @@ def author_simulation(
 def author_tests(agents: Agents, task: TaskDefinition, code: str, api: str) -> str | NoReply:
     """Write the tests, from the task and the program alone."""
     values = {"task": to_json_text(task.as_json()), "code": code, "api": api}
-    return agents.ask_role("tests", values, extract_python_program)
+    return agents.ask_role("tests", values, extract_test_program)
 
 
 @dataclass(frozen=True)
@@ -163,21 +187,21 @@ def fix_code(agents: Agents, judged: JudgedPrograms, api: str) -> str | NoReply:
 def fix_tests(agents: Agents, judged: JudgedPrograms, api: str) -> str | NoReply:
     """Write the next version of the tests."""
     names = ("task", "scene", "code", "tests", "test_results", "history", "explanation")
-    return agents.ask_role("fix_tests", judged.as_prompt_values(*names, api=api), extract_python_program)
+    return agents.ask_role("fix_tests", judged.as_prompt_values(*names, api=api), extract_test_program)
 
 
-def fix_task(agents: Agents, judged: JudgedPrograms, known: Sequence[str], fixtures: str) -> TaskRevision | NoReply:
-    """Revise a task that cannot be done as it is defined; ``known`` are the assets of scene and fixtures."""
+def fix_task(
+    agents: Agents, judged: JudgedPrograms, objects: Sequence[Json], fixtures: Sequence[Json]
+) -> TaskRevision | NoReply:
+    """Revise a task that cannot be done as it is defined; ``objects`` of the scene have a name and an asset."""
+    named = name_assets(objects, fixtures)
 
     def parse_task_revision(text: str) -> TaskRevision:
-        revision = parse_json(text, TaskRevision)
-        _refuse_unknown_assets(revision, known)
-        return revision
+        return _name_assets_exactly(parse_json(text, TaskRevision), named)
 
     names = ("task", "scene", "code", "test_results", "history", "explanation")
-    return agents.ask_role(
-        "fix_task", judged.as_prompt_values(*names, fixtures=fixtures), parse_task_revision, judged.images
-    )
+    values = judged.as_prompt_values(*names, fixtures=to_json_lines(fixtures))
+    return agents.ask_role("fix_task", values, parse_task_revision, judged.images)
 
 
 def judge_words(
@@ -202,10 +226,41 @@ def judge_words(
     return agents.ask_role("judge", values, lambda text: parse_json(text, WordsJudgement), images)
 
 
-def _refuse_unknown_assets(task: TaskDefinition, known: Collection[str]) -> None:
-    unknown = sorted(set(task.assets) - set(known))
-    if unknown:
-        raise ReplyError(f"assets-used names {unknown}, which are neither in the scene nor fixtures")
+def name_assets(objects: Sequence[Json], fixtures: Sequence[Json]) -> dict[str, str]:
+    """The assets of a scene and the fixtures, each by its name and by the names of the objects that it stands for."""
+    assets = [str(item["asset"]) for item in objects] + [str(item["name"]) for item in fixtures]
+    return {str(item.get("name", item["asset"])): str(item["asset"]) for item in objects} | {
+        asset: asset for asset in assets
+    }
+
+
+def _find_asset(written: str, names: Mapping[str, str]) -> str | None:
+    """The asset that ``written`` means: its name, perhaps without folder or suffix; None where several are alike."""
+    if written in names:
+        return names[written]
+    loose = _spell_loosely(written)
+    meant = {
+        asset for name, asset in names.items() if loose in (_spell_loosely(name), _spell_loosely(name.split("/")[-1]))
+    }
+    return meant.pop() if len(meant) == 1 else None
+
+
+def _spell_loosely(name: str) -> str:
+    return re.sub(r"[\s_-]+", "_", name.strip().lower()).removesuffix(".urdf")
+
+
+def _suggest_assets(written: str | None, names: Mapping[str, str]) -> str:
+    near = get_close_matches(written or "", names, n=3, cutoff=0.3)
+    return f"; the nearest are {', '.join(near)}" if near else ""
+
+
+def _name_assets_exactly(task: Task, names: Mapping[str, str]) -> Task:
+    """``task`` with the names of its assets. Raises ReplyError: it names others, each of which is told."""
+    assets = {written: _find_asset(written, names) for written in task.assets}
+    if unknown := [written for written, asset in assets.items() if asset is None]:
+        near = "".join(f"; {written!r}{_suggest_assets(written, names)[1:]}" for written in unknown)
+        raise ReplyError(f"assets-used names {unknown}, which are neither in the scene nor fixtures{near}")
+    return task.model_copy(update={"assets": tuple(dict.fromkeys(assets.values()))})
 
 
 def to_json_text(value: Json) -> str:

@@ -33,8 +33,6 @@ from grs_agents.trace import ToolCall
 Parsed = TypeVar("Parsed")
 _MARK = "[tool calls] "
 """Before the calls in a logged reply, so that a recorded reply holds them too."""
-_CALLING = ("tool_calls", "tool_use", "function_call")
-"""Finish reasons of a reply that calls tools."""
 _UNUSABLE = "(no usable reply)"
 
 
@@ -133,9 +131,7 @@ class LoggedToolModel(BaseChatModel):
             live.append(message)
             if not message.tool_calls:
                 return require_complete_answer(answer)
-            reason = "stop" if answer.finish_reason.lower() in _CALLING else answer.finish_reason
-            text = redact_keys(_format_tool_calls(message))
-            return require_complete_answer(replace(answer, text=text, finish_reason=reason))
+            return require_complete_answer(replace(answer, text=redact_keys(_format_tool_calls(message))))
 
         told = [AIMessage(_format_tool_calls(one)) if isinstance(one, AIMessage) else one for one in messages]
         text, _ = agents.get_earlier_or_new_reply(self.role, told, self.pictures, ask_bound_model)

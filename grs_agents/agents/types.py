@@ -3,9 +3,9 @@
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, cast, get_args, get_origin
 
-from pydantic import ConfigDict, Field, field_validator
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from grs_agents.base import Frozen
 
@@ -24,45 +24,102 @@ class ToolCalling:
     graph: str  # for messages
 
 
-class Description(Frozen):
-    """What the describer says of one segmented crop (paper, Scene Comprehension, step 2)."""
+_NULLS = frozenset({"", "-", "n/a", "na", "nil", "none", "null", "undefined"})
+_SEGMENT_NUMBER = re.compile(r"(?:segment|no\.|#)\s*(\d+)", re.IGNORECASE)
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
+
+def _read_null_word(value: Any) -> Any:
+    return None if isinstance(value, str) and value.strip().lower() in _NULLS else value
+
+
+def _read_unknown_word(value: Any) -> Any:
+    return (
+        None if isinstance(value, str) and value.strip().lower() in ("unclear", "unknown") else _read_null_word(value)
+    )
+
+
+def _read_segment_number(value: Any) -> Any:
+    number = _SEGMENT_NUMBER.fullmatch(value.strip()) if isinstance(value, str) else None
+    return number[1] if number else _read_null_word(value)
+
+
+class ModelReply(Frozen):
+    """What a model replies as JSON; keys and choices may have other capitals, dashes, blanks or underscores."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore", populate_by_name=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _respell_keys(cls, value: Any) -> Any:
+        if not isinstance(value, dict):
+            return value
+        table = cast("dict[Any, Any]", value)
+        names = (*cls.model_fields, *(field.alias for field in cls.model_fields.values() if field.alias))
+        spelt = {_letters(name): name for name in names}
+        respelt = {key: spelt.get(_letters(str(key)), key) for key in table}
+        unique = len(set(respelt.values())) == len(table)
+        return cls.fill_missing_words({respelt[key]: table[key] for key in table} if unique else table)
+
+    @classmethod
+    def fill_missing_words(cls, table: dict[Any, Any]) -> dict[Any, Any]:
+        """``table`` with what goes without saying."""
+        return table
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _respell_choice(cls, value: Any, info: ValidationInfo) -> Any:
+        annotation = cls.model_fields[info.field_name or ""].annotation
+        if get_origin(annotation) is not Literal or not isinstance(value, str):
+            return value
+        return next((choice for choice in get_args(annotation) if _letters(choice) == _letters(value)), value)
+
+
+def _letters(text: str) -> str:
+    return re.sub(r"[\s_-]", "", text).lower()
+
+
+class Description(ModelReply):
+    """What the describer says of one segmented crop (paper, Scene Comprehension, step 2)."""
 
     is_object: bool
     description: str = Field(min_length=1)
     color: str
     shape: str
     category: str
-    part_of: int | None = None  # the segment that shows the rest of the thing that this one is a piece of
+    # the segment that shows the rest of the thing that this one is a piece of
+    part_of: Annotated[int | None, BeforeValidator(_read_segment_number)] = None
     # open at the top, so that things can be put into it; None where nobody says so
-    open_top: bool | None = None
+    open_top: Annotated[bool | None, BeforeValidator(_read_unknown_word)] = None
 
 
 class SegmentReply(Description):
     """A description in a reply about several segments; ``id`` is the segment's number."""
 
-    id: int | None = None
+    id: Annotated[int | None, BeforeValidator(_read_segment_number)] = None
+
+    @classmethod
+    def fill_missing_words(cls, table: dict[Any, Any]) -> dict[Any, Any]:
+        """``table`` with words about a segment that is no object, where these are missing or null."""
+        if str(table.get("is_object")).lower() not in ("false", "no", "0"):
+            return table
+        words = {"description": "no object", "color": "", "shape": "", "category": ""}
+        return {**words, **{key: said for key, said in table.items() if key not in words or said not in (None, "")}}
 
 
-class Match(Frozen):
+class Match(ModelReply):
     """What the matcher says of one candidate (paper, Scene Comprehension, step 3).
 
     ``asset`` names a library asset; ``no_asset`` is a real object that the library lacks; ``no_object`` is a
     segment that is not an object at all.
     """
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
     match: Literal["asset", "no_asset", "no_object"]
-    asset: str | None = None
+    asset: Annotated[str | None, BeforeValidator(_read_null_word)] = None
     reason: str = ""
 
 
-class TaskDefinition(Frozen):
+class TaskDefinition(ModelReply):
     """The paper's three fields, with its spelling in JSON."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore", populate_by_name=True)
 
     name: str = Field(alias="task-name", min_length=1, max_length=100)
     description: str = Field(alias="task-description", min_length=1)
@@ -99,10 +156,8 @@ class RouterReply(Frozen):
     explanation: str
 
 
-class WordsJudgement(Frozen):
+class WordsJudgement(ModelReply):
     """Whether a task's words and its goals say the same."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     # ``unclear``: the judge does not understand the words, or they may mean something else too
     verdict: Literal["agrees", "differs", "unclear"]

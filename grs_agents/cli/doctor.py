@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, entry_points, metadata, requires, version
+from importlib.util import find_spec
 from typing import Literal
 
 from packaging.requirements import Requirement
@@ -49,7 +50,7 @@ def diagnose_installation(as_json: bool) -> int:
         diagnoses += [_diagnose_gl_backend(name) for name in GL_BACKENDS]
         show("looking at models and packages")
         diagnoses.append(Diagnosis("models offline", "works", "embedded, no key"))
-        diagnoses += [*(_diagnose_model_provider(name) for name in PROVIDERS), *_diagnose_own_models()]
+        diagnoses += [*map(_diagnose_model_provider, _list_providers_to_diagnose()), *_diagnose_own_models()]
         diagnoses += _diagnose_all_extras()
     diagnoses += [Diagnosis(name, "works", value) for name, value in installed_versions().items()]
     if as_json:
@@ -120,6 +121,17 @@ def _diagnose_gl_backend(name: str) -> Diagnosis:
     )
 
 
+def _list_providers_to_diagnose() -> list[str]:
+    """Of each package that an extra installs the first provider; of each package that is here all of its classes."""
+    listed: dict[tuple[str, str], str] = {}
+    for name, provider in PROVIDERS.items():
+        package = provider.module.partition(".")[0]
+        here = find_spec(package) is not None
+        if here or provider.extra:
+            listed.setdefault((package, provider.model_class if here else ""), name)
+    return list(listed.values())
+
+
 def _diagnose_model_provider(name: str) -> Diagnosis:
     provider = PROVIDERS[name]
     key = provider.key_variable
@@ -127,10 +139,8 @@ def _diagnose_model_provider(name: str) -> Diagnosis:
     if key and not provider.key_argument:
         key_state += f"; a profile in {name}'s own files will do, too"
     if not is_provider_installed(name):
-        remedy = _pip_install_command(provider.extra)
-        return Diagnosis(
-            f"models {name}", "not installed", f"the package {provider.module} is missing{key_state}", remedy
-        )
+        missing = f"the package {provider.module} is missing{key_state}"
+        return Diagnosis(f"models {name}", "not installed", missing, provider.install_command)
     if provider.key_argument and not os.environ.get(key):
         return Diagnosis(f"models {name}", "no key", f"the package is installed{key_state}", f"export {key}=...")
     return Diagnosis(f"models {name}", "works", f"the package is installed{key_state}")

@@ -67,7 +67,7 @@ def _describe_model_providers() -> dict[str, str]:
     from grs_agents.models import OFFLINE, PROVIDERS
 
     clients = {
-        f"{name}:NAME": f"{provider.model_class} of {provider.module}, extra {provider.extra}"
+        f"{name}:NAME": f"{provider.model_class} of {provider.module}; {provider.install_command}"
         for name, provider in PROVIDERS.items()
     }
     return {OFFLINE: "Rules; needs no key.", **clients}

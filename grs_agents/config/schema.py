@@ -55,8 +55,8 @@ ROLE_ALIASES = {"router": "route", "describer": "describe", "matcher": "match", 
 class ModelChoice(Frozen):
     """One chat model, and how it is made and asked."""
 
-    # `offline`; `provider:name` (providers: openai, azure, anthropic, bedrock, google, ollama); a class of one's own
-    # (`package.module:Class`); or an entry point in the group `grs_agents.models`
+    # `offline`; `provider:name` (a provider that `init_chat_model` knows, azure, bedrock or google); a class of one's
+    # own (`package.module:Class`); or an entry point in the group `grs_agents.models`
     model: str
     base_url: str | None = None  # another endpoint that speaks the provider's protocol
     key_variable: str | None = None  # the NAME of the environment variable that holds the key, never the key

@@ -7,24 +7,40 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 
 from grs_agents.errors import GrsError
 from grs_agents.models.key_redaction import redact_keys
+from grs_agents.models.reasoning import measure_reasoning, reasoning_remedy
 
 if TYPE_CHECKING:
     from langchain_core.messages import AIMessage
 
-_SPELLINGS = ("finish_reason", "stop_reason", "done_reason", "stopReason", "status")
-"""Why a reply ended: OpenAI and Google, Anthropic, Ollama, Bedrock, OpenAI's Responses API."""
-_COMPLETE = frozenset({"stop", "end_turn", "stop_sequence", "eos", "completed"})
-_CUT_OFF = frozenset({"length", "max_tokens", "model_context_window_exceeded"})
+_SPELLINGS = (
+    *("finish_reason", "stop_reason", "done_reason", "stopReason", "finishReason", "completionReason"),
+    "status",
+)
+"""Why a reply ended: OpenAI, Google and most others; Anthropic; Ollama; Bedrock, of which three names; OpenAI's
+Responses API."""
+_CUT_OFF = frozenset(
+    {"length", "max_length", "max_tokens", "max_new_tokens", "max_output_tokens", "max_completion_tokens"}
+    | {"token_limit", "limit", "error_limit", "model_length", "incomplete"}
+    | {"model_context_window_exceeded", "context_window_exceeded", "context_length_exceeded"}
+)
+_BROKEN_OFF = frozenset(
+    {"error", "failed", "abort", "aborted", "cancelled", "canceled", "user_cancel", "timeout", "time_limit"}
+    | {"network_error", "insufficient_system_resource", "not_finished", "in_progress", "queued", "pause_turn"}
+    | {"malformed_model_output", "malformed_response", "malformed_tool_use", "malformed_function_call"}
+    | {"unexpected_tool_call", "too_many_tool_calls", "load", "unload"}
+)
 _REFUSED = frozenset(
     {"refusal", "content_filter", "content_filtered", "guardrail_intervened", "safety", "prohibited_content"}
-    | {"blocklist", "recitation", "spii"}
+    | {"blocklist", "recitation", "spii", "language", "model_armor", "image_safety", "error_toxic", "sensitive"}
 )
+"""The names that providers have for a reply that is not whole, in lower case. All others are whole: servers write
+`stop`, `end_turn`, `eos_token`, `COMPLETE`, `endoftext` or what they like."""
 _MOST_TOKENS = 2**53
 ASKED = "grs_asked"
 """Where a message's metadata tell which of several models answered, and which had failed."""
 
 ReplyKind = Literal["empty", "refusal", "length", "unfinished", "malformed"]
-"""``unfinished``: no finish reason, the stream was cut off; ``malformed``: what was written is no text."""
+"""``unfinished``: no finish reason, or that of an error; ``malformed``: what was written is no text."""
 FailureKind = Literal[
     "unreachable",  # no connection could be made
     "broken_off",  # the connection ended in the middle of an answer
@@ -48,6 +64,8 @@ class Answer:
     """One reply."""
 
     text: str  # what the model wrote
+    reasoning: int = 0  # characters that the server, or its client, set apart as the model's reasoning
+    reasoning_field: str = ""  # where it put them, such as `reasoning_content`
     finish_reason: str = ""  # why it ended, in the provider's words; empty where it does not tell
     refusal: str = ""  # why the model refuses, where the provider tells that apart from the text
     encodable: bool = True  # whether UTF-8 can hold what the model wrote
@@ -86,14 +104,21 @@ class ReplyProblem(GrsError):
         self.answer = answer
 
 
-def answer_from_message(message: "AIMessage") -> Answer:
-    """What ``message`` holds, without keys."""
+def answer_from_message(message: "AIMessage", body: bytes = b"") -> Answer:
+    """What ``message`` holds, without keys. A client may have left out a part of the ``body`` that the server sent."""
     text, usage = str(message.text), message.usage_metadata
     metadata: Mapping[str, Any] = message.response_metadata
     reason = next((metadata[name] for name in _SPELLINGS if metadata.get(name)), "")
+    if isinstance(reason, Mapping):  # SGLang's own interface
+        reason = cast("Mapping[str, Any]", reason).get("type", "")
+    if isinstance(details := metadata.get("incomplete_details"), Mapping):  # OpenAI's Responses API
+        reason = cast("Mapping[str, Any]", details).get("reason") or reason
+    field, reasoning = ("", 0) if text.strip() else measure_reasoning(message, body)
     asked: Mapping[str, Any] = metadata.get(ASKED, {})
     return Answer(
         text=redact_keys(text),
+        reasoning=reasoning,
+        reasoning_field=field,
         finish_reason=redact_keys(str(reason)),
         refusal=redact_keys(str(message.additional_kwargs.get("refusal") or "")),
         encodable=not any("\ud800" <= letter <= "\udfff" for letter in text),
@@ -108,20 +133,27 @@ def answer_from_message(message: "AIMessage") -> Answer:
 
 def require_complete_answer(answer: Answer) -> Answer:
     """``answer`` if it is whole, else a ``ReplyProblem`` is raised."""
-    reason = answer.finish_reason.lower()
+    reason = answer.finish_reason.rpartition(".")[2].lower().replace("-", "_")  # also FinishReason.MAX_TOKENS
+    apart = (
+        f": the server put {answer.reasoning:,} characters into {answer.reasoning_field}" if answer.reasoning else ""
+    )
     if answer.refusal or reason in _REFUSED:
         what = f"the model refused to answer: {answer.refusal or answer.finish_reason}"
         raise ReplyProblem("refusal", what, "rephrase the prompt", answer)
     if reason in _CUT_OFF:
-        what = f"the reply was cut off after {len(answer.text)} characters"
+        what = f"the reply was cut off after {len(answer.text)} characters{apart}"
         raise ReplyProblem("length", what, "raise models.<role>.max_tokens", answer)
+    if reason in _BROKEN_OFF:
+        what = f"the reply has finish reason {answer.finish_reason}, so it may be cut off"
+        raise ReplyProblem("unfinished", what, "ask again", answer)
     if not answer.text.strip():
-        what = f"the reply is empty (finish reason {answer.finish_reason or 'missing'})"
-        raise ReplyProblem("empty", what, "ask again", answer)
+        what = f"the reply is empty (finish reason {answer.finish_reason or 'missing'}){apart}"
+        remedy = reasoning_remedy(answer.reasoning_field) if answer.reasoning else "ask again"
+        raise ReplyProblem("empty", what, remedy, answer)
     if not answer.encodable:
         raise ReplyProblem("malformed", "the reply holds half a surrogate pair, which is no text", "ask again", answer)
-    if reason not in _COMPLETE:
-        what = f"the reply has finish reason {answer.finish_reason or 'none'}, so it may be cut off"
+    if not reason:
+        what = "the reply has no finish reason, so it may be cut off"
         raise ReplyProblem("unfinished", what, "ask again", answer)
     return answer
 

@@ -2,13 +2,15 @@
 
 import ipaddress
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from math import ceil
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import urlsplit
+
+from pydantic import ValidationError
 
 from grs_agents import content
 from grs_agents.config import ModelChoice, ModelConfig
@@ -28,79 +30,104 @@ PLACEHOLDER_KEY = "not-needed"
 """Stands for the key where a server on this machine needs none."""
 
 
+def _timeout_in_seconds(seconds: float) -> dict[str, Any]:
+    return {"timeout": seconds}
+
+
+def _timeout_in_whole_seconds(seconds: float) -> dict[str, Any]:
+    return {"timeout": ceil(seconds)}
+
+
 @dataclass(frozen=True)
 class Provider:
     """How one provider's LangChain client is made."""
 
     module: str  # the package to import
     model_class: str  # the chat model in it
-    # where the model holds its HTTP client, so that it can be watched. Only two of the packages take a client or hooks
-    # when a model is made.
+    # where the model holds its HTTP client, so that it can be watched; empty where it holds none. Only two of the
+    # packages take a client or hooks when a model is made.
     http_client: str
     key_variable: str  # the environment variable that holds the key by default; empty where none is needed
-    extra: str  # of `grs-agents`, which installs the package
+    extra: str = ""  # of `grs-agents`, which installs the package; empty where it is installed by its own name
     # the constructor's names for the key (empty where the client finds it by itself), the model, the endpoint, and the
-    # longest reply
+    # longest reply; empty where it takes none
     key_argument: str = "api_key"
     model_argument: str = "model"
     url_argument: str = "base_url"
     length_argument: str = "max_tokens"
+    timeout: Callable[[float], Mapping[str, Any]] = _timeout_in_seconds  # the arguments for a timeout in seconds
     # further arguments; the client's own retries are switched off, ours are in `retry`
     defaults: Mapping[str, Any] = field(default_factory=lambda: {"max_retries": 0})
     by_line: bool = False  # whether each line of a reply is a JSON document of its own
     variables: tuple[str, ...] = ()  # further environment variables that its client reads
+    constructor: str = ""  # the class method that makes the model; empty for the class itself
+    url: str = ""  # the endpoint where the configuration names none; empty for the client's own
+    cleared: str = ""  # what is set to None in the model once it is made
+
+    @property
+    def install_command(self) -> str:
+        """What installs the package."""
+        package = self.module.partition(".")[0].replace("_", "-")
+        return f'pip install "grs-agents[{self.extra}]"' if self.extra else f"pip install {package}"
 
 
+_OPENAI_CLIENT = "root_client._client"
+_OF_AWS = (
+    *("AWS_ACCESS_KEY_ID", "AWS_SESSION_TOKEN", "AWS_BEARER_TOKEN_BEDROCK", "AWS_REGION", "AWS_DEFAULT_REGION"),
+    *("AWS_PROFILE", "AWS_ENDPOINT_URL", "AWS_ENDPOINT_URL_BEDROCK_RUNTIME", "AWS_CA_BUNDLE"),
+)
+_AZURE = Provider(
+    "langchain_openai",
+    "AzureChatOpenAI",
+    _OPENAI_CLIENT,
+    "AZURE_OPENAI_API_KEY",
+    "openai",
+    model_argument="azure_deployment",
+    url_argument="azure_endpoint",
+    variables=("AZURE_OPENAI_ENDPOINT", "OPENAI_API_VERSION", "OPENAI_ORG_ID", "OPENAI_PROXY"),
+)
+_BEDROCK = Provider(
+    "langchain_aws",
+    "ChatBedrockConverse",
+    "client",
+    "AWS_SECRET_ACCESS_KEY",
+    "bedrock",
+    "",
+    timeout=_timeout_in_whole_seconds,
+    variables=_OF_AWS,
+)
+_GOOGLE = Provider(
+    "langchain_google_genai",
+    "ChatGoogleGenerativeAI",
+    "client._api_client._httpx_client",
+    "GOOGLE_API_KEY",
+    "google",
+    "google_api_key",
+    length_argument="max_output_tokens",
+    variables=("GEMINI_API_KEY", "GOOGLE_GENAI_USE_VERTEXAI", "GOOGLE_CLOUD_PROJECT", "GOOGLE_CLOUD_LOCATION"),
+)
+_FOR_ANTHROPIC: Mapping[str, Any] = {"max_retries": 0, "max_tokens": 8192}
 PROVIDERS: Mapping[str, Provider] = {
     "openai": Provider(
         "langchain_openai",
         "ChatOpenAI",
-        "root_client._client",
+        _OPENAI_CLIENT,
         "OPENAI_API_KEY",
         "openai",
         variables=("OPENAI_BASE_URL", "OPENAI_API_BASE", "OPENAI_ORG_ID", "OPENAI_PROJECT_ID", "OPENAI_PROXY"),
     ),
-    "azure": Provider(
-        "langchain_openai",
-        "AzureChatOpenAI",
-        "root_client._client",
-        "AZURE_OPENAI_API_KEY",
-        "openai",
-        model_argument="azure_deployment",
-        url_argument="azure_endpoint",
-        variables=("AZURE_OPENAI_ENDPOINT", "OPENAI_API_VERSION", "OPENAI_ORG_ID", "OPENAI_PROXY"),
-    ),
+    "azure": _AZURE,
     "anthropic": Provider(
         "langchain_anthropic",
         "ChatAnthropic",
         "_client._client",
         "ANTHROPIC_API_KEY",
         "anthropic",
-        defaults={"max_retries": 0, "max_tokens": 8192},
+        defaults=_FOR_ANTHROPIC,
         variables=("ANTHROPIC_BASE_URL", "ANTHROPIC_API_URL", "ANTHROPIC_PROXY"),
     ),
-    "bedrock": Provider(
-        "langchain_aws",
-        "ChatBedrockConverse",
-        "client",
-        "AWS_SECRET_ACCESS_KEY",
-        "bedrock",
-        "",
-        variables=(
-            *("AWS_ACCESS_KEY_ID", "AWS_SESSION_TOKEN", "AWS_BEARER_TOKEN_BEDROCK", "AWS_REGION", "AWS_DEFAULT_REGION"),
-            *("AWS_PROFILE", "AWS_ENDPOINT_URL", "AWS_ENDPOINT_URL_BEDROCK_RUNTIME", "AWS_CA_BUNDLE"),
-        ),
-    ),
-    "google": Provider(
-        "langchain_google_genai",
-        "ChatGoogleGenerativeAI",
-        "client._api_client._httpx_client",
-        "GOOGLE_API_KEY",
-        "google",
-        "google_api_key",
-        length_argument="max_output_tokens",
-        variables=("GEMINI_API_KEY", "GOOGLE_GENAI_USE_VERTEXAI", "GOOGLE_CLOUD_PROJECT", "GOOGLE_CLOUD_LOCATION"),
-    ),
+    "bedrock": _BEDROCK,
+    "google": _GOOGLE,
     "ollama": Provider(
         "langchain_ollama",
         "ChatOllama",
@@ -109,11 +136,125 @@ PROVIDERS: Mapping[str, Provider] = {
         "ollama",
         "",
         length_argument="num_predict",
+        timeout=lambda seconds: {"client_kwargs": {"timeout": seconds}},
         defaults={},
         by_line=True,
         variables=("OLLAMA_HOST", "OLLAMA_API_KEY"),
     ),
+    # The other names of LangChain's `init_chat_model`
+    "anthropic_bedrock": Provider(
+        "langchain_aws",
+        "ChatAnthropicBedrock",
+        "_client._client",
+        "AWS_SECRET_ACCESS_KEY",
+        "bedrock",
+        "",
+        url_argument="",
+        defaults=_FOR_ANTHROPIC,
+        variables=_OF_AWS,
+    ),
+    "azure_ai": Provider(
+        "langchain_azure_ai.chat_models",
+        "AzureAIOpenAIApiChatModel",
+        _OPENAI_CLIENT,
+        "AZURE_AI_API_KEY",
+        key_argument="credential",
+        url_argument="endpoint",
+    ),
+    "azure_openai": _AZURE,
+    "baseten": Provider("langchain_baseten", "ChatBaseten", _OPENAI_CLIENT, "BASETEN_API_KEY"),
+    "bedrock_converse": _BEDROCK,
+    "bedrock_mantle_anthropic": Provider(
+        "langchain_aws",
+        "ChatAnthropicMantle",
+        "_client._client",
+        "AWS_SECRET_ACCESS_KEY",
+        "bedrock",
+        "",
+        defaults=_FOR_ANTHROPIC,
+        variables=_OF_AWS,
+    ),
+    "bedrock_mantle_openai": Provider(
+        "langchain_aws", "ChatOpenAIMantle", _OPENAI_CLIENT, "AWS_SECRET_ACCESS_KEY", "bedrock", "", variables=_OF_AWS
+    ),
+    "cohere": Provider(
+        "langchain_cohere",
+        "ChatCohere",
+        "client._client_wrapper.httpx_client.httpx_client",
+        "COHERE_API_KEY",
+        key_argument="cohere_api_key",
+        length_argument="",
+        timeout=lambda seconds: {"timeout_seconds": seconds},
+        defaults={},
+    ),
+    "deepseek": Provider("langchain_deepseek", "ChatDeepSeek", _OPENAI_CLIENT, "DEEPSEEK_API_KEY"),
+    "fireworks": Provider("langchain_fireworks", "ChatFireworks", "_sdk_client._client", "FIREWORKS_API_KEY"),
+    "google_anthropic_vertex": Provider(
+        "langchain_google_vertexai.model_garden", "ChatAnthropicVertex", "client._client", "", key_argument=""
+    ),
+    "google_genai": _GOOGLE,
+    "google_vertexai": Provider("langchain_google_vertexai", "ChatVertexAI", "", "", key_argument=""),
+    "groq": Provider("langchain_groq", "ChatGroq", "client._client._client", "GROQ_API_KEY"),
+    "huggingface": Provider(
+        "langchain_huggingface",
+        "ChatHuggingFace",
+        "",
+        "HF_TOKEN",
+        key_argument="huggingfacehub_api_token",
+        model_argument="model_id",
+        url_argument="",
+        length_argument="max_new_tokens",
+        timeout=_timeout_in_whole_seconds,
+        defaults={"backend": "endpoint"},
+        constructor="from_model_id",
+    ),
+    "ibm": Provider(
+        "langchain_ibm",
+        "ChatWatsonx",
+        "",
+        "WATSONX_API_KEY",
+        model_argument="model_id",
+        url_argument="url",
+        timeout=lambda seconds: {},
+        defaults={},
+    ),
+    "langsmith": Provider(
+        "langchain_openai",
+        "ChatOpenAI",
+        _OPENAI_CLIENT,
+        "LANGSMITH_API_KEY",
+        "openai",
+        defaults={"max_retries": 0, "use_responses_api": True},
+        url="https://gateway.smith.langchain.com/v1",
+    ),
+    "litellm": Provider(
+        "langchain_litellm",
+        "ChatLiteLLM",
+        "",
+        "",
+        url_argument="api_base",
+        timeout=lambda seconds: {"request_timeout": seconds},
+        defaults={"max_retries": 1},  # calls in all
+    ),
+    "meta": Provider("langchain_meta", "ChatMetaModel", _OPENAI_CLIENT, "META_API_KEY"),
+    "mistralai": Provider(
+        "langchain_mistralai", "ChatMistralAI", "client", "MISTRAL_API_KEY", timeout=_timeout_in_whole_seconds
+    ),
+    "nvidia": Provider("langchain_nvidia_ai_endpoints", "ChatNVIDIA", "_client", "NVIDIA_API_KEY", defaults={}),
+    "openrouter": Provider(
+        "langchain_openrouter",
+        "ChatOpenRouter",
+        "client.sdk_configuration.client",
+        "OPENROUTER_API_KEY",
+        timeout=lambda seconds: {"timeout": ceil(1000 * seconds)},
+        cleared="client.sdk_configuration.retry_config",  # it retries for an hour where it is told of no retries
+    ),
+    "perplexity": Provider("langchain_perplexity", "ChatPerplexity", "client._client", "PPLX_API_KEY", url_argument=""),
+    "together": Provider("langchain_together", "ChatTogether", "client._client._client", "TOGETHER_API_KEY"),
+    "upstage": Provider("langchain_upstage", "ChatUpstage", _OPENAI_CLIENT, "UPSTAGE_API_KEY"),
+    "xai": Provider("langchain_xai", "ChatXAI", "client._client._client", "XAI_API_KEY"),
 }
+"""By the name before the colon. LangChain keeps its own table to itself, in a package that GRS can do without."""
 
 
 def make_chat_model(config: ModelConfig, seed: int) -> "BaseChatModel":
@@ -156,17 +297,28 @@ def _make_single_model(choice: ModelChoice, seed: int) -> "BaseChatModel":
         **provider.defaults,
         provider.model_argument: model.strip(),
         **_api_key_argument(provider, choice),
-        **_build_client_arguments(name, choice),
+        **_build_client_arguments(provider, choice),
     }
     if taken := sorted(choice.arguments.keys() & ours.keys()):
         raise ConfigError(f"models.<role>.arguments holds {taken[0]}, which GRS sets itself", "leave it out")
     try:
         made = cast("BaseChatModel", make(**ours, **choice.arguments))
-        limit_and_record_http_client(attrgetter(provider.http_client)(made), provider.by_line)
+        if provider.cleared:
+            holder, _, name = provider.cleared.rpartition(".")
+            setattr(attrgetter(holder)(made), name, None)
+        if provider.http_client:
+            limit_and_record_http_client(attrgetter(provider.http_client)(made), provider.by_line)
     except Exception as error:  # each package raises its own
-        first = redact_keys(str(error)).splitlines()[0] if str(error) else type(error).__name__
-        raise ConfigError(f"model {choice.model!r} cannot be made: {first}", "see `grs doctor`") from error
+        said = redact_keys(_describe_construction_error(error)) or type(error).__name__
+        raise ConfigError(f"model {choice.model!r} cannot be made: {said}", "see `grs doctor`") from error
     return made
+
+
+def _describe_construction_error(error: Exception) -> str:
+    """What is wrong, without the arguments: pydantic repeats these, a key cut in two among them."""
+    if isinstance(error, ValidationError):
+        return "; ".join(f"{'.'.join(map(str, one['loc']))} {one['msg']}".strip() for one in error.errors())
+    return str(error).partition("\n")[0]
 
 
 def _make_user_defined_model(choice: ModelChoice) -> "BaseChatModel":
@@ -227,10 +379,11 @@ def is_loopback_url(url: str | None) -> bool:
 
 def _import_client_class(provider: Provider, model: str) -> Any:
     try:
-        return getattr(import_module(provider.module), provider.model_class)
+        found = getattr(import_module(provider.module), provider.model_class)
     except ImportError as error:
-        what = f"model {model!r} needs the package {provider.module}, which is not installed"
-        raise ConfigError(what, f'run: pip install "grs-agents[{provider.extra}]"') from error
+        what = f"model {model!r} needs the package {provider.module.partition('.')[0]}, which is not installed"
+        raise ConfigError(what, f"run: {provider.install_command}") from error
+    return getattr(found, provider.constructor) if provider.constructor else found
 
 
 def _api_key_argument(provider: Provider, config: ModelChoice) -> dict[str, str]:
@@ -250,17 +403,18 @@ def _api_key_argument(provider: Provider, config: ModelChoice) -> dict[str, str]
     return {provider.key_argument: key}
 
 
-def _build_client_arguments(name: str, config: ModelChoice) -> dict[str, Any]:
-    provider = PROVIDERS[name]
-    settings: dict[str, Any] = {"timeout": config.timeout}
-    if name == "ollama":
-        settings = {"client_kwargs": {"timeout": config.timeout}}
-    if name == "bedrock":
-        settings = {"timeout": ceil(config.timeout)}  # whole seconds
-    if config.base_url:
-        settings[provider.url_argument] = config.base_url
-    if config.temperature is not None:
-        settings["temperature"] = config.temperature
-    if config.max_tokens is not None:
-        settings[provider.length_argument] = config.max_tokens
+def _build_client_arguments(provider: Provider, config: ModelChoice) -> dict[str, Any]:
+    settings: dict[str, Any] = dict(provider.timeout(config.timeout))
+    for key, argument in (
+        ("base_url", provider.url_argument),
+        ("temperature", "temperature"),
+        ("max_tokens", provider.length_argument),
+    ):
+        value = getattr(config, key) or (provider.url if key == "base_url" else None)
+        if value is None or value == "":
+            continue
+        if not argument:
+            what = f"models.<role>.{key} is not passed on to {config.model!r}: {provider.model_class} takes none"
+            raise ConfigError(what, "leave it out")
+        settings[argument] = value
     return settings

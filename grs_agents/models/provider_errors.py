@@ -58,7 +58,7 @@ def classify_provider_error(error: Exception, call: ModelHttpCall, tries: int) -
     if failure is not None:
         return failure
     said = f"{type(error).__name__}: {_redacted_error_text(error)}"
-    if isinstance(error, _MALFORMED):
+    if call.status is not None or isinstance(error, _MALFORMED):  # an answer came, and the client could not read it
         what = f"{server} sends what is no reply, malformed{after} ({said})"
         return ProviderFailure("malformed", what, "check models.<role>.base_url", retryable=True)
     return ProviderFailure("client_error", f"the model cannot be asked ({said})", "see the provider's documentation")
@@ -114,7 +114,7 @@ def _http_status_code(error: BaseException, call: ModelHttpCall) -> int | None:
         return call.status
     for name in ("status_code", "code", "http_status"):
         value = getattr(error, name, None)
-        if isinstance(value, int):
+        if isinstance(value, int) and value >= 400:
             return value
     return next((status for kind, status in _BY_TYPE.items() if isinstance(error, kind)), None)
 

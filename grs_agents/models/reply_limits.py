@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
 from contextvars import ContextVar, copy_context
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from threading import Thread
 from typing import Any, NoReturn, TypeVar
@@ -38,13 +38,16 @@ class ModelHttpCall:
     retry_after: str = ""  # that header
     over: bool = False  # whether nobody waits for it any more
     problem: ProviderFailure | None = None  # why its body was not read to the end
+    body: bytearray = field(default_factory=bytearray)  # what was read of it
 
 
 _call: ContextVar[ModelHttpCall | None] = ContextVar("call", default=None)
 
 
 def limit_and_record_http_client(client: Any, by_line: bool = False) -> None:
-    """Note what ``client`` (of httpx, its successor httpx2, or botocore) sends and gets, and bound what it reads.
+    """Note what ``client`` sends and gets, and bound what it reads.
+
+    It is one of httpx, of its successor httpx2, or of botocore, or makes sessions of requests (``get_session_fn``).
 
     Redirects to another server are refused: clients repeat the whole prompt with its pictures there, and all but the
     ``Authorization`` header.
@@ -54,6 +57,9 @@ def limit_and_record_http_client(client: Any, by_line: bool = False) -> None:
     """
     if hasattr(client, "meta"):
         client.meta.events.register("before-send", partial(_send_botocore_request, client), unique_id="grs")
+        return
+    if hasattr(client, "get_session_fn"):
+        client.get_session_fn = partial(_make_watched_session, client.get_session_fn, by_line)
         return
     client.headers["accept-encoding"] = "gzip, deflate"  # these grow at most 1000 times, so a chunk stays small
     hooks: dict[str, list[Any]] = client.event_hooks
@@ -89,6 +95,27 @@ def _limit_and_record_response(by_line: bool, response: Any) -> None:
     response.iter_bytes = partial(_read_limited_chunks, response.iter_bytes, by_line)
 
 
+def _make_watched_session(make: Callable[[], Any], by_line: bool) -> Any:
+    session = make()
+    session.headers["accept-encoding"] = "gzip, deflate"
+    session.hooks["response"].append(partial(_limit_and_record_requests_response, by_line))
+    session.send = partial(_store_server_url_and_send, session.send)
+    return session
+
+
+def _store_server_url_and_send(send: Callable[..., Any], request: Any, **named: Any) -> Any:
+    if (call := _call.get()) is not None:
+        url = urlsplit(str(request.url))
+        call.server, call.status, call.retry_after = f"{url.scheme}://{url.netloc.rpartition('@')[2]}", None, ""
+    return send(request, **named)
+
+
+def _limit_and_record_requests_response(by_line: bool, response: Any, **_: Any) -> None:
+    if (call := _call.get()) is not None:
+        call.status, call.retry_after = response.status_code, response.headers.get("retry-after") or ""
+    response.iter_content = partial(_read_limited_chunks, response.iter_content, by_line)
+
+
 def _send_botocore_request(client: Any, request: Any, **_: Any) -> Any:
     """Send in botocore's place: it reads a body as a whole, however long, before it tells anyone."""
     call = _call.get() or ModelHttpCall()
@@ -107,6 +134,8 @@ def _read_limited_chunks(
     read: Callable[..., Iterator[bytes]], by_line: bool, *sizes: int, **named: int
 ) -> Iterator[bytes]:
     call = _call.get()
+    if call is not None:
+        call.body.clear()  # of an earlier response
     length = marks = 0
     for chunk in read(*sizes, **named):
         length += len(chunk)
@@ -121,6 +150,8 @@ def _read_limited_chunks(
             raise problem
         if call is not None and call.over:
             raise TimeoutError("nobody waits for this reply any more")
+        if call is not None:
+            call.body += chunk
         yield chunk
 
 

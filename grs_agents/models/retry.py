@@ -53,7 +53,7 @@ def request_message(
         left = None if retries.deadline is None else max(0.0, end - time.monotonic())
         try:
             message = call_with_timeout(left, lambda: model.invoke(list(messages)), call)
-            return message, _make_complete_answer(model, message)
+            return message, _make_complete_answer(model, message, bytes(call.body))
         except GrsError:
             raise
         except Exception as error:  # each provider raises its own
@@ -69,9 +69,9 @@ def request_message(
     raise GrsError("no try was allowed", "set Retries.tries to 1 or more")
 
 
-def _make_complete_answer(model: "Runnable[Any, AIMessage]", message: "AIMessage") -> Answer:
+def _make_complete_answer(model: "Runnable[Any, AIMessage]", message: "AIMessage", body: bytes) -> Answer:
     """What ``message`` holds; one that ``model`` returned as a whole has ended."""
-    answer = answer_from_message(message)
+    answer = answer_from_message(message, body)
     return answer if answer.finish_reason or _may_stream_reply(model) else replace(answer, finish_reason=_RETURNED)
 
 

@@ -92,9 +92,8 @@ def _record_fix_and_save_program(
 def fix_task(state: RunState, services: Services) -> Update:
     """Revise a task that cannot be done as it is defined, once in a run; what was given up is recorded and judged."""
     judged = collect_evidence_for_fixer(state, services, "fix_task")
-    fixtures = fixture_assets_for_prompt(services.library)
-    known = {item.asset for item in scene_from_state(state).objects} | {str(item["name"]) for item in fixtures}
-    revision = roles.fix_task(services.agents, judged, sorted(known), roles.to_json_lines(fixtures))
+    objects = [{"name": item.name, "asset": item.asset} for item in scene_from_state(state).objects]
+    revision = roles.fix_task(services.agents, judged, objects, fixture_assets_for_prompt(services.library))
     if isinstance(revision, NoReply):
         services.log.append(Note(level="warning", text=str(revision)))
         return record_fix(state, "task", "fix", {"revisable": False}, str(revision))

@@ -10,7 +10,16 @@ from grs_agents import trace
 from grs_agents.errors import ConfigError
 from grs_agents.views.common import summarise_event
 
-_PROVIDERS = {"google": "gcp.gemini", "azure": "azure.ai.openai", "bedrock": "aws.bedrock", "offline": "grs"}
+_PROVIDERS = {
+    **dict.fromkeys(("google", "google_genai"), "gcp.gemini"),
+    **dict.fromkeys(("azure", "azure_openai"), "azure.ai.openai"),
+    **dict.fromkeys(("bedrock", "bedrock_converse"), "aws.bedrock"),
+    "google_vertexai": "gcp.vertex_ai",
+    "ibm": "ibm.watsonx.ai",
+    "mistralai": "mistral_ai",
+    "offline": "grs",
+    "xai": "x_ai",
+}
 """OpenTelemetry's names, where they are not ours."""
 _SCOPE = "grs_agents"
 

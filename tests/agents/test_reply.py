@@ -1,6 +1,7 @@
-"""Replies are parsed strictly, whatever a model says around its answer."""
+"""Of a reply the answer alone is read, whatever a model says around it, and all that is wrong with it is told."""
 
 import json
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -9,22 +10,307 @@ from hypothesis import strategies as st
 from grs_agents.agents import (
     Match,
     ReplyError,
+    SegmentReply,
     TaskDefinition,
-    extract_fenced_block,
     extract_python_program,
+    extract_test_program,
     parse_json,
+    parse_json_rows,
     parse_verdict,
 )
 
+ANSWER = '{"match": "no_asset", "reason": "answer"}'
+DRAFT = '```json\n{"match": "no_object", "reason": "draft"}\n```'
+PROGRAM = "import math\n\n\nclass Wanted(Task):\n    pass\n"
 
-def test_the_last_block_in_the_language_counts() -> None:
-    text = "First try:\n```python\nold = 1\n```\nBetter:\n```python\nnew = 2\n```\nDone."
-    assert extract_fenced_block(text, "python") == "new = 2\n"
+
+def match(text: str) -> str:
+    """The reason in a reply of the matcher."""
+    return parse_json(text, Match).reason
 
 
-def test_an_unclosed_block_is_refused() -> None:
-    with pytest.raises(ReplyError, match="closed"):
-        extract_fenced_block("```python\nnew = 2\n", "python")
+def row(number: int, **said: Any) -> str:
+    words = {"description": "A box.", "color": "white", "shape": "box", "category": "box"}
+    return json.dumps({"id": number, "is_object": True, "part_of": None, **words, **said})
+
+
+THOUGHTS = {
+    "think": f"<think>\n{DRAFT}\nNo.\n</think>\n\n{{}}",
+    "without its beginning": f"Hm.\n{DRAFT}\nNo.\n</think>\n\n{{}}",
+    "in one line": "<think>So.</think>{}",
+    "without its beginning, in one line": "So.</think>{}",
+    "in capitals": f"<Think>{DRAFT}</Think>\n{{}}",
+    "thinking": f"<thinking>\n{DRAFT}\n</thinking>\n{{}}",
+    "reasoning": f"<reasoning>\n{DRAFT}\n</reasoning>\n{{}}",
+    "thought": f"<thought>\n{DRAFT}\n</thought>\n{{}}",
+    "of Seed-OSS": f"<seed:think>\n{DRAFT}\n</seed:think>\n{{}}",
+    "nested": f"<think>\nSo\n<think>\n{DRAFT}\n</think>\nand so\n</think>\n{{}}",
+    "begun twice": f"<think>\n<think>\n{DRAFT}\n</think>\n{{}}",
+    "twice": f"<think>\n{DRAFT}\n</think>\n<think>\n{DRAFT}\n</think>\n{{}}",
+    "of an unclosed draft": '<think>\n```json\n{"match": \nno\n</think>\n{}',
+    "of an unclosed draft, without its beginning": '```json\n{"match": \nno\n</think>\n\n{}',
+    "after a word": f"Sure.\n<think>\n{DRAFT}\n</think>\n{{}}",
+    "after the answer": f"{{}}\n<think>\n{DRAFT}\n</think>",
+    "unclosed after the answer": f"{{}}\n<think>\n{DRAFT}",
+    "with CRLF": f"<think>\n{DRAFT}\n</think>\n\n{{}}".replace("\n", "\r\n"),
+    "of Magistral": f"[THINK]\n{DRAFT}\n[/THINK]{{}}",
+    "of Kimi": f"◁think▷\n{DRAFT}\n◁/think▷{{}}",
+    "of Cohere": f"<|START_THINKING|>{DRAFT}<|END_THINKING|><|START_RESPONSE|>{{}}<|END_RESPONSE|>",
+    "of Gemma": f"<|channel>thought\n{DRAFT}\n<channel|>{{}}",
+    "of Granite": f"Here is my thought process:\n{DRAFT}\nHere is my response:\n{{}}",
+    "of gpt-oss": (
+        f"<|channel|>analysis<|message|>{DRAFT}<|end|><|start|>assistant<|channel|>final<|message|>{{}}<|return|>"
+    ),
+    "of gpt-oss, constrained": (
+        f"<|start|>assistant<|channel|>analysis<|message|>{DRAFT}<|end|><|start|>assistant<|channel|>commentary"
+        f"<|message|>{DRAFT}<|end|><|start|>assistant<|channel|>final <|constrain|>json<|message|>{{}}<|return|>"
+    ),
+    "of gpt-oss, without its tokens": f"analysisSo.\n{DRAFT}\nassistantfinal{{}}",
+}
+
+
+@pytest.mark.parametrize("fenced", [False, True], ids=["bare", "fenced"])
+@pytest.mark.parametrize("kind", THOUGHTS)
+def test_thoughts_are_no_answer(kind: str, fenced: bool) -> None:
+    answer = f"\n```json\n{ANSWER}\n```\n" if fenced else ANSWER
+    assert match(THOUGHTS[kind].replace("{}", answer)) == "answer"
+
+
+@pytest.mark.parametrize("text", ["<think>\nSo.", f"<think>\n{DRAFT}", f"{DRAFT}\n</think>\n", "[THINK]So.[/THINK]"])
+def test_thoughts_alone_are_refused_as_such(text: str) -> None:
+    for parse in (match, extract_python_program, parse_verdict):
+        with pytest.raises(ReplyError, match=rf"thoughts alone, {len(text)} characters"):
+            parse(text)
+
+
+MARKS_IN_ANSWERS = [
+    "label = '<think>'",
+    'label = "</think>"',
+    'label = "a </think> b"',
+    'label = """\n<think>\nso\n</think>\n"""',
+    'label = """\n</think>\n"""',
+    "# no <think> and no </think> here",
+]
+
+
+@pytest.mark.parametrize("line", MARKS_IN_ANSWERS)
+@pytest.mark.parametrize("before", ["", "<think>\nI write no </think> early.\n</think>\n", "Without `</think>`:\n"])
+@pytest.mark.parametrize("after", ["", "\nIt prints:\n```\nOK\n```\n", "\nI used no `<think>` tags."])
+def test_a_program_keeps_the_marks_of_thoughts_in_it(before: str, line: str, after: str) -> None:
+    program = f"{PROGRAM}\n\n{line}\n"
+    assert extract_python_program(f"{before}```python\n{program}```{after}") == program
+
+
+@pytest.mark.parametrize("reason", ["<think>", "a </think> b", "it reads </think>", "</think> it reads"])
+def test_json_keeps_the_marks_of_thoughts_in_it(reason: str) -> None:
+    said = json.dumps({"match": "no_asset", "reason": reason})
+    assert match(said) == match(f"```json\n{said}\n```") == match(f"<think>so</think>\n{said}") == reason
+
+
+def test_an_explanation_holds_no_thoughts() -> None:
+    reply = parse_verdict("<think>\n```\nfix_code\n```\n</think>\nThe test is wrong.\n```\nfix_test\n```<|im_end|>")
+    assert (reply.verdict, reply.explanation) == ("fix_test", "The test is wrong.")
+
+
+FENCES = {
+    "CRLF": "```json\n{}\n```\n".replace("\n", "\r\n"),
+    "tildes": "~~~json\n{}\n~~~",
+    "longer": "````json\n{}\n````",
+    "closed by a longer one": "```json\n{}\n`````",
+    "indented": "   ```json\n   {}\n   ```",
+    "in a list": "1. This one:\n\n    ```json\n    {}\n    ```\n",
+    "with tabs": "-\tIt:\n\t```json\n\t{}\n\t```\n",
+    "with blanks after it": "```json  \n{}\n```  \n",
+    "blank before the tag": "``` json\n{}\n```",
+    "unclosed": "Here:\n```json\n{}",
+    "closed in the last line": "```json\n{}```",
+    "in one line": "```json {}```",
+    "attributes": '```json title="a.json"\n{}\n```',
+    "pandoc": "```{.json .numberLines}\n{}\n```",
+    "capitals": "```JSON\n{}\n```",
+    "no tag": "```\n{}\n```",
+    "another tag": "```javascript\n{}\n```",
+    "bare after words": "Here it is:\n\n{}\n\nDone.",
+    "in a tag": "<answer>{}</answer>",
+    "an end token": "```json\n{}\n```<|im_end|>",
+    **{tag: f"```{tag}\n{{}}\n```" for tag in ("jsonl", "json5", "jsonc", "ndjson", "jsonlines")},
+}
+
+
+@pytest.mark.parametrize("kind", FENCES)
+def test_a_fenced_block_is_found_as_commonmark_does(kind: str) -> None:
+    assert match(FENCES[kind].replace("{}", ANSWER)) == "answer"
+
+
+@pytest.mark.parametrize(
+    "tag", ["python", "python3", "py", "py3", "Python", "ipython", "ipython3", "python3.11", 'python title="a.py"', ""]
+)
+def test_a_program_is_found_under_each_tag_of_python(tag: str) -> None:
+    assert extract_python_program(f"```{tag}\n{PROGRAM}```\n") == PROGRAM
+
+
+def test_the_fences_of_an_indented_block_are_taken_off_its_lines() -> None:
+    indented = "".join(f"   {line}" for line in f"```python\n{PROGRAM}```\n".splitlines(True))
+    assert extract_python_program(f"1. The program:\n\n{indented}") == PROGRAM
+
+
+def test_a_fence_within_a_program_does_not_end_it() -> None:
+    program = f'{PROGRAM}\n\ndef helped():\n    """\n    ```\n    example\n    ```\n    """\n'
+    assert extract_python_program(f"```python\n{program}```\n") == program
+    assert extract_python_program(program) == program
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "```python\n{}```\n\nOutput when it is run:\n```\nOK\n```\n",
+        "```python\n{}```\nUse it:\n```python\ntask = Wanted()\n```\n",
+        "```bash\npip install numpy\n```\n```\n{}```\n```text\nOK\n```",
+        "```python\nimport math\n```\nThe whole program:\n```simulation.py\n{}```\n",
+        "First try:\n```python\nclass Old(Task):\n    pass\n```\nBetter:\n```python\n{}```\nDone.",
+    ],
+)
+def test_of_several_blocks_the_one_with_the_task_is_the_program(text: str) -> None:
+    assert extract_python_program(text.replace("{}", PROGRAM)) == PROGRAM
+
+
+def test_of_several_blocks_the_one_with_test_cases_is_the_test_script() -> None:
+    tests = "import unittest\n\n\nclass TestWanted(unittest.TestCase):\n    pass\n"
+    text = f"```python\n{tests}```\nfor this program:\n```python\n{PROGRAM}```\n"
+    assert (extract_test_program(text), extract_python_program(text)) == (tests, PROGRAM)
+
+
+def test_of_several_objects_the_last_of_the_type_that_is_asked_for_counts() -> None:
+    text = f'{DRAFT}\nBetter:\n```json\n{ANSWER}\n```\nfor example\n```json\n{{"seen": ["MILK"]}}\n```'
+    assert match(text) == "answer"
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        "```json\n{1}\n{2}\n```",
+        "```json\n[{1}, {2}]\n```",
+        "```json\n{1},\n{2},\n```",
+        "[\n{1},\n{2}\n]",
+        '```json\n{"segments": [{1}, {2}]}\n```',
+        "Segment 1:\n```json\n{1}\n```\nSegment 2:\n```json\n{2}\n```",
+        "```json\n{2}\n```\n```json\n{1}\n{0}\n```",
+    ],
+)
+def test_rows_are_read_in_each_form(form: str) -> None:
+    old = row(2, color="old")
+    text = form.replace("{0}", row(2)) if "{0}" in form else form
+    text = text.replace("{1}", row(1)).replace("{2}", old if "{0}" in form else row(2))
+    replies = {reply.id: reply for reply in parse_json_rows(text, SegmentReply)}
+    assert {number: reply.color for number, reply in replies.items()} == {1: "white", 2: "white"}
+
+
+WEAK = [
+    '{"match": "no_asset", "asset": None, "reason": "answer"}',
+    "{'match': 'no_asset', 'asset': 'none', 'reason': 'answer'}",
+    '{"match": "no_asset", "asset": "null", "reason": "answer",}',
+    '{match: "no_asset", reason: "answer"}',
+    '{\n  "match": "no_asset", // none fits\n  "reason": "answer" # so\n  /* and so */\n}',
+    '{"Match": "No asset", "Reason": "answer"}',
+    '{"match": "NO-ASSET", "reason": "answer", "sure": True}',
+    '[{"match": "no_asset", "reason": "answer"}]',
+]
+
+
+@pytest.mark.parametrize("written", WEAK)
+def test_json_of_a_weak_model_is_read_where_it_has_one_meaning(written: str) -> None:
+    assert match(f"```json\n{written}\n```") == "answer"
+    assert parse_json(written, Match).asset is None
+
+
+def test_quotes_in_texts_are_kept() -> None:
+    assert match("{'match': 'no_asset', 'reason': 'It\\'s \"MILK\"'}") == 'It\'s "MILK"'
+    assert match('{"match": "no_asset", "reason": "It\\\'s // \'MILK\', True",}') == "It's // 'MILK', True"
+
+
+@pytest.mark.parametrize(
+    ("written", "read"),
+    [
+        ({"part_of": "none"}, None),
+        ({"part_of": "Null"}, None),
+        ({"part_of": "n/a"}, None),
+        ({"part_of": "3"}, 3),
+        ({"part_of": "segment 3"}, 3),
+        ({"part_of": "#3"}, 3),
+        ({"partOf": 3.0}, 3),
+    ],
+)
+def test_a_segment_number_is_read_where_it_has_one_meaning(written: dict[str, Any], read: int | None) -> None:
+    plain = json.loads(row(1))
+    del plain["part_of"]
+    assert parse_json(json.dumps(plain | written), SegmentReply).part_of == read
+
+
+def test_words_about_no_object_may_be_missing() -> None:
+    for said in ({}, {"description": None, "color": None}, {"description": ""}):
+        reply = parse_json(json.dumps({"id": 1, "is_object": False, **said}), SegmentReply)
+        assert not reply.is_object and reply.description
+    with pytest.raises(ReplyError, match="description is missing"):
+        parse_json('{"id": 1, "is_object": true}', SegmentReply)
+
+
+@pytest.mark.parametrize("fence", ["```json\n{}\n```", "{}", "```json\n[{}]\n```"])
+def test_all_that_is_wrong_is_told_at_once(fence: str) -> None:
+    rows = [
+        row(1, is_object="perhaps", part_of="the mug"),
+        row(2),
+        row(3).replace(', "shape"', ' "shape"'),
+        row(4, color=7),
+    ]
+    comma = "," if "[" in fence else ""
+    with pytest.raises(ReplyError) as caught:
+        parse_json_rows(fence.replace("{}", f"{comma}\n".join(rows)), SegmentReply)
+    told = str(caught.value).split("; ")
+    assert [one.partition(":")[0] for one in told] == ["object 1 (id 1)"] * 2 + ["object 3", "object 4 (id 4)"]
+    assert "is_object" in told[0] and "'perhaps'" in told[0] and "'the mug'" in told[1]
+    assert "not JSON" in told[2] and '"shape"' not in told[1] and "color" in told[3]
+
+
+def test_very_many_problems_are_cut_short() -> None:
+    with pytest.raises(ReplyError, match=r"and \d+ more") as caught:
+        parse_json_rows("\n".join(["{}"] * 20 + [row(9, color=7)] * 40), SegmentReply)
+    assert len(str(caught.value)) < 4000
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "[]",
+        "{}",
+        '{"match": "perhaps"}',
+        "{'match': 'asset'",
+        "nonsense",
+        '{"match": ' + "[" * 100_000 + "]" * 100_000 + "}",
+        '{"match": ' + "9" * 5000 + "}",
+        '{"match": "no_asset", "reason": "half a \\ud800 pair"}',
+        '{"match": "no_asset", "reason": "It says "MILK""}',
+        "{'match': 'no_asset', 'reason': 'It's MILK'}",
+        f"{ANSWER}\n{ANSWER}",
+    ],
+)
+def test_what_is_no_json_or_has_several_meanings_is_refused(body: str) -> None:
+    with pytest.raises(ReplyError):
+        parse_json(f"```json\n{body}\n```", Match)
+
+
+def test_json_by_schema() -> None:
+    task = parse_json(
+        '```json\n{"task-name": "Pack It!", "task-description": "d", "assets-used": ["a"]}\n```', TaskDefinition
+    )
+    assert task.name == "pack-it"
+    assert task.as_json() == {"task-name": "pack-it", "task-description": "d", "assets-used": ["a"]}
+    spelt = '{"task_name": "Pack It!", "taskDescription": "d", "Assets used": ["a"]}'
+    assert parse_json(spelt, TaskDefinition) == task
+
+
+def test_an_endless_reply_is_not_read() -> None:
+    with pytest.raises(ReplyError, match="at most 1,048,576"):
+        extract_python_program("```\n" * 300_000)
 
 
 def test_prose_alone_is_refused() -> None:
@@ -40,36 +326,16 @@ def test_a_broken_program_is_a_version_like_any_other() -> None:
     assert extract_python_program("```python\ndef f(:\n```") == "def f(:\n"
 
 
+@pytest.mark.parametrize("text", ["```python\n```", "```bash\nls\n```", "```python\n"])
+def test_a_reply_without_a_program_is_refused(text: str) -> None:
+    with pytest.raises(ReplyError):
+        extract_python_program(text)
+
+
 @pytest.mark.parametrize("deep", ["(" * 100_000, "-" * 100_000 + "1", "import a\x00"])
 def test_what_the_parser_cannot_hold_is_no_bare_program(deep: str) -> None:
     with pytest.raises(ReplyError):
         extract_python_program(f"import a\nb = {deep}")
-
-
-def test_json_by_schema() -> None:
-    task = parse_json(
-        '```json\n{"task-name": "Pack It!", "task-description": "d", "assets-used": ["a"]}\n```', TaskDefinition
-    )
-    assert task.name == "pack-it"
-    assert task.as_json() == {"task-name": "pack-it", "task-description": "d", "assets-used": ["a"]}
-
-
-@pytest.mark.parametrize(
-    "body",
-    [
-        "[]",
-        "{}",
-        '{"match": "perhaps"}',
-        "{'match': 'asset'}",
-        "nonsense",
-        '{"match": ' + "[" * 100_000 + "]" * 100_000 + "}",
-        '{"match": ' + "9" * 5000 + "}",
-        '{"match": "no_asset", "reason": "half a \\ud800 pair"}',
-    ],
-)
-def test_json_off_schema_is_refused(body: str) -> None:
-    with pytest.raises(ReplyError):
-        parse_json(f"```json\n{body}\n```", Match)
 
 
 @pytest.mark.parametrize(
@@ -78,6 +344,9 @@ def test_json_off_schema_is_refused(body: str) -> None:
         ("The test is wrong.\n```\nfix_test\n```", "fix_test"),
         ('Code.\n```\n"fix_code"\n```', "fix_code"),
         ("Not this:\n```\nfix_code\n```\nbut this:\n```text\nfix_tests\n```", "fix_test"),
+        ("Code.\r\n```\r\nfix_code\r\n```\r\n", "fix_code"),
+        ("Code.\n```fix_code```", "fix_code"),
+        ("Code.\n```\nFIX_CODE", "fix_code"),
     ],
 )
 def test_verdicts(text: str, verdict: str) -> None:
@@ -94,9 +363,32 @@ def test_the_explanation_is_what_stands_around_the_verdict() -> None:
     assert parse_verdict("The import fails.\n\n```\nfix_test\n```").explanation == "The import fails."
 
 
-@given(st.text())
+PIECES = st.sampled_from(
+    [
+        "<think>",
+        "</think>",
+        "```",
+        "```json\n",
+        "\n",
+        "~~~",
+        "{",
+        "}",
+        "[",
+        '"',
+        "'",
+        "\\",
+        "//",
+        "/*",
+        "a",
+        ", ",
+        "True",
+    ]
+)
+
+
+@given(st.text() | st.lists(PIECES).map("".join))
 def test_any_text_is_parsed_or_refused(text: str) -> None:
-    for parse in (extract_python_program, parse_verdict, lambda reply: parse_json(reply, Match)):
+    for parse in (extract_python_program, parse_verdict, match, lambda reply: parse_json_rows(reply, SegmentReply)):
         try:
             parse(text)
         except ReplyError as error:
@@ -110,3 +402,10 @@ def test_any_object_is_parsed_or_refused(value: dict[str, object]) -> None:
     except ReplyError:
         return
     assert found.match in ("asset", "no_asset", "no_object")
+
+
+@given(st.text(), st.text(alphabet="<>/think \n`'\""))
+def test_json_is_read_as_it_was_written(reason: str, odd: str) -> None:
+    said = {"match": "no_asset", "reason": reason + odd}
+    assert parse_json(f"```json\n{json.dumps(said)}\n```", Match).reason == reason + odd
+    assert parse_json(f"{json.dumps(said)[:-1]},}}", Match).reason == reason + odd

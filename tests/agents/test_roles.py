@@ -1,5 +1,6 @@
 """Every role is given exactly what its prompt declares, and all that its model is shown has a bounded length."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ ASKED: dict[str, Callable[[Agents], object]] = {
     "route": lambda agents: roles.decide_what_to_fix(agents, JUDGED, ("fix_code", "fix_test")),
     "fix_code": lambda agents: roles.fix_code(agents, JUDGED, "<api>"),
     "fix_tests": lambda agents: roles.fix_tests(agents, JUDGED, "<api>"),
-    "fix_task": lambda agents: roles.fix_task(agents, JUDGED, ["a"], "<fixtures>"),
+    "fix_task": lambda agents: roles.fix_task(agents, JUDGED, SCENE["objects"], [{"name": "<fixtures>"}]),
     "judge": lambda agents: roles.judge_words(
         agents, "<words>", ["<other_texts>"], [{"x": "<objects>"}], ["<goals>"], []
     ),
@@ -53,3 +54,75 @@ def test_every_fixer_sees_what_it_judges() -> None:
     judged = {"task", "scene", "code", "test_results", "history"}
     assert all(judged <= declared[role] for role in ("route", "fix_code", "fix_tests", "fix_task"))
     assert all("tests" in declared[role] for role in ("route", "fix_code", "fix_tests"))
+
+
+def describe(tmp_path: Path, reply: str, asked: tuple[int, ...] = (1, 2)) -> object:
+    """What the describer comes to of one reply, about some of the segments 1 to 3."""
+    agents = scripted(tmp_path, [reply], Config(reply_retries=0))
+    return roles.describe_segments(agents, [{"id": number} for number in asked], [1, 2, 3], "", [])
+
+
+def row(number: int, part_of: object = None, **said: object) -> str:
+    words = {"description": "A box.", "color": "white", "shape": "box", "category": "box"}
+    return json.dumps({"id": number, "is_object": True, "part_of": part_of, **words, **said})
+
+
+@pytest.mark.parametrize(("part_of", "read"), [(None, None), ("none", None), (0, None), (-1, None), (1, None), (3, 3)])
+def test_what_a_segment_is_a_part_of_is_read_where_it_has_one_meaning(
+    tmp_path: Path, part_of: object, read: int | None
+) -> None:
+    described = describe(tmp_path, f"{row(1, part_of)}\n{row(2)}")
+    assert isinstance(described, dict) and described[1].part_of == read
+
+
+def test_the_describer_is_told_all_that_is_wrong_at_once(tmp_path: Path) -> None:
+    outcome = describe(tmp_path, f"{row(1, 9)}\n{row(2, color=7)}", (1, 2, 3))
+    assert isinstance(outcome, NoReply)
+    for told in ("id 2): color", "no object with the id 3", "segment 1: part_of is 9"):
+        assert told in outcome.problem
+    assert "id 2," not in outcome.problem
+
+
+ASSETS = [
+    {"name": "HOPE/Milk.urdf"},
+    {"name": "HOPE/Tomato_Sauce.urdf"},
+    {"name": "a/cup.urdf"},
+    {"name": "b/cup.urdf"},
+]
+
+
+@pytest.mark.parametrize(
+    ("written", "read"),
+    [
+        ("HOPE/Milk.urdf", "HOPE/Milk.urdf"),
+        ("HOPE/Milk", "HOPE/Milk.urdf"),
+        ("milk", "HOPE/Milk.urdf"),
+        ("Milk.urdf", "HOPE/Milk.urdf"),
+        ("tomato sauce", "HOPE/Tomato_Sauce.urdf"),
+        ("b/cup", "b/cup.urdf"),
+        ("cup", None),
+        ("YCB/Milk.urdf", None),
+        ("none", None),
+        ("..", None),
+    ],
+)
+def test_an_asset_is_found_by_a_name_that_means_no_other(tmp_path: Path, written: str, read: str | None) -> None:
+    agents = scripted(tmp_path, [json.dumps({"match": "asset", "asset": written})], Config(reply_retries=0))
+    reply = roles.match_asset(agents, {}, ASSETS, [])
+    assert (None if isinstance(reply, NoReply) else reply.asset) == read
+
+
+def test_a_task_may_name_assets_as_the_photo_shows_them(tmp_path: Path) -> None:
+    objects = [{"asset": "proxy/red.urdf", "name": f"red_cube_{number}"} for number in (1, 2)]
+    said = {"task-name": "t", "task-description": "d", "assets-used": ["red_cube_1", "Red cube 2", "milk"]}
+    agents = scripted(tmp_path, [json.dumps(said)], Config(reply_retries=0))
+    task = roles.author_task(agents, {"objects": objects}, ASSETS, [])
+    assert isinstance(task, TaskDefinition) and task.assets == ("proxy/red.urdf", "HOPE/Milk.urdf")
+
+
+def test_all_unknown_assets_are_told_with_those_that_are_near(tmp_path: Path) -> None:
+    said = {"task-name": "t", "task-description": "d", "assets-used": ["Mylk.urdf", "HOPE/Milk.urdf", "xyz"]}
+    agents = scripted(tmp_path, [json.dumps(said)], Config(reply_retries=0))
+    outcome = roles.author_task(agents, {"objects": []}, ASSETS, [])
+    assert isinstance(outcome, NoReply) and "'Mylk.urdf', 'xyz'" in outcome.problem
+    assert "HOPE/Milk.urdf" in outcome.problem

@@ -1,6 +1,7 @@
 """Models by name: unknown providers, missing keys and packages, loopback servers without a key."""
 
 import sys
+from importlib import import_module
 
 import pytest
 from langchain_core.messages import HumanMessage
@@ -10,6 +11,7 @@ from grs_agents.errors import ConfigError, UnknownNameError
 from grs_agents.models import PROVIDERS, invoke_with_retries, is_loopback_url, make_chat_model
 from grs_agents.models.offline import OfflineChatModel
 from tests.models.conftest import Scripted
+from tests.needs import needs
 
 
 def test_offline_carries_the_seed() -> None:
@@ -20,9 +22,9 @@ def test_offline_carries_the_seed() -> None:
 
 @pytest.mark.parametrize("name", ["gpt", "openapi:any", ":x", "offline:x"])
 def test_unknown_providers_are_named_with_the_valid_ones(name: str) -> None:
-    with pytest.raises(UnknownNameError, match="offline") as caught:
+    with pytest.raises(UnknownNameError, match=name) as caught:
         make_chat_model(ModelConfig(model=name), seed=0)
-    assert name in str(caught.value)
+    assert {"offline", "openai:NAME", "groq:NAME"} <= set(caught.value.valid) or name == "offline:x"
 
 
 def test_a_provider_without_a_model_name() -> None:
@@ -39,10 +41,28 @@ def test_a_missing_key_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("provider", PROVIDERS)
-def test_a_missing_package_is_named_with_its_extra(provider: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_package_is_named_with_what_installs_it(provider: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, PROVIDERS[provider].module, None)
-    with pytest.raises(ConfigError, match=rf'pip install "grs-agents\[{PROVIDERS[provider].extra}\]"'):
+    package = PROVIDERS[provider].module.partition(".")[0]
+    with pytest.raises(ConfigError, match=package) as caught:
         make_chat_model(ModelConfig(model=f"{provider}:any"), seed=0)
+    assert caught.value.remedy.startswith("run: pip install ")
+    assert package.replace("_", "-") in caught.value.remedy or "grs-agents[" in caught.value.remedy
+
+
+def test_every_provider_that_langchain_knows_is_known() -> None:
+    langchain = import_module("langchain.chat_models.base")
+    known = {(provider.module, provider.model_class) for provider in PROVIDERS.values()}
+    for name, (module, model_class, _) in langchain._BUILTIN_PROVIDERS.items():
+        assert name in PROVIDERS
+        assert (module, model_class) in known or name == "bedrock"  # here that is the newer of its two interfaces
+
+
+@needs("langchain_cohere")
+def test_a_setting_that_a_client_lacks_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COHERE_API_KEY", "any")
+    with pytest.raises(ConfigError, match="max_tokens is not passed on"):
+        make_chat_model(ModelConfig(model="cohere:any", max_tokens=9), seed=0)
 
 
 def test_the_key_comes_from_the_named_variable(server: tuple[Scripted, str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ import pytest
 from langchain_core.language_models.fake_chat_models import GenericFakeChatModel
 from langchain_core.messages import AIMessage, HumanMessage
 
-from grs_agents.config import ModelConfig
+from grs_agents.config import ModelConfig, load_config
 from grs_agents.errors import GrsError
 from grs_agents.models import (
     LONGEST,
@@ -175,6 +175,12 @@ def test_an_unusable_reply_tells_what_it_cost(provider: Callable[[Send], str]) -
     ("metadata", "reason"),
     [
         ({"finish_reason": "STOP"}, "STOP"),
+        ({"finish_reason": "eos_token"}, "eos_token"),
+        ({"finish_reason": "COMPLETE"}, "COMPLETE"),
+        ({"finish_reason": "what nobody knows"}, "what nobody knows"),
+        ({"finish_reason": {"type": "stop", "matched": 2}}, "stop"),
+        ({"stopReason": "tool_use"}, "tool_use"),
+        ({"completionReason": "FINISH"}, "FINISH"),
         ({"stop_reason": "end_turn"}, "end_turn"),
         ({"done_reason": "stop"}, "stop"),
         ({"status": "completed"}, "completed"),
@@ -186,13 +192,82 @@ def test_each_provider_spells_the_finish_reason_its_own_way(metadata: dict[str, 
 
 
 @pytest.mark.parametrize(
+    ("metadata", "kind"),
+    [
+        ({"finish_reason": "length"}, "length"),
+        ({"finish_reason": "MAX_TOKENS"}, "length"),
+        ({"finish_reason": "FinishReason.MAX_TOKENS"}, "length"),
+        ({"finish_reason": "model_length"}, "length"),
+        ({"finish_reason": {"type": "length", "length": 9}}, "length"),
+        ({"completionReason": "LENGTH"}, "length"),
+        ({"status": "incomplete", "incomplete_details": {"reason": "max_output_tokens"}}, "length"),
+        ({"status": "incomplete", "incomplete_details": {"reason": "content_filter"}}, "refusal"),
+        ({"finish_reason": "content-filter"}, "refusal"),
+        ({"finish_reason": "RECITATION"}, "refusal"),
+        ({"stopReason": "guardrail_intervened"}, "refusal"),
+        ({"finish_reason": "ERROR_TOXIC"}, "refusal"),
+        ({"finish_reason": "error"}, "unfinished"),
+        ({"finish_reason": "abort"}, "unfinished"),
+        ({"finish_reason": "insufficient_system_resource"}, "unfinished"),
+        ({"stop_reason": "pause_turn"}, "unfinished"),
+    ],
+)
+def test_the_names_of_a_cut_and_of_a_filter_are_known(metadata: dict[str, Any], kind: str) -> None:
+    model = GenericFakeChatModel(messages=iter([AIMessage("half of", response_metadata=metadata)]))
+    with pytest.raises(ReplyProblem) as caught:
+        invoke_with_retries(model, [HumanMessage("hi")])
+    assert caught.value.kind == kind
+
+
+def message(field: str, value: Any, content: Any = None) -> bytes:
+    """A completion whose message has another field too."""
+    said = {"role": "assistant", "content": content, field: value}
+    return completion(None, choices=[{"index": 0, "message": said, "finish_reason": "stop"}])
+
+
+@pytest.mark.parametrize("field", ["reasoning_content", "reasoning"])
+def test_a_reply_that_is_all_reasoning_says_so_with_the_setting_that_ends_it(
+    provider: Callable[[Send], str], field: str
+) -> None:
+    with pytest.raises(ReplyProblem, match=rf"empty.*4 characters into {field}; .*--reasoning-parser") as caught:
+        ask(provider(whole(message(field, "hmm."))))
+    assert caught.value.kind == "empty"
+    assert ask(provider(whole(message(field, "hmm.", "hello")))).text == "hello"
+
+
+def test_the_setting_that_ends_reasoning_reaches_the_server(provider: Callable[[Send], str]) -> None:
+    settings = ["models.default=openai:any", "models.arguments.extra_body.chat_template_kwargs.enable_thinking=false"]
+    url = provider(whole(completion("hello")))
+    config = load_config(None, [*settings, f"models.base_url={url}"], {}).config.models["default"]
+    assert make_chat_model(config, seed=0).model_dump()["extra_body"] == {
+        "chat_template_kwargs": {"enable_thinking": False}
+    }
+
+
+@pytest.mark.parametrize(
+    ("reply", "told"),
+    [
+        (AIMessage("", additional_kwargs={"reasoning_content": "hmm."}), "4 characters into reasoning_content"),
+        (AIMessage([{"type": "thinking", "thinking": "hmm."}]), "4 characters into blocks of the type thinking"),
+        (AIMessage([{"type": "thinking", "thinking": [{"type": "text", "text": "hmm."}]}]), "4 characters"),
+        (AIMessage([{"type": "reasoning", "summary": [{"type": "summary_text", "text": "hmm."}]}]), "4 characters"),
+        (AIMessage([{"type": "reasoning_content", "reasoning_content": {"text": "hmm."}}]), "4 characters"),
+    ],
+)
+def test_each_client_sets_reasoning_apart_its_own_way(reply: AIMessage, told: str) -> None:
+    model = GenericFakeChatModel(messages=iter([reply]))
+    with pytest.raises(ReplyProblem, match=told):
+        invoke_with_retries(model, [HumanMessage("hi")])
+
+
+@pytest.mark.parametrize(
     "send",
     [
         whole(json.dumps({"error": {"message": f"wrong key {KEY}", "code": KEY}}).encode(), 401),
         whole(json.dumps({"error": {"message": "x" * 250 + KEY}}).encode(), 400),
         whole(f"<html>{KEY}</html>".encode(), 500),
         whole(completion("", refusal=KEY)),
-        whole(completion(None, choices=[{"index": 0, "finish_reason": KEY, "message": {"content": "x"}}])),
+        whole(completion(None, choices=[{"index": 0, "finish_reason": KEY, "message": {"content": ""}}])),
     ],
 )
 def test_an_echoed_key_is_in_no_error(
