@@ -26,6 +26,8 @@ IMAGES = ROOT / "docs" / "images"
 FILM = IMAGES / "film.webp"
 DIGEST = IMAGES / "pictures.sha256"
 SIZE = "1600x900"
+MENU = 36
+"""Pixels of the viewer's own bar, whose warnings are about the machine that the pictures are made on."""
 FIXES = 10
 """How often the model of the second run must be told."""
 PATIENCE = 90.0
@@ -94,7 +96,8 @@ def shoot(run: Path, pictures: tuple[Picture, ...]) -> None:
                 viewer.set_time("replay", duration=moments[kind][number] + wanted.later, play_state="paused")
             file = IMAGES / f"{wanted.name}.png"
             with Image.open(BytesIO(_still(viewer))) as picture:
-                few = picture.convert("RGB").quantize(256, kmeans=4, dither=Image.Dither.NONE)
+                shown = picture.crop((0, MENU, *picture.size))
+                few = shown.convert("RGB").quantize(256, kmeans=4, dither=Image.Dither.NONE)
             few.save(file, optimize=True)
             print(f"{file}: {file.stat().st_size // 1024} KiB")
 

@@ -27,6 +27,7 @@ def check_program(
     if as_json:
         value = {
             "status": "accepted" if found.accepted else "rejected",
+            "reason": found.reason,
             "tests": found.tests and found.tests.model_dump(mode="json"),
             "audit": found.audit.model_dump(mode="json"),
         }
@@ -38,7 +39,12 @@ def check_program(
 
 def _print_check_result(found: CheckResult) -> None:
     console = terminal.make_console()
-    table = Table(box=None, pad_edge=False, header_style="bold", title="accepted" if found.accepted else "rejected")
+    table = Table(
+        box=None,
+        pad_edge=False,
+        header_style="bold",
+        title="accepted" if found.accepted else Text(f"rejected: {found.reason}"),
+    )
     for column in ("check", "result", "measured", "asked"):
         table.add_column(column, overflow="fold", no_wrap=column in ("check", "result"))
     for row in (*_test_table_rows(found.tests), *_audit_table_rows(found.audit)):

@@ -52,6 +52,7 @@ from .judging import next_step_after_fix_task as next_step_after_fix_task
 from .judging import next_step_after_tests as next_step_after_tests
 from .judging import read_routing_verdict as read_routing_verdict
 from .judging import run_tests as run_tests
+from .rejection import explain_rejection as explain_rejection
 from .scene_object_building import MatchedCandidate as MatchedCandidate
 from .scene_object_building import explain_why_no_scene_object as explain_why_no_scene_object
 from .scene_object_building import place_asset_or_proxy as place_asset_or_proxy

@@ -68,6 +68,7 @@ from grs_agents.perception import (
     save_twin_picture,
     smooth_depth_noise,
     write_png,
+    write_table_texture,
 )
 from grs_agents.perception import find_table as table_in
 from grs_agents.sim.world import compute_arm_spheres_at_home
@@ -301,6 +302,10 @@ def settle_objects(state: RunState, services: Services) -> Update:
         services.log.append(Note(level="warning", text=warning))
     if not settled.objects:
         raise _no_object_error(state, table)
+    hidden = above.copy()
+    for item in settled.objects:
+        hidden |= load_mask(services.folder / item.mask)
+    texture = write_table_texture(photo, table, hidden, services.folder / "assets")
     scene = SceneDescription(
         source=state["scene_path"],
         image=state["image"],
@@ -313,6 +318,7 @@ def settle_objects(state: RunState, services: Services) -> Update:
         twin=settled.twin,
         camera=photo.camera.intrinsics,
         table_color=measure_table_color(photo, table),
+        table_texture=texture,
         coverage=coverage,
     )
     scene = _prepare_scene_for_tasks(scene, services)

@@ -1,6 +1,7 @@
 """The judging nodes: run the tests, route, audit; and the edges that read their verdicts."""
 
-from typing import Literal, cast
+from collections.abc import Sequence
+from typing import Any, Literal, cast
 
 from grs_agents.agents import TaskDefinition, Verdict
 from grs_agents.audit import AuditReport, StaticFinding, check_programs
@@ -23,13 +24,18 @@ from grs_agents.nodes.fix_history import (
     record_outcome,
 )
 from grs_agents.nodes.fixing import collect_evidence_for_fixer
+from grs_agents.nodes.rejection import explain_rejection
 from grs_agents.nodes.services import Services, Update, logged_node
-from grs_agents.nodes.task_instances import AuditedPrograms
+from grs_agents.nodes.task_instances import AuditedPrograms, play_first_seed
 from grs_agents.perception import SceneDescription
 from grs_agents.policies import EarlierDecision, RoutingContext, RoutingDecision, list_stable_failures
 from grs_agents.sandbox import TestReport
+from grs_agents.sim import Rollout
 from grs_agents.state import RunState
 from grs_agents.trace import Decision, Finding, Note, TestsRun
+
+_RAN = ("passed", "failed", "error", "no_assertion", "skipped", "expected_failure")
+"""Outcomes of tests that ran to their end."""
 
 
 @logged_node("run_tests")
@@ -104,20 +110,35 @@ def audit_task(state: RunState, services: Services) -> Update:
 
 @logged_node("conclude")
 def conclude_with_best_version(state: RunState, services: Services) -> Update:
-    """Say how the run ended, and why; a run that is not accepted leaves the best version in place."""
+    """Say how the run ended, and why; a run that is not accepted leaves the best version in place, and the film of a
+    program that could be played."""
     forget_judgements(services)
-    status, reason = decide_run_status_and_reason(state)
-    if status == "accepted" or not state.get("best"):
-        return {"status": status, "reason": reason}
-    best = BestVersion.model_validate(state["best"])
-    if all(best.kept[name] == state.get(name, {}) for name in ("task", "simulation", "tests")):
-        return {"status": status, "reason": reason}
-    services.log.append(Note(text=f"{best.describe()} is put back in place: it was the best"))
-    restore_best_version(best, services)
-    if not state.get("problem"):
-        reason = decide_run_status_and_reason(cast(RunState, {**state, **best.kept}))[1]
-    reason += f"; left in place is {best.describe()}, the best of {len(state.get('history', [])) + 1}"
-    return {**best.kept, "status": status, "reason": reason}
+    ended, kept, left = state, dict[str, Any](), ""
+    best = BestVersion.model_validate(state["best"]) if state.get("best") else None
+    accepted = bool(state.get("audit")) and AuditReport.model_validate(state["audit"]).accepted
+    better = best is not None and any(
+        best.kept[name] != state.get(name, {}) for name in ("task", "simulation", "tests")
+    )
+    if best is not None and better and (state.get("problem") or not accepted):
+        services.log.append(Note(text=f"{best.describe()} is put back in place: it was the best"))
+        restore_best_version(best, services)
+        kept, left = best.kept, f"; left in place is {best.describe()}, the best of {len(state.get('history', [])) + 1}"
+        ended = cast(RunState, {**state, **kept})
+    status, reason = decide_run_status_and_reason(ended, _play_unplayed_program(ended, services))
+    return {**kept, "status": status, "reason": reason + left}
+
+
+def _play_unplayed_program(state: RunState, services: Services) -> tuple[Rollout, ...]:
+    """The rollout of a rejected program that was not audited, or whose recordings another program's have replaced; none
+    of a program that does not run, or not within its limits."""
+    report = TestReport.model_validate(state["report"]) if state.get("report") else None
+    audit = AuditReport.model_validate(state["audit"]) if state.get("audit") else None
+    cases = report.cases if report is not None and report.outcome in ("passed", "failed") else ()
+    ran = bool(cases) and all(case.outcome in _RAN for case in cases)
+    recorded = audit is not None and any((services.folder / "instances").glob("seed_*.npz"))
+    if not ran or recorded or (audit is not None and audit.accepted):
+        return ()
+    return play_first_seed(state["simulation"], services, SceneDescription.model_validate(state["scene"]))
 
 
 def restore_best_version(best: BestVersion, services: Services) -> None:
@@ -140,8 +161,10 @@ def record_audit(report: AuditReport, services: Services) -> None:
         services.log.append(Finding(**finding.model_dump()))
 
 
-def decide_run_status_and_reason(state: RunState) -> tuple[Literal["accepted", "rejected"], str]:
-    """The status of a finished run and its reason."""
+def decide_run_status_and_reason(
+    state: RunState, rollouts: Sequence[Rollout] = ()
+) -> tuple[Literal["accepted", "rejected"], str]:
+    """The status of a finished run and its reason; ``rollouts`` are of programs that were not audited."""
     if state.get("problem"):
         return "rejected", state["problem"]
     report = AuditReport.model_validate(state["audit"]) if state.get("audit") else None
@@ -152,15 +175,15 @@ def decide_run_status_and_reason(state: RunState) -> tuple[Literal["accepted", "
     fixes = f"{state.get('fixes', 0)} of {state['max_fixes']} fixes used"
     if not list_untried_fix_strategies(state):
         fixes += f", the last {LONGEST_STREAK} in vain"
+    tests = TestReport.model_validate(state["report"]) if state.get("report") else None
+    scene = SceneDescription.model_validate(state["scene"]) if state.get("scene") else None
+    reason = explain_rejection(tests, report, rollouts if report is None else (), scene)
     if report is not None:
-        failed = "; ".join(f"{item.check}: {item.detail}" for item in report.findings if not item.passed)
-        return "rejected", f"audit failed ({fixes}): {failed}"
-    return "rejected", _describe_failed_tests(TestReport.model_validate(state["report"]), fixes)
-
-
-def _describe_failed_tests(report: TestReport, fixes: str) -> str:
-    failing = [f"{case.id}: {case.message or case.outcome}" for case in report.cases if case.outcome != "passed"]
-    return f"tests {report.outcome} ({fixes}): {'; '.join([*filter(None, [report.message]), *failing])}"
+        failed = [finding.check for finding in report.findings if not finding.passed]
+        return "rejected", f"{reason} (audit failed: {', '.join(failed)}; {fixes})"
+    failed = [case.id.rpartition(".")[2] for case in tests.cases if case.outcome != "passed"] if tests else []
+    names = f": {', '.join(failed)}" if failed else ""
+    return "rejected", f"{reason} (tests {tests.outcome if tests else 'did not run'}{names}; {fixes})"
 
 
 def next_step_after_author(state: RunState) -> Literal["ok", "stop"]:

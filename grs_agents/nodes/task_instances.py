@@ -77,6 +77,19 @@ def solve_task_instances(
     return replace(solved, unforeseen=_select_solved_seeds(extra, asked, failures, rollouts))
 
 
+def play_first_seed(simulation: str, services: Services, scene: SceneDescription | None = None) -> tuple[Rollout, ...]:
+    """The trusted oracle's recorded rollout of the first seed alone, written and logged as an audit's are; empty where
+    the program gives no valid instance, or the rollout fails."""
+    instances, _ = instantiate_program_for_seeds(simulation, [services.config.seed], services, scene)
+    _write_instances(instances, services)
+    if not instances:
+        return ()
+    outcome = _run_rollout_tool([_make_rollout_job(instances, 0, 1, services, trials=0)], services)[0]
+    if outcome.rollout is None:
+        return ()
+    return tuple(_share_rollout(instances, Rollout.model_validate(outcome.rollout), instances, services))
+
+
 def _choose_unforeseen(
     drawn: Sequence[TaskInstance], instances: Sequence[TaskInstance], seeds: Sequence[int]
 ) -> list[TaskInstance]:
@@ -260,13 +273,12 @@ def instantiate_program_for_seeds(
 
 def _surroundings_instance_fields(scene: SceneDescription | None, services: Services) -> dict[str, Any]:
     """The fields of an instance that trusted code names: the arm, and what the photo shows around it."""
-    color = None if scene is None else scene.table_color
     return {
         "background": None if scene is None else scene.background,
         "robot": services.robot_name_or_path,
         "camera": None if scene is None else _describe_camera(scene),
         "light": InstanceLight(),
-        "table": InstanceTable() if color is None else InstanceTable(color=(*color, 1.0)),
+        "table": InstanceTable() if scene is None else scene.instance_table,
     }
 
 
@@ -302,6 +314,7 @@ def _make_rollout_event(rollout: Rollout) -> RolloutEvent:
         steps=rollout.episode.steps,
         moved=rollout.moved,
         idle_reward=rollout.idle_reward,
+        cause=rollout.episode.cause,
         recording=rollout.recording,
         instance=_instance_file_name(rollout.seed, "json"),
     )

@@ -109,6 +109,7 @@ from .table_finding import find_table as find_table
 from .table_finding import pixels_to_robot_frame as pixels_to_robot_frame
 from .table_finding import project_to_pixels as project_to_pixels
 from .table_finding import robot_frame_point_map as robot_frame_point_map
+from .table_texture import write_table_texture as write_table_texture
 from .twin_picture import draw_twin as draw_twin
 from .twin_picture import save_twin_picture as save_twin_picture
 from .types import FARTHEST as FARTHEST

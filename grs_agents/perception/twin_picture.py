@@ -11,7 +11,6 @@ from grs_agents.library import Lens, Library
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.settling import PlacedObject, to_instance_objects
 from grs_agents.perception.types import Array, SceneDescription
-from grs_agents.sim.instance import InstanceTable
 from grs_agents.sim.rendering import Picture, Props, encode_png, render_from_camera, resize_lens
 
 TWIN = "scene/twin.png"
@@ -24,7 +23,7 @@ def save_twin_picture(scene: SceneDescription, library: Library, run: Path) -> d
 
 
 def draw_twin(scene: SceneDescription, library: Library, aside: float = 0.0) -> Picture:
-    """The objects of a scene where they rest, on a table of the photo's colour.
+    """The objects of a scene where they rest, on a table that looks as the photo's.
 
     Args:
         scene: with the photo's camera.
@@ -45,11 +44,12 @@ def draw_twin(scene: SceneDescription, library: Library, aside: float = 0.0) -> 
     placed = [PlacedObject(one.asset, one.settled or (one.position, one.orientation)) for one in scene.objects]
     numbered = zip(to_instance_objects(placed, library), scene.objects, strict=True)
     items = [item.model_copy(update={"id": one.id}) for item, one in numbered]
-    table = InstanceTable() if scene.table_color is None else InstanceTable(color=(*scene.table_color, 1.0))
     scale = min(1.0, DEFAULT.settling.picture_side / max(camera.width, camera.height))
     lens = Lens(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
     lens = resize_lens(lens, round(camera.height * scale), round(camera.width * scale))
-    return render_from_camera(Props(items, table=table), library, lens, _camera_pose_turned_aside(scene, aside))
+    return render_from_camera(
+        Props(items, table=scene.instance_table), library, lens, _camera_pose_turned_aside(scene, aside)
+    )
 
 
 def _camera_pose_turned_aside(scene: SceneDescription, aside: float) -> Array:

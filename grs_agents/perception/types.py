@@ -13,6 +13,7 @@ from grs_agents.base import Frozen, Pose, Quat, Vec3
 from grs_agents.errors import InputError
 from grs_agents.files import write_json
 from grs_agents.foreign import is_relative_subpath, read_json
+from grs_agents.sim.instance import InstanceTable, TextureName
 
 FARTHEST_CAMERA = 10.0  # a camera that sees the robot's table is at most this far from the robot, in metres
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -326,7 +327,15 @@ class SceneDescription(Frozen):
     # in descriptions of before there were any
     camera: Intrinsics | None = None
     table_color: tuple[Share, Share, Share] | None = None
+    table_texture: TextureName | None = None  # library name of the photo's table, seen straight from above
     coverage: Coverage | None = None  # None in descriptions of before it was measured
+
+    @property
+    def instance_table(self) -> InstanceTable:
+        """The table top that the photo shows."""
+        if self.table_color is None:
+            return InstanceTable()
+        return InstanceTable(color=(*self.table_color, 1.0), texture=self.table_texture)
 
     def write(self, file: Path) -> None:
         """Write ``scene.json`` whole."""

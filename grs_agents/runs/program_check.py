@@ -14,7 +14,7 @@ from grs_agents.audit import AuditReport
 from grs_agents.config import Config, EffectiveConfig, RecordedConfig, change_config
 from grs_agents.errors import InputError
 from grs_agents.foreign import check_run_folder, read_json, read_text
-from grs_agents.nodes import AuditedPrograms, Services, audit_programs, program_tool_settings
+from grs_agents.nodes import AuditedPrograms, Services, audit_programs, explain_rejection, program_tool_settings
 from grs_agents.perception import read_scene_description, resolve_scene_path
 from grs_agents.policies import load_policy
 from grs_agents.runs.record import read_record
@@ -42,6 +42,11 @@ class CheckResult:
     def accepted(self) -> bool:
         """Whether the tests, if any, pass and the audit accepts the program."""
         return self.audit.accepted and (self.tests is None or self.tests.all_passed)
+
+    @property
+    def reason(self) -> str:
+        """Why the program is not accepted, in one line; empty if it is."""
+        return "" if self.accepted else explain_rejection(self.tests, self.audit)
 
 
 @dataclass(frozen=True)

@@ -331,7 +331,8 @@ class TaskDefined(BaseEvent):
 
 
 class Rollout(BaseEvent):
-    """The trusted oracle played one task instance; ``recording`` (.npz) and ``instance`` (.json) are files."""
+    """The trusted oracle played one task instance; ``recording`` (.npz) and ``instance`` (.json) are files, ``cause``
+    says why goals do not hold."""
 
     kind: Literal["rollout"] = "rollout"
     seed: int
@@ -340,6 +341,7 @@ class Rollout(BaseEvent):
     steps: Count = 0
     moved: tuple[str, ...] = ()
     idle_reward: float = 0.0
+    cause: Text = ""
     recording: str | None = None
     instance: str | None = None
 

@@ -176,7 +176,7 @@ def test_files_that_are_gone_or_new_are_named(run: Path) -> None:
     (run / "scene.json").unlink()
     assert_named(run, "scene.json")
     shutil.copy(run.parent / "run" / "task.json", run / "scene.json")
-    (run / "assets").mkdir()
+    (run / "assets").mkdir(exist_ok=True)
     (run / "assets" / "mine.urdf").write_text("<robot/>")
     _, found = verify(run)
     assert found["differences"] == ["assets/mine.urdf: it was added", "scene.json: it was changed"]

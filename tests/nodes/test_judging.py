@@ -110,7 +110,7 @@ def test_the_audit_rejects_by_name(state: RunState, make_services: Make, change:
         ({"problem": "the task model gave no usable reply"}, "rejected", ["the task model gave no usable reply"]),
         ({"report": PASSED, "audit": audited(True)}, "accepted", []),
         ({"report": PASSED, "audit": audited(False)}, "rejected", ["solved: strict score 0.20", "1 of 2"]),
-        ({"report": FAILED}, "rejected", ["T.test_a: 1 != 2", "1 of 2"]),
+        ({"report": FAILED}, "rejected", ["the robot meets every goal, yet test_a: 1 != 2", "1 of 2"]),
         ({"report": {**REPORT, "outcome": "error", "message": "it does not parse"}}, "rejected", ["does not parse"]),
     ],
 )

@@ -52,5 +52,6 @@ from .task_instance import InstanceObject as InstanceObject
 from .task_instance import InstanceTable as InstanceTable
 from .task_instance import InstanceTie as InstanceTie
 from .task_instance import TaskInstance as TaskInstance
+from .task_instance import TextureName as TextureName
 from .task_instance import hash_instance as hash_instance
 from .task_instance import parse_instance_json as parse_instance_json

@@ -129,6 +129,20 @@ class Episode(Frozen):
     motions: tuple[ObjectMotion, ...] = ()  # of every object
     warnings: tuple[str, ...] = ()  # what of the program had no effect, or was corrected
 
+    @property
+    def cause(self) -> str:
+        """The physical reason for which goals do not hold, one clause with names and numbers; empty where they hold."""
+        trouble = next((action.note for action in reversed(self.actions) if action.note not in _WELL), "")
+        missed = "; ".join(self.shortfalls[:2])
+        if self.outcome == "success":
+            return missed
+        if self.outcome == "step_limit":
+            return f"{trouble or missed or self.detail}; all {self.max_steps} actions are used"
+        if self.outcome in ("partial", "stopped"):  # nothing stopped the robot that has a name
+            return trouble or f"{missed or 'goals are not met'}, after {self.steps} of {self.max_steps} actions"
+        # A giving-up sentence names the place first and quotes the last trouble.
+        return trouble if trouble and trouble in self.detail else self.detail
+
 
 @dataclass(frozen=True)
 class EndState:

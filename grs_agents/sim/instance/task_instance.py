@@ -7,10 +7,10 @@ import hashlib
 import json
 import math
 from pathlib import PurePath
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, model_serializer, model_validator
 
 from grs_agents.base import Frozen, Pose, Vec3
 from grs_agents.errors import InputError
@@ -124,12 +124,22 @@ class InstanceLight(Frozen):
     ambient: tuple[Channel, Channel, Channel] = (0.35, 0.35, 0.35)
 
 
+TextureName = Annotated[str, Field(max_length=300, pattern=r"^[\w-]+(/[\w-]+)*\.png$")]
+
+
 class InstanceTable(Frozen):
-    """What the table top looks like: one colour, or a pattern of two; sRGB, 0..1."""
+    """What the table top looks like: one colour, a pattern of two (sRGB, 0..1), or a texture over all of it."""
 
     color: RGBA = (0.80, 0.72, 0.60, 1.0)
     pattern: Literal["plain", "checker", "speckled"] = "plain"
     second_color: RGBA = (0.70, 0.62, 0.50, 1.0)
+    texture: TextureName | None = None  # library name of a square PNG, stretched over the top; it hides the colours
+
+    @model_serializer(mode="wrap")
+    def _leave_out_no_texture(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """An instance without a texture is written, and hashed, as it was before there were any."""
+        fields: dict[str, Any] = serialize(self)
+        return {key: value for key, value in fields.items() if key != "texture" or value is not None}
 
 
 class TaskInstance(Frozen):

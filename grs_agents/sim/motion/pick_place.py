@@ -245,10 +245,9 @@ class PickPlace:
             return f"{name} was dropped on the way"
         weight, touched = self.physics.object_mass(number), sorted(self.physics.objects_touching_object(number))
         hit = f" as it hit {' and '.join(self.names[other] for other in touched)}" if touched else ""
-        how = f"slipped off the cup, which holds {nozzle.holding_force:.3g} N: it pulled with {slip.load:.3g} N"
+        how = f"slipped off the cup: {slip.load:.3g} N pulled, it holds {nozzle.holding_force:.3g} N"
         if slip.load <= nozzle.holding_force:
-            bent = f"which bears {nozzle.peeling_moment:.2g} N m: it bent it with {slip.moment:.2g} N m"
-            how = f"tipped off the cup, {bent}"
+            how = f"tipped off the cup: {slip.moment:.2g} N m bent it, it bears {nozzle.peeling_moment:.2g} N m"
         return f"{name} ({weight:.2g} kg) {how}{hit}"
 
     def _put_down_held_object(self) -> None:

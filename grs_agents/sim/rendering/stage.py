@@ -80,7 +80,7 @@ class Stage:
         spec = create_base_world_spec(TIMESTEP)
         spec.visual.global_.offwidth = spec.visual.global_.offheight = LARGEST_PICTURE
         spec.visual.quality.offsamples, spec.visual.quality.shadowsize = props.samples, _SHADOWS if props.shadows else 0
-        _apply_lighting_and_table(spec, props)
+        _apply_lighting_and_table(spec, props, library)
         _add_sky(spec)
         if props.arm is not None:
             add_robot(spec, props.arm, props.push, props.dressed)
@@ -156,8 +156,9 @@ def add_robot(spec: Any, arm: Arm, push: bool, dressed: bool = True) -> None:
         set_arm_visuals(spec, arm.looks)
 
 
-def _apply_lighting_and_table(spec: Any, props: Props) -> None:
-    set_light_and_table(spec, props.light, props.table)
+def _apply_lighting_and_table(spec: Any, props: Props, library: Library) -> None:
+    table = props.table if props.textures else props.table.model_copy(update={"texture": None})
+    set_light_and_table(spec, props.light, table, library)
     spec.visual.headlight.diffuse = (props.flash,) * 3
     if not props.glossy:
         spec.visual.headlight.specular = spec.lights[0].specular = (0.0, 0.0, 0.0)

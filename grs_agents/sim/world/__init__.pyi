@@ -3,6 +3,8 @@ from . import colors as colors
 from . import compilation as compilation
 from . import footprints as footprints
 from . import templates as templates
+from .appearance import TABLE_CENTER as TABLE_CENTER
+from .appearance import TABLE_SIDE as TABLE_SIDE
 from .appearance import read_table_pattern as read_table_pattern
 from .appearance import set_light_and_table as set_light_and_table
 from .budget import DEFAULT_BUDGET as DEFAULT_BUDGET

@@ -11,6 +11,10 @@ from grs_agents.library import Library, ObjectModel, name_current_file
 from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.instance import InstanceLight, InstanceObject, InstanceTable
 
+TABLE_SIDE: Final = 2.4
+"""Of the square top of the table, metres."""
+TABLE_CENTER: Final = (0.4, 0.0)
+"""The middle of that top, metres in the robot frame."""
 _UNSAID: Final = (0.5, 0.5, 0.5, 1.0)
 """The colour of a geom that has none of its own: MuJoCo takes that of its material."""
 _SQUARE: Final = 0.1
@@ -35,9 +39,9 @@ def add_textures(
                 _apply_texture_to_geom(spec, geom)
 
 
-def set_light_and_table(spec: Any, light: InstanceLight, table: InstanceTable) -> None:
+def set_light_and_table(spec: Any, light: InstanceLight, table: InstanceTable, library: Library) -> None:
     """Give a world that ``create_base_world_spec`` made the light and the table top of an instance.
-    Raises ``InputError`` for a light that shines at itself."""
+    Raises ``InputError`` for a light that shines at itself, and for a texture that the library does not have."""
     direction = np.subtract(light.target, light.position)
     if not np.linalg.norm(direction) > 1e-6:
         raise InputError(f"the light at {light.position} shines at itself", "give it another target")
@@ -46,7 +50,11 @@ def set_light_and_table(spec: Any, light: InstanceLight, table: InstanceTable) -
     spec.visual.headlight.ambient = light.ambient
     top = spec.geom("table")
     top.rgba = table.color
-    if table.pattern != "plain":
+    if table.texture is not None:
+        file = name_current_file(library.mesh_or_texture_path(table.texture))
+        spec.add_texture(name="table", type=mujoco.mjtTexture.mjTEXTURE_2D, file=file)
+        _apply_texture_to_geom(spec, top, TABLE_SIDE)
+    elif table.pattern != "plain":
         _add_pattern(spec, table)
         _apply_texture_to_geom(spec, top, 2 * _SQUARE if table.pattern == "checker" else _PIXELS * _SPECK)
 

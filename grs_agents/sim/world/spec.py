@@ -21,7 +21,7 @@ from grs_agents.sim.instance import (
     TaskInstance,
 )
 from grs_agents.sim.world import templates
-from grs_agents.sim.world.appearance import add_textures, set_light_and_table
+from grs_agents.sim.world.appearance import TABLE_CENTER, TABLE_SIDE, add_textures, set_light_and_table
 from grs_agents.sim.world.colors import COLORS
 
 LARGEST_BEAD: Final = 0.05
@@ -152,8 +152,8 @@ def create_base_world_spec(timestep: float) -> Any:
     spec.worldbody.add_geom(
         name="table",
         type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=(1.2, 1.2, 0.05),
-        pos=(0.4, 0.0, -0.05),
+        size=(TABLE_SIDE / 2, TABLE_SIDE / 2, 0.05),
+        pos=(*TABLE_CENTER, -0.05),
         rgba=(0.80, 0.72, 0.60, 1.0),
         contype=1,
         conaffinity=1,
@@ -219,7 +219,7 @@ def instance_to_spec(instance: TaskInstance, library: Library, visuals: bool = F
         body.pos, body.quat = position, (w, x, y, z)
     if visuals:
         add_textures(made.spec, instance.objects, made.models, library)
-        set_light_and_table(made.spec, instance.light, instance.table)
+        set_light_and_table(made.spec, instance.light, instance.table, library)
     return made
 
 

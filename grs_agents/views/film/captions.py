@@ -1,4 +1,5 @@
-"""What stands under the picture of a film: the goal, the action that is going on, and the reward once it is over."""
+"""What stands under the picture of a film: the goal, the action that is going on, and once it is over the reward, and
+why goals do not hold."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -16,6 +17,7 @@ from grs_agents.views.common import Grasp, Motion, find_grasps
 Picture = npt.NDArray[np.uint8]
 Caption = tuple[str, str, str]
 """The goal; the action; the outcome."""
+_ASSET = re.compile(r"[\w./-]+\.urdf")
 _SHARE = 26
 """Letters are as high as the picture divided by this."""
 _SHADE = 0.45
@@ -33,7 +35,9 @@ def write_moment_captions(
         current = next((grasp for grasp in grasps if frame <= grasp.end), grasps[-1] if grasps else None)
         ended = moment >= over
         outcome = f"{event.outcome}, reward {event.reward:.2f}" if ended else f"{moment:.1f} s"
-        yield _find_goal_sentence(instance, current), _describe_robot_action(instance, grasps, current, frame), outcome
+        cause = _ASSET.sub(lambda match: _asset_name_as_words(match[0]), event.cause) if ended else ""
+        action = cause or _describe_robot_action(instance, grasps, current, frame)
+        yield _find_goal_sentence(instance, current), action, outcome
 
 
 def _find_goal_sentence(instance: TaskInstance, grasp: Grasp | None) -> str:

@@ -57,10 +57,10 @@ class _Stages:
 
 def _add_speckles_to_plain_table(table: Any) -> Any:
     """The look of a table top, speckled where it is of one colour: what moves over it is seen to move."""
+    if table.pattern != "plain" or table.texture is not None:
+        return table
     darker = (*(0.86 * channel for channel in table.color[:3]), 1.0)
-    return (
-        table.model_copy(update={"pattern": "speckled", "second_color": darker}) if table.pattern == "plain" else table
-    )
+    return table.model_copy(update={"pattern": "speckled", "second_color": darker})
 
 
 def _make_camera(mujoco: Any, order: dict[str, Any]) -> Any:

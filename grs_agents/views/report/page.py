@@ -1,6 +1,6 @@
 """A run as one HTML page to send to somebody who has none of this installed.
-It leads with the task, the verdict and the film beside the photo; then come the steps in their order. The page needs
-nothing from anywhere, and all text from outside is escaped."""
+It leads with the task, the verdict and the film beside the photo, of a rejected run with the film first; then come the
+steps in their order. The page needs nothing from anywhere, and all text from outside is escaped."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -20,9 +20,12 @@ def render_html_report(record: dict[str, Any], events: Sequence[trace.Event], so
     findings = pictures.last_audit_events(events, trace.Finding)
     held = sum(finding.passed for finding in findings)
     audit = html.render_collapsible("each check", render_findings(findings), opened=held < len(findings))
+    rejected = record.get("status") == "rejected"
+    film = pictures.render_film(drawn, str(record.get("reason", "")) if rejected else "")
+    twin = pictures.render_photo_or_twin(photo, sources.folder)
     parts = [
         _render_header(record, events, steps),
-        html.render_side_by_side(pictures.render_photo_or_twin(photo, sources.folder), pictures.render_film(drawn)),
+        html.render_side_by_side(*((film, twin) if rejected else (twin, film))),
         html.render_section("Steps", *render_steps(steps)),
         html.render_section("The robot plays it", *pictures.render_rollouts(drawn)),
         html.render_section(f"Audit: {held} of {len(findings)} checks hold", audit) if findings else "",

@@ -65,7 +65,8 @@ class DrawnRollout:
     def summary(self) -> str:
         """How it went."""
         event = self.event
-        verdict = f"Seed {event.seed}: {event.outcome}, reward {event.reward:.2f} after {event.steps} steps; "
+        cause = f" ({event.cause})" if event.cause else ""
+        verdict = f"Seed {event.seed}: {event.outcome}{cause}, reward {event.reward:.2f} after {event.steps} steps; "
         return f"{verdict}doing nothing earns {event.idle_reward:.2f}; moved {', '.join(event.moved) or 'nothing'}"
 
 
@@ -83,15 +84,22 @@ class _DrawingPlan:
 
 
 def last_audit_events(events: Sequence[trace.Event], kind: type[AuditEvent]) -> list[AuditEvent]:
-    """The rollouts, or the findings, of the last audit."""
-    starts = [at for at, event in enumerate(events) if isinstance(event, trace.NodeStarted) and event.node == "audit"]
-    return [event for event in events[starts[-1] if starts else 0 :] if isinstance(event, kind)]
+    """The rollouts, or the findings, of the last audit; where programs that were rejected were played at the end of the
+    run, those rollouts."""
+    nodes = ("audit", "conclude") if kind is trace.Rollout else ("audit",)
+    starts = [at for at, event in enumerate(events) if isinstance(event, trace.NodeStarted) and event.node in nodes]
+    for at in reversed(starts or [0]):
+        judged = [event for event in events[at:] if isinstance(event, trace.Rollout | trace.Finding)]
+        if judged:
+            return [event for event in judged if isinstance(event, kind)]
+    return []
 
 
 def draw_last_audit_rollouts(events: Sequence[trace.Event], sources: Sources) -> list[DrawnRollout]:
     """The rollouts of the last audit; the first that failed, or else the first, as a film."""
     played = last_audit_events(events, trace.Rollout)
-    filmed = next((event for event in played if event.outcome != "success"), next(iter(played), None))
+    failed = (event for event in played if event.cause or event.outcome != "success")
+    filmed = next(failed, next(iter(played), None))
     planned = [_plan_rollout(event, sources, event is filmed) for event in played]
     sources.report_drawing_progress(f"{len(played)} rollouts")
     drawn = iter(_draw_planned_rollouts([plan for plan in planned if not isinstance(plan, DrawnRollout)]))
@@ -124,12 +132,12 @@ def _draw_planned_rollouts(plans: Sequence[_DrawingPlan]) -> list[DrawnRollout]:
         return [drawn for plan in plans for drawn in _draw_planned_rollouts([plan])]
 
 
-def render_film(drawn: Sequence[DrawnRollout]) -> str:
-    """The rollout that is a film; nothing where there is none."""
+def render_film(drawn: Sequence[DrawnRollout], reason: str = "") -> str:
+    """The rollout that is a film; nothing where there is none. ``reason`` is that of a rejected run."""
     for one in drawn:
         if one.rate and one.images:
             film = encode_animation(one.images, one.rate, "webp")
-            caption = f"The oracle at the task, seed {one.event.seed}: {one.event.outcome}"
+            caption = f"The oracle at the task, seed {one.event.seed}: {reason or one.event.outcome}"
             return html.render_film(film, one.images[-1], caption)
     return ""
 

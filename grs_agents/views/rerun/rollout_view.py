@@ -33,6 +33,8 @@ from grs_agents.views.rerun.waiting import clear_placeholder, log_table_top
 
 TEXTURE_EDGE = 256
 """Pixels; larger textures are shown smaller to keep recordings small."""
+TABLE_TEXTURE_EDGE = 1024
+"""Pixels of the table's, of which an eighth is shown."""
 _GREY = (0.7, 0.7, 0.72, 1.0)
 Rgba = tuple[float, float, float, float]
 Array = npt.NDArray[np.float64]
@@ -103,13 +105,13 @@ def _load_mesh(path: Path) -> tuple[tuple[Array, Array], npt.NDArray[np.int64], 
 
 
 @lru_cache(maxsize=128)
-def _load_texture(path: Path) -> Any:
+def _load_texture(path: Path, edge: int = TEXTURE_EDGE) -> Any:
     """HxWx3 uint8 red, green, blue; None where the file cannot be read, the mesh is then plain."""
     try:
         image = read_picture(path, cv2.IMREAD_COLOR)
     except InputError:
         return None
-    scale = TEXTURE_EDGE / max(image.shape[:2])
+    scale = edge / max(image.shape[:2])
     if scale < 1:
         image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
@@ -152,12 +154,14 @@ class RolloutView:
         names = {f"object_{item.id}": _object_name(item) for item in instance.objects} if instance else {}
         _show_motion(recording, motion)
         _show_grasps(recording, motion, names)
+        paths = {f"object_{item.id}": _object_shapes_path(item) for item in instance.objects} if instance else {}
+        _show_name_of_held_object(recording, motion, paths)
         return motion.duration_seconds
 
     def _show_objects(self, recording: Recording, instance: TaskInstance, moving: set[str]) -> None:
         """What stands on the table, and where, but for the bodies ``moving``, of which each pose is shown."""
-        self._show_static_world(recording, instance.table)
         library = library_with_run_assets(self._folder, self._library)
+        self._show_static_world(recording, instance.table, library)
         present: set[str] = set()
         for item in instance.objects:
             body = f"object_{item.id}"
@@ -190,13 +194,14 @@ class RolloutView:
                 )
                 recording.log(f"{_robot_body_path(body)}/solid", mesh)
 
-    def _show_static_world(self, recording: Recording, looks: InstanceTable) -> None:
+    def _show_static_world(self, recording: Recording, looks: InstanceTable, library: Library) -> None:
         """What all rollouts have in common, with the first of them."""
         if self._table_shown:
             return
         self._table_shown = True
         clear_placeholder(recording, Paths.WORLD)
-        log_table_top(recording, looks)
+        texture = None if looks.texture is None else library.mesh_or_texture_path(looks.texture)
+        log_table_top(recording, looks, None if texture is None else _load_texture(texture, TABLE_TEXTURE_EDGE))
         recording.log(f"{Paths.WORLD}/tool", rr.Points3D.from_fields(radii=[0.012], colors=[_YELLOW]), static=True)
 
 
@@ -207,18 +212,20 @@ def _object_name(item: InstanceObject) -> str:
 
 
 def _show_object_shapes(recording: Recording, path: str, item: InstanceObject, library: Library) -> None:
-    """What the object looks like, and its name above it."""
+    """What the object looks like, and its name above it, of what the robot may move below it."""
     model = load_object_model(item, library)
     for number, shape in enumerate(model.visuals or model.colliders):
         recording.log(f"{path}/{number}", shape_to_rerun(shape, library, item.color))
-    top = [[0.0, 0.0, model.bounds[1][2] + 0.02]]
-    mover = item.role != "bystander"  # names of the others would cover what moves: they show under the pointer
+    mover = item.role != "bystander"
+    # The cup, which holds a mover by its top, would cover a name there.
+    place = [[0.0, 0.0, model.bounds[0][2] - 0.02 if mover else model.bounds[1][2] + 0.02]]
+    # All names at once would cover each other and the scene: they show under the pointer, that of what is held always.
     name = rr.Points3D(
-        top,
+        place,
         labels=[_object_name(item)],
         colors=[_ORANGE if mover else _MUTED],
         radii=[0.0005 if mover else 0.004],
-        show_labels=mover,
+        show_labels=False,
     )
     recording.log(f"{path}/name", name)
 
@@ -274,6 +281,15 @@ def _show_grasps(recording: Recording, motion: Motion, names: dict[str, str]) ->
         moments.sort(key=lambda moment: moment[0])
         lines = rr.TextLog.columns(text=[f"• {text}" for _, text, _ in moments], level=["INFO"] * len(moments))
         recording.log_columns(Paths.GRASPS, np.array([motion.times[frame] for frame, _, _ in moments]), lines)
+
+
+def _show_name_of_held_object(recording: Recording, motion: Motion, paths: dict[str, str]) -> None:
+    """The name of a body while the tool holds it; ``paths`` are of the bodies' shapes."""
+    for grasp in find_grasps(motion):
+        if grasp.body in paths:
+            moments = np.array([motion.times[grasp.start], motion.times[grasp.end]])
+            shown = rr.Points3D.columns(show_labels=[True, False])
+            recording.log_columns(f"{paths[grasp.body]}/name", moments, shown)
 
 
 def _show_body_poses(recording: Recording, path: str, seconds: Array, positions: Rows, quaternions: Rows) -> None:

@@ -44,16 +44,12 @@ class _Views:
     prefix: str = ""
 
     def overview_tab(self) -> rrb.Vertical:
-        verdicts = rrb.Tabs(*self._document_views("DECISION TASK OBJECTS AUDIT"))
-        before, after = self._document_views("SIMULATION TESTS"), self._document_views("REPORT PROMPT REPLY")
-        texts = rrb.Tabs(*before, self._diff_log_view(), *after)
-        scenes = rrb.Tabs(self._photo_view(), self._twin_view(), self._scene_3d_view())
-        pictures = rrb.Vertical(scenes, self._rollout_3d_view(), row_shares=[5, 6])
-        states = rrb.Vertical(self._state_graph_view(), verdicts, row_shares=[3, 2])
-        above = rrb.Horizontal(states, texts, pictures, column_shares=[2.2, 2.4, 3])
-        charts = (self._node_timeline_view(), self._metric_chart_tabs(), self._event_log_view())
-        below = rrb.Horizontal(*charts, column_shares=[2.6, 2, 3])
-        return rrb.Vertical(above, below, row_shares=[3, 1], name="Overview")
+        """The robot large, beside it the photo and what was decided, below them all the lane of steps."""
+        scenes = rrb.Tabs(self._photo_view(), self._twin_view(), self._state_graph_view())
+        texts = rrb.Tabs(*self._document_views("TASK SIMULATION DECISION AUDIT"))
+        beside = rrb.Vertical(scenes, texts, row_shares=[1, 1])
+        above = rrb.Horizontal(self._rollout_3d_view(), beside, column_shares=[5, 3])
+        return rrb.Vertical(above, self._node_timeline_view(), row_shares=[6, 1], name="Overview")
 
     def scene_tab(self) -> rrb.Vertical:
         above = rrb.Horizontal(self._photo_view(), self._twin_view(), self._depth_view())
@@ -161,7 +157,7 @@ class _Views:
             origin=self._prefixed_path(Paths.WORLD),
             contents=f"{self._prefixed_path(Paths.WORLD)}/**",
             name="Rollout",
-            eye_controls=_make_eye_controls((1.05, -0.75, 0.6), (0.42, 0.0, 0.12)),
+            eye_controls=_make_eye_controls((1.2, -0.85, 0.68), (0.42, 0.0, 0.14)),
             line_grid=False,
         )
 

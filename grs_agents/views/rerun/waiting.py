@@ -8,6 +8,7 @@ import rerun as rr
 from PIL import Image, ImageDraw, ImageFont
 
 from grs_agents.sim.instance import InstanceTable
+from grs_agents.sim.world import TABLE_CENTER, TABLE_SIDE
 from grs_agents.views.rerun.recording import Paths, Recording
 
 NOT_YET = "*Not yet.*"
@@ -17,6 +18,8 @@ _SIZE = (640, 480)
 """Width and height of the pictures, pixels."""
 _GROUND, _INK = 48, 170
 _TABLE = ((0.5, 0.0, -0.011), (0.62, 1.1, 0.02))  # centre, size
+_TOP = -0.0005
+"""Height of the texture, m: above the box of the table, below the marks that lie on it."""
 _ABOVE_TABLE = (0.45, 0.0, 0.1)
 _PICTURES = (Paths.PHOTO, Paths.DEPTH, Paths.TWIN_PICTURE, Paths.COVERAGE, Paths.IMAGE)
 
@@ -45,11 +48,26 @@ def clear_placeholder(recording: Recording, path: str) -> None:
     recording.log(placeholder_path(path), rr.Clear(recursive=False))
 
 
-def log_table_top(recording: Recording, looks: InstanceTable) -> None:
-    """The table top in the world of the rollouts."""
+def log_table_top(recording: Recording, looks: InstanceTable, texture: npt.NDArray[np.uint8] | None = None) -> None:
+    """The table top in the world of the rollouts; ``texture`` (N, N, 3) covers all of the simulated one."""
     recording.log(Paths.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     (center, size), color = _TABLE, [round(255 * channel) for channel in looks.color]
     recording.log(f"{Paths.WORLD}/table", rr.Boxes3D(centers=[center], sizes=[size], colors=[color], fill_mode="solid"))
+    if texture is None:
+        return
+    x, y = (center[0] - size[0] / 2, center[0] + size[0] / 2), (center[1] - size[1] / 2, center[1] + size[1] / 2)
+    corners = np.array([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])])
+    low, high = ((np.array((x, y)).T - TABLE_CENTER) / TABLE_SIDE + 0.5) * len(texture)
+    (left, bottom), (right, top) = np.rint(low).astype(int), np.rint(high).astype(int)
+    shown = texture[len(texture) - top : len(texture) - bottom, left:right]
+    cover = rr.Mesh3D(
+        vertex_positions=np.column_stack([corners, np.full(4, _TOP)]),
+        vertex_normals=np.tile((0.0, 0.0, 1.0), (4, 1)),
+        vertex_texcoords=[(0, 1), (1, 1), (1, 0), (0, 0)],
+        triangle_indices=[(0, 1, 2), (0, 2, 3)],
+        albedo_texture=np.ascontiguousarray(shown),
+    )
+    recording.log(f"{Paths.WORLD}/table_top", cover)
 
 
 @lru_cache(maxsize=1)
