@@ -31,8 +31,9 @@ FLOORS: tuple[frozenset[str], ...] = (
         }
     ),
     frozenset({"trace", "config", "content", "geometry"}),
+    frozenset({"sandbox"}),
     frozenset({"library"}),
-    frozenset({"sim", "sandbox", "models"}),
+    frozenset({"sim", "models"}),
     frozenset({"perception", "agents", "toolkit", "task_folder"}),
     frozenset({"audit", "envs", "export", "tools/", "varied_instances"}),
     frozenset({"policies", "state", "demos"}),

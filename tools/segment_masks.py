@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grs_agents.perception import Candidate, RGBDFrame, TableFrame, measure_candidates, read_masks
+from grs_agents.perception import Candidate, RGBDFrame, TableFrame, measure_candidates, read_foreign_masks
 from grs_agents.toolkit import ToolContext
 
 
@@ -32,7 +32,7 @@ def run(request: Request, context: ToolContext) -> Result:
         InputError: the scene has no masks, or none with enough depth.
     """
     rows, columns = request.frame.depth.shape
-    labels = read_masks(request.frame.source, (rows, columns))
+    labels = read_foreign_masks(request.frame.source, (rows, columns))
     candidates = measure_candidates(request.frame, request.table, labels, given=True)
     kept = {int(labels[one.mask].max()) for one in candidates}
     lost = sorted(set(np.unique(labels).tolist()) - kept - {0})

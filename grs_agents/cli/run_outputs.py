@@ -36,12 +36,13 @@ def send_otel_spans(folder: Path, as_json: bool) -> None:
 def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) -> Path:
     """Write a run as one HTML page, ``report.html`` in its folder if nothing else is named."""
     from grs_agents.views import Sources, render_html_report
-    from grs_agents.views.common import library_with_run_assets
+    from grs_agents.views.common import decode_in_worker, library_with_run_assets
 
     record, out = read_record(folder), out or folder / "report.html"
     check_output_path(out)
     sources = Sources(folder, library_with_run_assets(folder, Library()), show)
-    page = render_html_report(record.model_dump(mode="json"), read_events(folder / "events.jsonl"), sources)
+    with decode_in_worker(folder):
+        page = render_html_report(record.model_dump(mode="json"), read_events(folder / "events.jsonl"), sources)
     path = write_file_or_stdout(out, page.encode("utf-8", "replace"))
     add_hash(folder, path)
     return path
@@ -50,6 +51,7 @@ def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) ->
 def write_run_as_file(folder: Path, out: Path | None, seed: int | None, large: bool, as_json: bool) -> None:
     """Write a run as what the ending of ``out`` says and tell where; standard output is the page's alone."""
     from grs_agents.views import show_activity_status
+    from grs_agents.views.common import decode_in_worker
     from grs_agents.views.film import HIGH_DEFINITION, SUFFIXES, make_rollout_shot, write_film
 
     kind = "" if out is None else out.suffix.lower()
@@ -62,7 +64,8 @@ def write_run_as_file(folder: Path, out: Path | None, seed: int | None, large: b
         elif out is not None and kind in SUFFIXES:
             read_record(folder)
             path = out
-            write_film(make_rollout_shot(folder, seed, HIGH_DEFINITION if large else None), path, show=show)
+            with decode_in_worker(folder):
+                write_film(make_rollout_shot(folder, seed, HIGH_DEFINITION if large else None), path, show=show)
             add_hash(folder, path)
         elif out in (None, STANDARD_OUTPUT) or kind in (".html", ".htm"):
             path = write_report(folder, out, show)

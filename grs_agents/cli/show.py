@@ -56,20 +56,26 @@ def show_step(folder: Path, number: int | None, as_json: bool) -> None:
 def make_recording(folder: Path, file: Path) -> Path:
     """Write the recording of a run into ``file``, made of its events as far as it has come.
     Raises InputError: there is no event."""
+    from grs_agents.views.common import decode_in_worker
     from grs_agents.views.rerun import record_run
 
     read_record(folder)
-    if not record_run(folder, Library(), file):
+    with decode_in_worker(folder):
+        written = record_run(folder, Library(), file)
+    if not written:
         raise InputError(f"{folder} holds nothing to show: the run logged no event", "run the scene again")
     return file
 
 
 def play_in_window(folder: Path, seed: int | None) -> int:
     """Play a rollout of a run in MuJoCo's window."""
+    from grs_agents.views.common import decode_in_worker
     from grs_agents.views.film import make_rollout_shot, play_in_mujoco_window
 
     read_record(folder)
-    return play_in_mujoco_window(make_rollout_shot(folder, seed))
+    with decode_in_worker(folder):
+        shot = make_rollout_shot(folder, seed)
+    return play_in_mujoco_window(shot)
 
 
 def open_run_viewer(folder: Path, beside: Path | None, web: bool, as_json: bool) -> int:
@@ -83,11 +89,14 @@ def open_run_viewer(folder: Path, beside: Path | None, web: bool, as_json: bool)
             with show_activity_status("making the recording"):
                 recording = make_recording(folder, Path(temporary) / "trace.rrd")
             return _open_viewer_and_wait(recording, web, as_json)
+        from grs_agents.views.common import decode_in_worker
         from grs_agents.views.rerun import record_comparison
 
         read_record(beside)
         runs = [(folder, Library()), (beside, Library())]
-        return _open_viewer_and_wait(record_comparison(runs, Path(temporary) / "both.rrd"), web, as_json)
+        with decode_in_worker(folder, beside):
+            recording = record_comparison(runs, Path(temporary) / "both.rrd")
+        return _open_viewer_and_wait(recording, web, as_json)
 
 
 def _open_viewer_and_wait(recording: Path, web: bool, as_json: bool) -> int:

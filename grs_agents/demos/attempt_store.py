@@ -15,10 +15,16 @@ from numpy.lib import format as npy
 from grs_agents.demos.types import CameraModel, Demonstration, Dropped
 from grs_agents.errors import InputError
 from grs_agents.files import write_bytes, write_json
+from grs_agents.foreign import BoundedReader, check_zip_compression, open_zip, read_npy_stream
 
 _ORDER: Final = "order.json"
 _ARRAYS: Final = ("joint_positions", "joint_velocities", "tip", "suction", "objects", "actions", "rewards")
 _IMAGE: Final = "image:"
+_MOST_DIRECTORY: Final = 1 << 20
+"""Bytes of the table of what a file of an attempt holds."""
+_MOST_HEADER: Final = 1 << 26
+_MOST_ARRAY: Final = 1 << 32
+"""Bytes of the pictures of one camera: 4,600 of 640x480 pixels."""
 
 
 class AttemptStore:
@@ -101,12 +107,16 @@ def _encode_as_npz(demonstration: Demonstration) -> bytes:
 
 
 def _read_demonstration_npz(path: Path) -> Demonstration:
-    with zipfile.ZipFile(path) as file:
-        header: dict[str, Any] = json.loads(file.read("header.json"))
+    with path.open("rb") as packed, open_zip(packed, str(path), _MOST_DIRECTORY) as file:
+        for member in file.infolist():
+            check_zip_compression(member, str(path))
+        with file.open("header.json") as content:
+            header: dict[str, Any] = json.loads(BoundedReader(content, str(path), _MOST_HEADER).read())
         names = [name.removesuffix(".npy") for name in file.namelist() if name.endswith(".npy")]
-        arrays: dict[str, Any] = {
-            name: npy.read_array(io.BytesIO(file.read(f"{name}.npy")), allow_pickle=False) for name in names
-        }
+        arrays: dict[str, Any] = {}
+        for name in names:
+            with file.open(f"{name}.npy") as content:
+                arrays[name] = read_npy_stream(content, f"{name} in {path}", _MOST_ARRAY)
     images = {name.removeprefix(_IMAGE): arrays.pop(name) for name in names if name.startswith(_IMAGE)}
     header["cameras"] = tuple(CameraModel.model_validate(one) for one in header["cameras"])
     for name in ("object_names", "joint_names"):

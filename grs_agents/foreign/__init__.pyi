@@ -1,8 +1,14 @@
 from . import pictures as pictures
 from .arrays import Numbers as Numbers
 from .arrays import read_npy as read_npy
+from .arrays import read_npy_stream as read_npy_stream
 from .arrays import read_npz as read_npz
 from .arrays import read_npz_strings as read_npz_strings
+from .bounded_streams import BoundedReader as BoundedReader
+from .bounded_streams import check_zip_compression as check_zip_compression
+from .bounded_streams import iterate_tar_members as iterate_tar_members
+from .bounded_streams import open_zip as open_zip
+from .elsewhere import decode_elsewhere as decode_elsewhere
 from .files import MOST_JSON_BYTES as MOST_JSON_BYTES
 from .files import check_json_limits as check_json_limits
 from .files import is_folder as is_folder

@@ -1,6 +1,5 @@
 """Read ``.npy`` and ``.npz``: no pickles, and never more than the header promises and the bounds allow."""
 
-import lzma
 import math
 import struct
 import tokenize
@@ -18,24 +17,30 @@ import numpy.typing as npt
 from numpy.lib import format as npy
 
 from grs_agents.errors import InputError
+from grs_agents.foreign.bounded_streams import BoundedReader, check_zip_compression, open_zip
+from grs_agents.foreign.elsewhere import current_decoder
 from grs_agents.foreign.files import read_bytes
 
 Numbers = npt.NDArray[Any]
 MOST_BYTES = 1 << 29
 """No array needs more, unpacked: enough for 255 masks at 1920x1080, or 64 million pixels of eight bytes."""
 MOST_MEMBERS = 64
+_MOST_DIRECTORY = 1 << 20
+"""Bytes of the table of an archive's members; one with a name of usual length has about 60."""
+_MOST_HEADER = 1 << 16
+"""Bytes of an array's header; version 2.0 may promise 4 GB, of which numpy would read all before it looks."""
 NUMBERS, MOST_WORD, MOST_TEXT = "buif", 400, 1 << 20
 """The kinds of numbers; bytes of the longest word (100 letters) and of all words of an array."""
 MALFORMED = (
     *(ValueError, SyntaxError, TypeError, OverflowError, EOFError, OSError, MemoryError, LookupError, RuntimeError),
-    *(NotImplementedError, zlib.error, lzma.LZMAError, zipfile.BadZipFile, tokenize.TokenError, struct.error),
+    *(NotImplementedError, zlib.error, zipfile.BadZipFile, tokenize.TokenError, struct.error),
 )
 """What numpy and zipfile raise on torn or forged files."""
 
 
 def read_npy(file: Path) -> Numbers:
     """One array of numbers. Raises InputError: it cannot be read, holds Python objects or text, or is too large."""
-    return _read_array(BytesIO(read_bytes(file)), str(file))
+    return read_npy_stream(BytesIO(read_bytes(file)), str(file))
 
 
 def read_npz(
@@ -57,6 +62,9 @@ def read_npz(
     Raises:
         InputError: it is no such archive, a wanted array is missing, or one holds other things than numbers.
     """
+    decoder = current_decoder()
+    if decoder is not None and (decoded := decoder.read_npz(file, wanted, optional, together, text)) is not None:
+        return decoded
     with _open_npz(read_bytes(file, "give a .npz with rgb, depth and K"), str(file)) as archive:
         members = {name.removesuffix(".npy"): name for name in archive.namelist()}
         _check_required_arrays(members, wanted, file)
@@ -64,7 +72,7 @@ def read_npz(
         left = MOST_BYTES if together is None else together
         for name in [name for name in (*wanted, *optional) if name in members]:
             with archive.open(members[name]) as content:
-                arrays[name] = _read_array(content, f"{name} in {file}", left, "U" if name in text else NUMBERS)
+                arrays[name] = read_npy_stream(content, f"{name} in {file}", left, "U" if name in text else NUMBERS)
             left -= 0 if together is None else arrays[name].nbytes
         return arrays
 
@@ -87,7 +95,7 @@ def read_npz_strings(data: bytes, where: str) -> list[str]:
                 kind = _read_array_header(content, where)[2]
             if kind.kind not in NUMBERS:
                 with archive.open(name) as content:
-                    words += map(str, _read_array(content, f"{name} in {where}", MOST_TEXT, "U").ravel())
+                    words += map(str, read_npy_stream(content, f"{name} in {where}", MOST_TEXT, "U").ravel())
     return words
 
 
@@ -106,10 +114,15 @@ def _convert_read_errors_to_input_error(where: str, what: str, writer: str) -> G
 @contextmanager
 def _open_npz(data: bytes, where: str) -> Generator[zipfile.ZipFile]:
     """An archive of a bounded number of arrays."""
-    with _convert_read_errors_to_input_error(where, ".npz", "numpy.savez"), zipfile.ZipFile(BytesIO(data)) as archive:
+    with (
+        _convert_read_errors_to_input_error(where, ".npz", "numpy.savez"),
+        open_zip(BytesIO(data), where, _MOST_DIRECTORY) as archive,
+    ):
         count = len(archive.namelist())
         if count > MOST_MEMBERS:
             raise InputError(f"{where} holds {count} arrays, more than {MOST_MEMBERS}", "leave the others out")
+        for member in archive.infolist():
+            check_zip_compression(member, where)
         yield archive
 
 
@@ -120,10 +133,11 @@ def _read_array_header(content: IO[bytes], where: str) -> "tuple[tuple[int, ...]
     if read_header is None:
         raise InputError(f"{where} is of .npy version {version[0]}.{version[1]}", "write it with numpy.save")
     with warnings.catch_warnings(action="ignore", category=UserWarning):  # of a header that Python 2 wrote
-        return read_header(content)
+        return read_header(BoundedReader(content, where, _MOST_HEADER))
 
 
-def _read_array(content: IO[bytes], where: str, most: int = MOST_BYTES, allowed: str = NUMBERS) -> Numbers:
+def read_npy_stream(content: IO[bytes], where: str, most: int = MOST_BYTES, allowed: str = NUMBERS) -> Numbers:
+    """One array of at most ``most`` bytes, of the kinds ``allowed``. Raises InputError: as `read_npy`."""
     with _convert_read_errors_to_input_error(where, "array", "numpy.save"):
         shape, column_major, kind = _read_array_header(content, where)
         size = _check_array_size(shape, kind, where, most, allowed)

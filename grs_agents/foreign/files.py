@@ -10,6 +10,7 @@ from grs_agents.errors import InputError
 
 MOST_BYTES = 1 << 30
 """No file of a scene is larger, in bytes."""
+_PIECE = 1 << 20
 MOST_JSON_BYTES = 1 << 26
 MOST_TEXT_BYTES = 1 << 20
 """A program or a configuration file has a few kilobytes."""
@@ -57,7 +58,9 @@ def read_bytes(file: Path, remedy: str = "", most: int = MOST_BYTES) -> bytes:
         if status.st_size > most:
             raise InputError(f"{file} has {status.st_size} bytes, more than {most}", "give a smaller file")
         with file.open("rb") as stream:
-            data = stream.read(most + 1)  # files in /proc say that they have 0 bytes
+            data = stream.read(status.st_size + 1)  # not `most`, for which room would be made ahead
+            while len(data) > status.st_size and len(data) <= most and (more := stream.read(_PIECE)):
+                data += more  # it grows, or lies in /proc, whose files say that they have 0 bytes
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(f"cannot read {file}: {reason}", remedy or "give a file that you may read") from error

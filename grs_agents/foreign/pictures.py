@@ -15,6 +15,7 @@ import numpy.typing as npt
 from PIL import Image as Pillow
 
 from grs_agents.errors import InputError
+from grs_agents.foreign.elsewhere import current_decoder
 from grs_agents.foreign.files import MOST_BYTES, read_bytes
 
 MOST_PIXELS = 64_000_000
@@ -71,6 +72,9 @@ def open_picture(
 
 def read_picture(file: Path, flags: int) -> npt.NDArray[Any]:
     """A PNG or JPEG of a run folder, decoded by OpenCV. Raises InputError: it is missing, torn or too large."""
+    decoder = current_decoder()
+    if decoder is not None and (decoded := decoder.read_picture(file, flags)) is not None:
+        return decoded
     with open_picture(file, "restore the file or run again", ("PNG", "JPEG"), _MOST_RUN_BYTES) as (_, data):
         image: npt.NDArray[Any] | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
         if image is None:

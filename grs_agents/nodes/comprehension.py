@@ -55,7 +55,7 @@ from grs_agents.perception import (
     measure_stray_light,
     measure_table_color,
     raised_pixel_mask,
-    read_scene,
+    read_foreign_scene,
     reconstruct_background,
     register_objects,
     remove_stray_light,
@@ -127,7 +127,7 @@ def read_photo_into_run(state: RunState, services: Services) -> Update:
     source = Path(state["scene_path"])
     if is_known_scene(source):
         return _copy_scene_of_other_run(source, services)
-    frame = read_scene(source, _make_depth_estimator(services), services.config.depth.field_of_view)
+    frame = read_foreign_scene(source, _make_depth_estimator(services), services.config.depth.field_of_view)
     noise = measure_depth_noise(frame)
     frame = smooth_depth_noise(frame, noise)
     doubts = [*describe_depth_shift(frame), *_check_robot_joints(frame, services)]

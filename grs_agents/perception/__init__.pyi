@@ -56,6 +56,8 @@ from .proxies.neighbors import Surroundings as Surroundings
 from .reading.bop import is_bop_source as is_bop_source
 from .reading.camera import CameraFile as CameraFile
 from .reading.camera import read_camera_file as read_camera_file
+from .reading.foreign_scene import read_foreign_masks as read_foreign_masks
+from .reading.foreign_scene import read_foreign_scene as read_foreign_scene
 from .reading.known_scene import copy_scene_from_run as copy_scene_from_run
 from .reading.known_scene import is_known_scene as is_known_scene
 from .reading.masks import read_masks as read_masks

@@ -1,3 +1,5 @@
+from .harness.answers import answer_or_refuse as answer_or_refuse
+from .harness.answers import send_blob as send_blob
 from .harness.captured_error import CapturedError as CapturedError
 from .harness.channel import report_progress as report_progress
 from .harness.suite_probe import run_suite_once as run_suite_once
@@ -6,6 +8,9 @@ from .harness.suite_runner import run_tests_inside as run_tests_inside
 from .harness.suite_runner import seed_everything as seed_everything
 from .host.batch_calls import BatchResult as BatchResult
 from .host.batch_calls import call_tool_for_each_item as call_tool_for_each_item
+from .host.foreign_reader import READING as READING
+from .host.foreign_reader import ForeignReader as ForeignReader
+from .host.foreign_reader import Reading as Reading
 from .host.sandbox import Sandbox as Sandbox
 from .host.suite_discovery import ExpectedTests as ExpectedTests
 from .host.suite_discovery import discover_tests as discover_tests

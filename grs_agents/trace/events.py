@@ -67,6 +67,16 @@ def _is_short_flat_list(items: list[Any]) -> bool:
 _LONG, _FEW, _MANY = 160, 4, 16
 Text = Annotated[str, BeforeValidator(replace_surrogates)]
 """A string that UTF-8 can hold."""
+_LONGEST_NAME = 200
+"""Characters: a name is measured, drawn and repeated in each view; a model's or node's own has some 20."""
+
+
+def _cut_name(name: str) -> str:
+    return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
+
+
+Name = Annotated[str, BeforeValidator(replace_surrogates), AfterValidator(_cut_name)]
+"""A name, cut where it is longer than any that GRS writes."""
 JsonObject = Annotated[dict[str, Any], BeforeValidator(to_plain_json)]
 """A JSON object; equal to itself after a trip through a file."""
 
@@ -188,20 +198,20 @@ class RunStarted(BaseEvent):
     """A run, or the resumption of one, begins. ``nodes`` and ``edges`` are its state machine where known."""
 
     kind: Literal["run_started"] = "run_started"
-    run_id: Text
-    graph: Text
+    run_id: Name
+    graph: Name
     seed: int
     config: JsonObject = Field(default_factory=dict[str, Any])
     versions: dict[str, str] = Field(default_factory=dict[str, str])
-    nodes: tuple[str, ...] = ()
-    edges: tuple[tuple[str, str], ...] = ()
+    nodes: tuple[Name, ...] = ()
+    edges: tuple[tuple[Name, Name], ...] = ()
 
 
 class RunEnded(BaseEvent):
     """The run is over: accepted, rejected, failed or interrupted, and why."""
 
     kind: Literal["run_ended"] = "run_ended"
-    status: Text
+    status: Name
     reason: Text = ""
 
 
@@ -209,7 +219,7 @@ class NodeStarted(BaseEvent):
     """A node of the state machine begins its ``visit``-th visit (from 1)."""
 
     kind: Literal["node_started"] = "node_started"
-    node: Text
+    node: Name
     visit: Count = 1
 
 
@@ -220,9 +230,9 @@ class NodeEnded(BaseEvent):
     """
 
     kind: Literal["node_ended"] = "node_ended"
-    node: Text
+    node: Name
     seconds: Seconds
-    changed: tuple[str, ...] = ()
+    changed: tuple[Name, ...] = ()
     values: JsonObject = Field(default_factory=dict[str, Any])
     error: Text = ""
 
@@ -235,9 +245,9 @@ class Prompt(BaseEvent):
     """
 
     kind: Literal["prompt"] = "prompt"
-    call: Text
-    role: Text
-    model: Text
+    call: Name
+    role: Name
+    model: Name
     text: Text
     images: tuple[str, ...] = ()
     digest: str = ""
@@ -251,16 +261,16 @@ class Reply(BaseEvent):
     """
 
     kind: Literal["reply"] = "reply"
-    call: Text
-    role: Text
-    model: Text
+    call: Name
+    role: Name
+    model: Name
     text: Text
     input_tokens: Count = 0
     output_tokens: Count = 0
     cached_tokens: Count = 0
     cost: float | None = None
     seconds: Seconds = 0.0
-    finish_reason: Text = ""
+    finish_reason: Name = ""
     error: Text = ""
     answered: bool = True
 
@@ -269,8 +279,8 @@ class ToolCall(BaseEvent):
     """A model called a tool: with which ``arguments``, what it was told, and whether the tool could do it."""
 
     kind: Literal["tool_call"] = "tool_call"
-    role: Text
-    tool: Text
+    role: Name
+    tool: Name
     arguments: JsonObject = Field(default_factory=dict[str, Any])
     result: Text = ""
     ok: bool = True
@@ -287,7 +297,7 @@ class ProgramVersion(BaseEvent):
     parent: str | None = None
     path: Text
     diff: Text = ""
-    author_role: Text = ""
+    author_role: Name = ""
     source: Text = Field(default="", description="where it came from, e.g. model or user")
 
 
@@ -303,9 +313,9 @@ class Decision(BaseEvent):
     """Who is to be fixed, by which policy, and why."""
 
     kind: Literal["decision"] = "decision"
-    verdict: Text
+    verdict: Name
     explanation: Text = ""
-    policy: Text = ""
+    policy: Name = ""
 
 
 class SceneStage(BaseEvent):
@@ -337,9 +347,9 @@ class Rollout(BaseEvent):
     kind: Literal["rollout"] = "rollout"
     seed: int
     reward: float
-    outcome: Text
+    outcome: Name
     steps: Count = 0
-    moved: tuple[str, ...] = ()
+    moved: tuple[Name, ...] = ()
     idle_reward: float = 0.0
     cause: Text = ""
     recording: str | None = None
@@ -350,7 +360,7 @@ class Finding(BaseEvent):
     """The audit checked one thing: what was ``measured``, and what is asked (``bound``)."""
 
     kind: Literal["finding"] = "finding"
-    check: Text
+    check: Name
     passed: bool
     measured: Text = ""
     bound: Text = ""

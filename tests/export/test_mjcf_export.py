@@ -166,13 +166,13 @@ def test_a_task_that_pushes_has_a_blade_and_no_suction(export: Export) -> None:
 
 
 def test_the_files_of_a_users_own_arm_come_along(export: Export, tmp_path: Path) -> None:
-    arm = tmp_path / "robot" / "arm.xml"
+    arm = tmp_path / "task" / "robot" / "arm.xml"
     (arm.parent / "parts").mkdir(parents=True)
     arm.write_text(ARM, encoding="utf-8")
     library = Library()
     shutil.copy(library.mesh_or_texture_path("bowl/bowl.obj"), arm.parent / "parts" / "cart.obj")
     shutil.copy(library.mesh_or_texture_path("HOPE/textures/Tuna.png"), arm.parent / "parts" / "paint.png")
-    made = export(robot=str(arm))
+    made = export(robot="robot/arm.xml")
     shutil.rmtree(arm.parent)
     model, _ = load(made)
     assert model.mesh("arm_cart").id >= 0 and model.nu == 4

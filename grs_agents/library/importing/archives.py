@@ -13,7 +13,9 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Final
 
 from grs_agents.errors import InputError
+from grs_agents.foreign import check_zip_compression, iterate_tar_members, open_zip
 from grs_agents.library.importing.asset_discovery import DESCRIPTIONS, UNREAD, slugify_name, survey_folder
+from grs_agents.library.importing.item_worker import unpack_in_worker
 from grs_agents.library.importing.mesh_reader import SUFFIXES
 from grs_agents.library.importing.source_folder import SourceFolder
 from grs_agents.library.importing.types import ImportLimits, ImportOptions, ImportOutcome, RefusedError, SourceItem
@@ -23,10 +25,18 @@ _PICTURES: Final = (".png", ".jpg", ".jpeg", ".tga", ".bmp", ".webp", ".avif", "
 _TEXTS: Final = (".mtl", ".bin", ".pbtxt", ".config", ".txt", ".md")
 _WANTED: Final = frozenset((*SUFFIXES, *DESCRIPTIONS, *_PICTURES, *_TEXTS))
 _MAX_FILES: Final = 100_000
-_CHUNK: Final = 1 << 20
+_MAX_FOLDERS: Final = 32
+"""Folders of a member's name: each is made, so that a name of 4,096 characters would make 2,000."""
+_MAX_DIRECTORY: Final = 250 * _MAX_FILES
+"""Bytes of a zip file's table of members: 46 for each, and its name."""
+_CHUNK: Final = 1 << 16
 _ROOM: Final = 50_000_000
 """Bytes that any archive may unpack to, however small it is."""
-_ARCHIVE_ERRORS: Final = (zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, OSError, RuntimeError)
+_ARCHIVE_ERRORS: Final = (
+    *(zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, OSError, RuntimeError, NotImplementedError),
+    *(ValueError, LookupError),
+)
+"""What zipfile and tarfile raise on torn or forged files."""
 
 
 def is_archive(path: Path) -> bool:
@@ -35,15 +45,23 @@ def is_archive(path: Path) -> bool:
 
 
 def unpack_archive(archive: Path, target: Path, limits: ImportLimits) -> None:
-    """Unpack the files of an archive that may belong to assets."""
+    """Unpack the files of an archive that may belong to assets.
+    Raises RefusedError: it is torn, leaves ``target``, or its members, wanted or not, unpack to too much."""
     room = min(limits.unpacked, max(_ROOM, int(limits.ratio * archive.stat().st_size)))
     try:
-        if archive.name.lower().endswith((".zip", ".whl")):
-            with zipfile.ZipFile(archive) as zipped:
-                _write_members(_open_zip_members(zipped, archive), target, archive, room)
-        else:
-            with tarfile.open(archive) as tarred:
-                _write_members(_iterate_wanted_tar_members(tarred, archive), target, archive, room)
+        with archive.open("rb") as file:
+            if archive.name.lower().endswith((".zip", ".whl")):
+                with open_zip(file, archive.name, _MAX_DIRECTORY) as zipped:
+                    _write_members(_open_zip_members(zipped, archive), target, archive, room)
+            else:
+                # Beside the contents, headers: of a tar file that is not packed, they are no more than there are.
+                most = max(room, archive.stat().st_size)
+                members = iterate_tar_members(file, archive.name, most)
+                _write_members(_iterate_wanted_tar_members(members, archive), target, archive, room)
+    except RefusedError:
+        raise
+    except InputError as error:
+        raise RefusedError(error.message, error.remedy) from error
     except _ARCHIVE_ERRORS as error:
         raise RefusedError(f"{archive.name} cannot be unpacked: {str(error)[:120]}", "pack it again") from error
 
@@ -56,17 +74,21 @@ def _open_zip_members(zipped: zipfile.ZipFile, archive: Path) -> Iterable[Member
     entries = [entry for entry in zipped.infolist() if not entry.is_dir()]
     if len(entries) > _MAX_FILES:
         raise _too_many_files_error(archive)
-    return ((entry.filename, zipped.open(entry)) for entry in entries if _is_wanted_file(entry.filename, archive))
+    for entry in entries:
+        if _is_wanted_file(entry.filename, archive):
+            check_zip_compression(entry, archive.name)
+            yield entry.filename, zipped.open(entry)
 
 
-def _iterate_wanted_tar_members(tarred: tarfile.TarFile, archive: Path) -> Iterable[Member]:
-    for number, entry in enumerate(tarred):
+def _iterate_wanted_tar_members(
+    members: Iterable[tuple[tarfile.TarInfo, IO[bytes] | None]], archive: Path
+) -> Iterable[Member]:
+    for number, (entry, content) in enumerate(members):
         if number >= _MAX_FILES:
             raise _too_many_files_error(archive)
         if entry.issym() or entry.islnk():
             raise RefusedError(f"{archive.name} holds the link {entry.name[:120]!r}", "pack files, not links")
-        content = tarred.extractfile(entry) if entry.isfile() and _is_wanted_file(entry.name, archive) else None
-        if content is not None:
+        if content is not None and _is_wanted_file(entry.name, archive):
             yield entry.name, content
 
 
@@ -79,6 +101,9 @@ def _is_wanted_file(name: str, archive: Path) -> bool:
     pure = PurePosixPath(name)
     if pure.is_absolute() or ".." in pure.parts or any(letter in name for letter in ":\\\0"):
         raise RefusedError(f"{archive.name} holds {name[:120]!r}, which leaves the folder", "pack relative names")
+    if len(pure.parts) > _MAX_FOLDERS:
+        message = f"{archive.name} holds {name[:120]!r}, which lies deeper than {_MAX_FOLDERS} folders"
+        raise RefusedError(message, "pack fewer levels")
     return pure.suffix.lower() in _WANTED or pure.name.upper().startswith("LICENSE")
 
 
@@ -165,12 +190,12 @@ def _find_unpacked_items(
 
 def _unpack_archives(archives: list[Path], home: Path, limits: ImportLimits) -> Iterable[tuple[str, RefusedError]]:
     """Unpack archives, wheels over one another as when they are installed; those that are refused."""
-    for archive in archives:
-        target = home if archive.suffix == ".whl" else home / slugify_name(archive.name.partition(".")[0])
-        try:
-            unpack_archive(archive, target, limits)
-        except RefusedError as error:
-            yield archive.name, error
+    targets = [
+        (archive, home if archive.suffix == ".whl" else home / slugify_name(archive.name.partition(".")[0]))
+        for archive in archives
+    ]
+    for archive, error in unpack_in_worker(targets, home, limits).items():
+        yield archive.name, error
 
 
 def _source_item_of_file(path: Path, relative: str) -> SourceItem:

@@ -3,15 +3,15 @@
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from queue import SimpleQueue
 
 from grs_agents.errors import InputError
 from grs_agents.library.asset import Asset, read_manifest
 from grs_agents.library.importing.archives import ImportSource
 from grs_agents.library.importing.asset_discovery import find_item_files
+from grs_agents.library.importing.item_worker import ItemWorkers
 from grs_agents.library.importing.journal import (
     ImportedAssets,
     Journal,
@@ -20,7 +20,6 @@ from grs_agents.library.importing.journal import (
     update_manifest_entries,
 )
 from grs_agents.library.importing.types import ImportJob, ImportOptions, ImportOutcome, RefusedError, SourceItem
-from grs_agents.library.importing.worker import Worker
 
 _SAVE_EVERY = 10.0
 """Seconds between two writings of the manifest."""
@@ -38,7 +37,6 @@ class ImportRun:
     again: bool = False  # import what was imported or refused before, too
     jobs: int = 1  # processes
     shipped: frozenset[str] = frozenset()  # names of the assets in whose place one of this library would come
-    _workers: SimpleQueue[Worker] = field(default_factory=SimpleQueue[Worker])
 
     def run(self, source: ImportSource, report: Callable[[ImportOutcome, bool], None]) -> list[ImportOutcome]:
         """The outcome of every item of a source, in their order.
@@ -83,18 +81,16 @@ class ImportRun:
         self, source: ImportSource, journal: Journal, imported: ImportedAssets
     ) -> Iterator[tuple[ImportOutcome, bool]]:
         """Each item's outcome in their order, and whether it is from the journal."""
-        for _ in range(self.jobs):
-            self._workers.put(Worker(self.options.limits))
+        workers = ItemWorkers(source.folder, self.options.limits, self.jobs)
         threads = ThreadPoolExecutor(self.jobs)
         try:
-            yield from threads.map(partial(self._import_item, source, journal, imported), source.items)
+            yield from threads.map(partial(self._import_item, source, workers, journal, imported), source.items)
         finally:
             threads.shutdown(cancel_futures=True)
-            while not self._workers.empty():
-                self._workers.get().close()
+            workers.close()
 
     def _import_item(
-        self, source: ImportSource, journal: Journal, imported: ImportedAssets, item: SourceItem
+        self, source: ImportSource, workers: ItemWorkers, journal: Journal, imported: ImportedAssets, item: SourceItem
     ) -> tuple[ImportOutcome, bool]:
         license_, key, begin = self._resolve_license(source, item), "", time.monotonic()
         try:
@@ -116,11 +112,7 @@ class ImportRun:
                 license=license_,
                 known=self.known if item.kind == "hope" else (),
             )
-            worker = self._workers.get()
-            try:
-                asset = worker.import_item(job)
-            finally:
-                self._workers.put(worker)
+            asset = workers.import_item(job)
         except RefusedError as error:
             return _make_refused_outcome(item.name, item.file, error, key), False
         notes = asset.origin.notes if asset.origin is not None else ()

@@ -4,6 +4,8 @@ from .bop import is_bop_source as is_bop_source
 from .bop import parse_bop_source as parse_bop_source
 from .camera import CameraFile as CameraFile
 from .camera import read_camera_file as read_camera_file
+from .foreign_scene import read_foreign_masks as read_foreign_masks
+from .foreign_scene import read_foreign_scene as read_foreign_scene
 from .frame_assembly import have_same_aspect_ratio as have_same_aspect_ratio
 from .frame_assembly import resize_depth as resize_depth
 from .known_scene import copy_scene_from_run as copy_scene_from_run

@@ -19,6 +19,8 @@ from grs_agents.perception.types import Image
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
 GREY = ("1", "L", "LA", "I;16", "I;16B", "I;16L")
 COLORED = ("RGB", "RGBA", "RGBX", "P", "PA", "CMYK", "YCbCr")
+_STRIP = 256
+"""Rows that are converted at once."""
 _ORIENTATION, _EXIF, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
 
 
@@ -39,7 +41,10 @@ def read_color_picture(file: Path) -> Picture:
         if image.mode in GREY[3:]:
             rgb = np.repeat((np.asarray(image) // 257).astype(np.uint8)[..., None], 3, axis=2)
         elif image.mode in GREY or image.mode in COLORED:
-            rgb = np.array(image if image.mode == "RGB" else image.convert("RGB"), dtype=np.uint8)
+            rgb = np.empty((image.height, image.width, 3), np.uint8)
+            for top in range(0, image.height, _STRIP):  # as a whole, Pillow would hold its pixels three times
+                part = image.crop((0, top, image.width, min(top + _STRIP, image.height)))
+                rgb[top : top + _STRIP] = np.asarray(part if part.mode == "RGB" else part.convert("RGB"))
         else:
             raise InputError(f"{file} has pixels of kind {image.mode!r}, no colours", "write it as 8-bit RGB")
         orientation, focal = _read_exif_tags(image)

@@ -56,8 +56,11 @@ def read_scene(source: Path, estimate: Estimator | None = None, field_of_view: f
     """Read and check a scene; ``estimate`` makes the depth of a photo without, ``field_of_view`` degrees wide.
     Raises InputError: a file is missing or unreadable, sizes differ in shape, the camera is incomplete or not finite,
     too little was measured, or the depth is in another unit than the camera says."""
-    check_scene_source(source)
-    recording = _read_recording(source)
+    return finish_recording(read_recording(source), estimate, field_of_view)
+
+
+def finish_recording(recording: Recording, estimate: Estimator | None, field_of_view: float | None) -> RGBDFrame:
+    """The frame of what `read_recording` found; errors as `read_scene`."""
     if recording.measured is not None and recording.camera is not None:
         return assemble_frame(recording, recording.camera, recording.measured)
     if estimate is None:
@@ -65,7 +68,9 @@ def read_scene(source: Path, estimate: Estimator | None = None, field_of_view: f
     return assemble_frame_from_photo(recording, estimate, field_of_view)
 
 
-def _read_recording(source: Path) -> Recording:
+def read_recording(source: Path) -> Recording:
+    """What the files of a scene hold, decoded. Raises InputError: as `read_scene`, as far as one file tells."""
+    check_scene_source(source)
     if is_bop_source(source):
         return read_bop_image(source)
     if is_folder(source):

@@ -55,7 +55,11 @@ def warm_up(settings: Settings) -> None:
 
 def create_worker_file_rules(settings: Settings, scratch: Path) -> int | None:
     """What a process that works in ``scratch`` may do with files, as ``harden`` takes it; forked ones inherit it."""
-    return create_file_rules(settings.readable, (scratch, Path(os.devnull))) if settings.layers else None
+    return (
+        create_file_rules(settings.readable, (scratch, *settings.writable, Path(os.devnull)))
+        if settings.layers
+        else None
+    )
 
 
 def serve_request(

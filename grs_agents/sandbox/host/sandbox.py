@@ -32,7 +32,7 @@ class Sandbox:
     ``preload`` (``module:function``) called. The backend ``auto`` is the strongest that holds against the probe's
     attacks; ``none`` is no separation at all. At most ``workers`` calls run at once; more wait for their turn. A call
     may cost ``limits`` unless it says otherwise; these fix the size of scratch folders too. Workers may read
-    ``readable``, beside what they need to run.
+    ``readable``, beside what they need to run, and write into the folders ``writable``, whose size nothing bounds.
 
     Safe to share between threads. Use it as a context manager, or ``close`` it.
     """
@@ -46,8 +46,16 @@ class Sandbox:
         workers: int = 1,
         limits: Limits | None = None,
         readable: Sequence[Path] = (),
+        writable: Sequence[Path] = (),
     ) -> None:
-        self._plan = Plan(tuple(preload), tuple(tools), limits or Limits(), workers, tuple(readable))
+        self._plan = Plan(
+            tuple(preload),
+            tuple(tools),
+            limits or Limits(),
+            workers,
+            tuple(readable),
+            tuple(map(Path.resolve, writable)),
+        )
         self._choice: BackendChoice = backend
         self._candidates = list(backend_candidates(backend))
         self._failures: dict[Backend, SandboxError] = {}
@@ -83,8 +91,19 @@ class Sandbox:
             ValueError: the request is not plain JSON (NaN, infinity).
         """
         content.content_path("tools", tool)
+        return self._call({"tool": tool, "module": None}, request, limits, readable)
+
+    def call_module(
+        self, module: str, request: dict[str, Any], limits: Limits | None = None, readable: Sequence[Path] = ()
+    ) -> CallResult:
+        """As ``call``, with the function ``inside`` of the installed module ``module``, a dotted name."""
+        return self._call({"tool": None, "module": module}, request, limits, readable)
+
+    def _call(
+        self, target: dict[str, Any], request: dict[str, Any], limits: Limits | None, readable: Sequence[Path]
+    ) -> CallResult:
         overlays = allowlist.content_overlays()
-        frame = {"tool": tool, "module": None, "request": request, "overlays": [str(root) for root in overlays]}
+        frame = {**target, "request": request, "overlays": [str(root) for root in overlays]}
         wire.encode(frame)
         limits = limits or self._plan.limits
         slot = self._slots.get()

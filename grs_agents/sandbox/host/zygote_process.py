@@ -34,6 +34,7 @@ class Plan:
     limits: Limits  # what a call may hold; scratch folders have this size
     slots: int  # how many calls may run at once
     readable: tuple[Path, ...]  # files and folders that workers may read beside those they need to run
+    writable: tuple[Path, ...] = ()  # folders that they may write to beside their scratch folders
 
 
 class Zygote:
@@ -65,7 +66,9 @@ class Zygote:
         command = startup.build_command_line("zygote", channel, settings)
         if self.backend == "bubblewrap":
             scratch = [settings.scratch / str(slot) for slot in range(plan.slots)]
-            prefix = command_lines.bubblewrap_command_prefix(self.readable, scratch, settings.scratch_bytes)
+            prefix = command_lines.bubblewrap_command_prefix(
+                self.readable, scratch, settings.scratch_bytes, plan.writable
+            )
             command = [*prefix, *command]
         with self._log_path.open("wb") as log:
             return subprocess.Popen(
@@ -87,13 +90,17 @@ class Zygote:
         confined = self.backend == "sandbox-exec"
         # neither macOS's sandbox nor its libraries bear forks
         single_use = folders if confined or sys.platform == "darwin" else []
-        wrapping = [command_lines.seatbelt_command_prefix(self.readable, one) if confined else () for one in single_use]
+        wrapping = [
+            command_lines.seatbelt_command_prefix(self.readable, one, plan.writable) if confined else ()
+            for one in single_use
+        ]
         return Settings(
             preload=plan.preload,
             overlays=tuple(allowlist.content_overlays()),
             tools=plan.tools,
             layers=self.backend != "none" and sys.platform == "linux",
             readable=(*allowlist.system_paths(), *allowlist.kernel_paths(), *self.readable),
+            writable=plan.writable,
             scratch=backends.SCRATCH if sized else self._scratch.path,
             slots=plan.slots,
             scratch_is_sized=sized,

@@ -8,10 +8,12 @@ from pathlib import Path
 from grs_agents.sandbox.isolation import allowlist
 
 
-def bubblewrap_command_prefix(readable: Sequence[Path], scratch: Sequence[Path], scratch_bytes: int) -> list[str]:
+def bubblewrap_command_prefix(
+    readable: Sequence[Path], scratch: Sequence[Path], scratch_bytes: int, writable: Sequence[Path] = ()
+) -> list[str]:
     """What to put before a command, for name spaces of its own and a file system of what is named.
     ``readable`` is visible read-only, beside the system's own files; each folder of ``scratch`` is a writable file
-    system of ``scratch_bytes`` bytes."""
+    system of ``scratch_bytes`` bytes; the folders ``writable`` are those of the host."""
     command = [shutil.which("bwrap") or "bwrap", "--unshare-all", "--unshare-user", "--cap-drop", "ALL"]
     command += ["--hostname", "sandbox"]
     for path in allowlist.system_paths():
@@ -21,6 +23,8 @@ def bubblewrap_command_prefix(readable: Sequence[Path], scratch: Sequence[Path],
     command += ["--proc", "/proc", "--dev", "/dev"]
     for folder in scratch:
         command += ["--size", str(scratch_bytes), "--tmpfs", str(folder)]
+    for folder in writable:
+        command += ["--bind", str(folder), str(folder)]
     return [*command, "--remount-ro", "/", "--remount-ro", "/dev", "--chdir", "/"]
 
 
@@ -28,20 +32,20 @@ def _read_only_bind_args(path: Path) -> list[str]:
     return ["--ro-bind", str(path), str(path)]
 
 
-def seatbelt_command_prefix(readable: Sequence[Path], scratch: Path) -> list[str]:
+def seatbelt_command_prefix(readable: Sequence[Path], scratch: Path, writable: Sequence[Path] = ()) -> list[str]:
     """What to put before a command on macOS; the arguments are those of ``seatbelt_profile``."""
-    return [shutil.which("sandbox-exec") or "sandbox-exec", "-p", seatbelt_profile(readable, scratch)]
+    return [shutil.which("sandbox-exec") or "sandbox-exec", "-p", seatbelt_profile(readable, scratch, writable)]
 
 
-def seatbelt_profile(readable: Sequence[Path], scratch: Path) -> str:
+def seatbelt_profile(readable: Sequence[Path], scratch: Path, writable: Sequence[Path] = ()) -> str:
     """The rules of macOS's ``sandbox-exec``: no network, no other process, no file but what is named.
 
     The rules that a program needs to start at all are Apple's own, which change with the system. ``sandbox-exec``
     starts the interpreter within the profile, so the interpreter alone may be executed, in place of itself.
-    ``scratch`` is the only folder that can be written.
+    ``scratch`` and the folders ``writable`` are all that can be written.
     """
     paths = (*allowlist.system_paths(), *readable)
-    parents = sorted({parent for path in (*paths, scratch) for parent in path.parents})
+    parents = sorted({parent for path in (*paths, scratch, *writable) for parent in path.parents})
     lines = [
         "(version 1)",
         "(deny default)",
@@ -51,7 +55,7 @@ def seatbelt_profile(readable: Sequence[Path], scratch: Path) -> str:
         f"(allow process-exec {_format_path_filters('literal', _interpreter_paths())})",
         f"(allow file-read-metadata {_format_path_filters('literal', parents)})",
         f"(allow file-read* file-map-executable {_format_path_filters('subpath', paths)})",
-        f"(allow file-read* file-write* {_format_path_filters('subpath', [scratch])})",
+        f"(allow file-read* file-write* {_format_path_filters('subpath', [scratch, *writable])})",
         '(allow file-read* file-write-data (literal "/dev/null"))',
         "(allow signal (target self))",
         "(allow sysctl-read)",

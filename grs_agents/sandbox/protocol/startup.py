@@ -30,6 +30,7 @@ class Settings(Frozen):
     tools: tuple[str, ...] = ()  # tool files to import before the first call
     layers: bool = True  # whether children harden themselves with Landlock, seccomp and without privileges
     readable: tuple[Path, ...] = ()  # files and folders that children may read
+    writable: tuple[Path, ...] = ()  # folders that they may write to, beside their scratch folder
     scratch: Path  # folder with one scratch folder for each slot, named by its number
     slots: int = 1  # how many calls may run at once
     scratch_is_sized: bool = False  # whether each of these is a file system of its own, of `scratch_bytes`

@@ -12,6 +12,7 @@ from .arm_parts import CUP_RADIUS as CUP_RADIUS
 from .arm_parts import DOWN as DOWN
 from .arm_parts import ROBOT_CONTYPE as ROBOT_CONTYPE
 from .arm_parts import replace_cup_with_spatula as replace_cup_with_spatula
+from .foreign_robot import check_foreign_robot as check_foreign_robot
 from .joint_paths import WAYPOINT_STEPS as WAYPOINT_STEPS
 from .joint_paths import rotations_about_z as rotations_about_z
 from .joint_paths import trapezoidal_profile as trapezoidal_profile

@@ -3,8 +3,10 @@
 from pathlib import Path
 from typing import Final
 
+from grs_agents.errors import InputError
 from grs_agents.files import write_bytes
 from grs_agents.mujoco_import import mujoco
+from grs_agents.sim.arms.robot_file_check import check_robot_file
 
 ROBOT_FOLDER: Final = "robot"
 """The folder of a run that has them."""
@@ -18,12 +20,13 @@ def copy_arm_files(source: Path, folder: Path) -> Path | None:
         is named by its absolute path: such an arm stays where it is.
     """
     try:
+        check_robot_file(source)
         named = [Path(file) for file in mujoco.mju_getXMLDependencies(str(source))]
         parts = {file.relative_to(source.parent): file.read_bytes() for file in named}
         for part, data in parts.items():
             write_bytes(folder / part, data)
         copied = [Path(file) for file in mujoco.mju_getXMLDependencies(str(folder / source.name))]
-    except (mujoco.FatalError, OSError, ValueError):
+    except (InputError, mujoco.FatalError, OSError, ValueError):
         return None
     return folder / source.name if all(file.is_relative_to(folder) for file in copied) else None
 

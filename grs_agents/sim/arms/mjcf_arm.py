@@ -11,11 +11,10 @@ from grs_agents.geometry import FloatArray
 from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.arm_parts import ROBOT_CONTYPE, add_position_actuator, add_suction_cup
+from grs_agents.sim.arms.robot_file_check import check_robot_file
 
 TIPS: Final = ("tip", "tool0", "attachment_site", "ee", "end_effector", "flange", "tcp")
 """Names of the site that the suction cup is fixed to, the first that is there; without any, the last body's frame."""
-LARGEST: Final = 4_000_000
-"""Of the MJCF file, bytes; meshes count on their own."""
 _MOST_JOINTS: Final = 12
 _PREFIX: Final = "arm_"
 _STIFFNESS, _TORQUE = 3000.0, 200.0
@@ -27,6 +26,7 @@ _ROOM: Final = np.pi / 2
 
 def load_arm(path: Path) -> Arm:
     """The arm in an MJCF file; raises ``InputError`` for no serial arm, or one that cannot point down at the table."""
+    check_robot_file(path)
     spec = _parse_mjcf(path)
     guess = _read_home_joints(spec, _find_joint_chain(spec, path), path)
 
@@ -58,8 +58,6 @@ def _last_joint_limit_margin(arm: Arm) -> float:
 
 def _parse_mjcf(path: Path) -> Any:
     try:
-        if path.stat().st_size > LARGEST:
-            raise InputError(f"robot {path}: {path.stat().st_size} bytes, at most {LARGEST}", "give the arm alone")
         return mujoco.MjSpec.from_file(str(path.resolve()))
     except OSError as error:
         raise InputError(f"robot {path}: cannot be read: {error}", "give the path of an MJCF file") from error

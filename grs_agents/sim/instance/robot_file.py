@@ -3,6 +3,7 @@
 from pathlib import Path, PurePath
 
 from grs_agents.foreign import resolve_member_file
+from grs_agents.sim.arms import check_foreign_robot
 from grs_agents.sim.instance.task_instance import TaskInstance
 
 
@@ -17,10 +18,11 @@ def make_robot_path_relative(instance: TaskInstance, folder: Path) -> TaskInstan
 def resolve_robot_path(instance: TaskInstance, folder: Path) -> TaskInstance:
     """The instance that a file in ``folder`` holds, with the absolute path of the arm's file that lies in there.
 
-    Raises InputError: the name leads out of the folder, or there is no such file.
+    Raises InputError: the name is an absolute path or leads out of the folder, there is no such file, or the file is no
+            arm, or takes more memory or time than one.
     """
-    file = PurePath(instance.robot)
-    if file.is_absolute() or not file.suffix:
+    if not PurePath(instance.robot).suffix:
         return instance
     found = resolve_member_file(folder, instance.robot).resolve()
+    check_foreign_robot(found)
     return instance.model_copy(update={"robot": str(found)})

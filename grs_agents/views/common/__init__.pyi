@@ -7,6 +7,7 @@ from .event_steps import event_log_level as event_log_level
 from .event_steps import format_event_line as format_event_line
 from .event_steps import group_events_into_steps as group_events_into_steps
 from .event_steps import summarise_event as summarise_event
+from .foreign_decoding import decode_in_worker as decode_in_worker
 from .rollout_motion import Grasp as Grasp
 from .rollout_motion import Motion as Motion
 from .rollout_motion import find_grasps as find_grasps

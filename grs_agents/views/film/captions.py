@@ -2,6 +2,7 @@
 why goals do not hold."""
 
 import re
+from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -22,6 +23,8 @@ _SHARE = 26
 """Letters are as high as the picture divided by this."""
 _SHADE = 0.45
 """How bright the picture stays behind the letters."""
+_LONGEST = 400
+"""Characters of a text that are measured: the film's 720 pixels have room for about 100."""
 
 
 def write_moment_captions(
@@ -76,7 +79,7 @@ def _draw_caption(image: Picture, caption: Caption) -> Picture:
     band[:] = (band * _SHADE).astype(np.uint8)
     picture = Image.fromarray(shown)
     draw = ImageDraw.Draw(picture)
-    goal, action, outcome = map(escape_control_chars, caption)
+    goal, action, outcome = (escape_control_chars(text[:_LONGEST]) for text in caption)
     right = width - margin - draw.textlength(outcome, font)
     top = height - 2 * line - margin
     draw.text((margin, top), _shorten_to_width(draw, goal, font, width - 2 * margin), (255, 255, 255), font)
@@ -89,7 +92,7 @@ def _shorten_to_width(
     draw: ImageDraw.ImageDraw, text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: float
 ) -> str:
     """``text``, cut off where it is wider than ``width`` pixels."""
-    shown = text
-    while shown and draw.textlength(shown, font) > width:
-        shown = shown[:-2].rstrip() + "…"
-    return shown
+    if draw.textlength(text, font) <= width:
+        return text
+    most = bisect_right(range(1, len(text)), width, key=lambda count: draw.textlength(f"{text[:count]}…", font))
+    return f"{text[:most].rstrip()}…"

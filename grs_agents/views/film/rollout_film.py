@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -127,8 +128,20 @@ def _render_with_backend(takes: Sequence[Take], backend: str) -> Iterator[Image]
             raise GrsError(f"the rollout cannot be drawn: {reason}", "see `grs doctor`")
 
 
+_NEEDED = re.compile(
+    "(PATH|HOME|USER|LANG|TZ|TMPDIR|TEMP|TMP|SYSTEMROOT|WINDIR|DISPLAY|WAYLAND_DISPLAY|XAUTHORITY|VIRTUAL_ENV)$"
+    "|(LC|LD|DYLD|XDG|PYTHON|PYOPENGL|MUJOCO|LIBGL|MESA|GALLIUM|EGL|__EGL|__GLX?|VK|NVIDIA|CUDA|OMP|OPENBLAS|MKL)_?"
+)
+"""The variables that an interpreter and a graphics library look at. The process draws strangers' files: no keys."""
+_SECRET = re.compile("KEY|TOKEN|SECRET|PASS|CREDENTIAL", re.IGNORECASE)
+
+
 def _start_render_worker(backend: str, errors: int) -> subprocess.Popen[bytes]:
-    environment = {key: value for key, value in os.environ.items() if key != "MUJOCO_GL"}
+    environment = {
+        key: value
+        for key, value in os.environ.items()
+        if _NEEDED.match(key) and not _SECRET.search(key) and key != "MUJOCO_GL"
+    }
     if backend:
         environment["MUJOCO_GL"] = "disabled" if backend == _RAYS else backend
     command = [sys.executable, "-m", "grs_agents.views.film.worker"]

@@ -1,11 +1,7 @@
 """Importing whole sources through the door: what comes out, what is refused, and that it goes on."""
 
 import shutil
-from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -25,21 +21,6 @@ from grs_agents.library.importing import (
 from grs_agents.perception.matching import match_by_features
 from tests.library.importing import models
 from tests.perception.matching.photo import request_of
-
-
-@pytest.fixture(scope="module")
-def kept_worker() -> Iterator[Any]:
-    """A process that prepares items, whose imports are paid for once."""
-    worker = import_module("grs_agents.library.importing.worker").Worker(ImportOptions().limits)
-    yield worker
-    worker.close()
-
-
-@pytest.fixture(autouse=True)
-def _lent_worker(kept_worker: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each import of a test has the kept process; that of the module's fixture has one of its own."""
-    lent = SimpleNamespace(import_item=kept_worker.import_item, close=lambda: None)
-    monkeypatch.setattr("grs_agents.library.importing.importer.Worker", lambda limits: lent)
 
 
 def run(

@@ -164,3 +164,19 @@ def test_without_a_display_the_remedy_is_a_film(
     monkeypatch.setattr(rollout_film, "has_display", lambda: False)
     with pytest.raises(GrsError, match=r"no display.*--out film\.webp"):
         play_in_mujoco_window(RolloutShot(*played, library))
+
+
+def test_long_captions_are_cut_before_they_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    from PIL import ImageDraw
+
+    measured: list[int] = []
+    measure = ImageDraw.ImageDraw.textlength
+
+    def count(draw: ImageDraw.ImageDraw, text: str, *options: Any) -> float:
+        measured.append(len(text))
+        return measure(draw, text, *options)
+
+    monkeypatch.setattr(ImageDraw.ImageDraw, "textlength", count)
+    image, word = np.zeros((240, 320, 3), np.uint8), "word " * 200_000
+    drawn = next(draw_captions(iter([image]), iter([(word, word, word)])))
+    assert drawn.any() and max(measured) <= 401 and len(measured) < 40

@@ -1,0 +1,116 @@
+"""The host's side of an import: a worker reads archives and items; what it made is checked and written here."""
+
+import hashlib
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from pydantic import ValidationError
+
+from grs_agents.config import Limits
+from grs_agents.errors import InputError
+from grs_agents.files import write_bytes
+from grs_agents.library.asset import Asset
+from grs_agents.library.formats import MAX_PARTS
+from grs_agents.library.importing.asset_discovery import find_item_files
+from grs_agents.library.importing.source_folder import SourceFolder
+from grs_agents.library.importing.types import ImportJob, ImportLimits, RefusedError
+from grs_agents.sandbox import ForeignReader
+
+_WORKER: Final = "grs_agents.library.importing.worker"
+_WALL_SECONDS: Final = 3.0
+"""For each second of processor time."""
+_BASE_SECONDS, _BASE_BYTES = 20.0, 480 << 20
+"""What any item may cost. A bomb is a small file that costs much; a fine mesh of 2 million faces is a large one."""
+_SECONDS_A_MEGABYTE, _TIMES_ITS_SIZE = 10.0, 30.0
+"""What an item may cost beside that: a byte of OBJ or GLB becomes up to 20 in memory."""
+_SCRATCH_MIB: Final = 256
+_VIEW: Final = re.compile(r"-\d\.png")
+
+
+class ItemWorkers:
+    """Workers that prepare items of one source; close it."""
+
+    def __init__(self, folder: SourceFolder, limits: ImportLimits, jobs: int) -> None:
+        self._limits, self._folder = limits, folder
+        self._reader = ForeignReader(
+            [folder.root], [_WORKER], Limits(scratch_mib=_SCRATCH_MIB, output_mib=256), workers=jobs
+        )
+
+    def import_item(self, job: ImportJob) -> Asset:
+        """Prepare an item in a worker and write its files into the library; its entry.
+        Raises RefusedError: it cannot be read, or costs too much. InputError: the library cannot be written."""
+        files = find_item_files(self._folder, job.item)
+        size = sum(file.stat().st_size for name in files if (file := self._folder.root / name).is_file())
+        seconds = min(float(self._limits.seconds), _BASE_SECONDS + _SECONDS_A_MEGABYTE * size / 1e6)
+        memory = min(self._limits.memory, int(_BASE_BYTES + _TIMES_ITS_SIZE * size))
+        limits = Limits(
+            cpu_seconds=seconds,
+            wall_seconds=min(_WALL_SECONDS * seconds + 5, 3600),
+            memory_mib=min(max(memory >> 20, 64), 65536),
+            scratch_mib=_SCRATCH_MIB,
+            output_mib=256,
+        )
+        try:
+            reading = self._reader.read(_WORKER, {"job": job.model_dump(mode="json")}, job.item.file, limits)
+        except InputError as error:
+            raise RefusedError(error.message, error.remedy) from error
+        try:
+            asset = Asset.model_validate(reading.answer["asset"])
+        except (KeyError, ValidationError) as error:
+            raise RefusedError(f"{job.item.file}: the worker's answer is no asset", "try again") from error
+        return _write_files(job, asset, reading.blobs)
+
+    def close(self) -> None:
+        """End the workers."""
+        self._reader.close()
+
+
+def _write_files(job: ImportJob, asset: Asset, blobs: dict[str, bytes]) -> Asset:
+    """Write the files of an asset, under names that its own name allows, into the library; the entry with hashes."""
+    home, slug = job.collection, job.item.name
+    parts = [f"{home}/meshes/{slug}.part{number}.obj" for number in range(MAX_PARTS)]
+    own = {f"{home}/{slug}.urdf", f"{home}/meshes/{slug}.obj", f"{home}/textures/{slug}.png", *parts}
+    views = {name for name in blobs if name.startswith(f"{home}/views/{slug}-") and _VIEW.search(name, len(name) - 6)}
+    views = {name for name in views if len(name) == len(f"{home}/views/{slug}-0.png")}
+    if (
+        asset.name != f"{home}/{slug}.urdf"
+        or asset.name not in blobs
+        or asset.origin is None
+        or blobs.keys() - own - views
+    ):
+        raise RefusedError(f"{job.item.file}: the worker's answer is no asset", "try again")
+    for part in parts:
+        if part not in blobs:
+            (job.root / part).unlink(missing_ok=True)  # of an earlier import
+    for name, data in blobs.items():
+        write_bytes(job.root / name, data)
+    digests = {name: hashlib.sha256(blobs[name]).hexdigest() for name in asset.origin.files if name in own}
+    return asset.model_copy(update={"origin": asset.origin.model_copy(update={"files": digests})})
+
+
+def unpack_in_worker(
+    archives: Sequence[tuple[Path, Path]], home: Path, limits: ImportLimits
+) -> dict[Path, RefusedError]:
+    """Unpack each archive into its folder below ``home``; those that are refused, each with the reason."""
+    refused: dict[Path, RefusedError] = {}
+    most = Limits(
+        cpu_seconds=min(limits.seconds, 60),
+        wall_seconds=180,
+        memory_mib=512,
+        scratch_mib=min(max(limits.unpacked >> 20, 1), 4096),
+        output_mib=1,
+    )
+    with ForeignReader([archive for archive, _ in archives], [_WORKER], most, [home]) as reader:
+        for archive, target in archives:
+            request = {
+                "archive": str(archive.resolve()),
+                "target": str(target.resolve()),
+                "limits": limits.model_dump(mode="json"),
+            }
+            try:
+                reader.read(_WORKER, request, archive.name)
+            except InputError as error:
+                refused[archive] = RefusedError(error.message, error.remedy)
+    return refused

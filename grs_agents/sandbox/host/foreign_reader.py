@@ -1,0 +1,118 @@
+"""Strangers' files are read in a worker: without keys, with bounds on memory and time, able to open nothing else."""
+
+import base64
+import binascii
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from grs_agents.config import Limits
+from grs_agents.errors import InputError
+from grs_agents.sandbox.host.sandbox import Sandbox
+from grs_agents.sandbox.host.zygote_process import SandboxError
+from grs_agents.sandbox.protocol import CallResult
+
+READING = Limits(wall_seconds=60, cpu_seconds=20, memory_mib=480, scratch_mib=1, output_mib=256)
+"""The most that reading a scene costs, beside 110 MiB of a worker: 64 million pixels of RGB take 450 MiB and 1 s."""
+_LONGEST = 2_000
+"""Characters of an error of the worker that are repeated."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a worker read. It has held strangers' bytes: whoever takes it checks types, sizes and ranges."""
+
+    answer: dict[str, Any]  # plain JSON
+    blobs: dict[str, bytes]  # by the names that the worker gave them
+
+
+class ForeignReader:
+    """Calls the functions ``inside`` of modules that read what strangers wrote.
+
+    The strongest backend that holds is taken, as for generated code. Where there is none, limits and the empty
+    environment alone are left: to refuse every photo there would protect nobody.
+
+    Args:
+        readable: the files and folders that the calls may read; links in them that lead out are not followed.
+        preload: modules to import ahead of the calls, whose memory does not count.
+        limits: what a call may cost.
+        writable: folders that the calls may write to.
+        workers: how many calls may run at once.
+    """
+
+    def __init__(
+        self,
+        readable: Sequence[Path],
+        preload: Sequence[str] = (),
+        limits: Limits = READING,
+        writable: Sequence[Path] = (),
+        workers: int = 1,
+    ) -> None:
+        self._options: dict[str, Any] = {"workers": workers, "limits": limits, "writable": tuple(writable)}
+        self._readable, self._preload, self._limits = tuple(readable), tuple(preload), limits
+        self._sandbox = Sandbox(self._preload, readable=self._readable, **self._options)
+
+    def read(self, module: str, request: dict[str, Any], what: str, limits: Limits | None = None) -> Reading:
+        """What ``inside(request)`` of ``module`` answers, whatever happens to the worker.
+
+        Args:
+            module: the dotted name of a module whose ``inside`` returns ``answer_or_refuse(...)``.
+            request: plain JSON.
+            what: the thing that is read, for errors.
+            limits: what this call may cost, where it is not what all may.
+
+        Raises:
+            InputError: the worker refused it, in its words; or it broke the worker, or cost more than the limits.
+        """
+        limits = limits or self._limits
+        try:
+            result = self._sandbox.call_module(module, request, limits)
+        except SandboxError:
+            self._sandbox.close()
+            self._sandbox = Sandbox(self._preload, backend="none", readable=self._readable, **self._options)
+            result = self._sandbox.call_module(module, request, limits)
+        return _interpret_result(result, what, limits)
+
+    def close(self) -> None:
+        """End the workers."""
+        self._sandbox.close()
+
+    def __enter__(self) -> "ForeignReader":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def _interpret_result(result: CallResult, what: str, limits: Limits) -> Reading:
+    match result.value:
+        case {"answer": answer} if result.outcome == "ok" and isinstance(answer, dict):
+            return Reading(cast(dict[str, Any], answer), _join_blobs(result.events, what))
+        case {"refused": str(), "message": str() as message, "remedy": str() as remedy} if result.outcome == "ok":
+            raise InputError(message[:_LONGEST], remedy[:_LONGEST])
+        case _:
+            costs = {
+                "memory_limit": f"it takes more than {limits.memory_mib} MiB of memory",
+                "cpu_limit": f"it takes more than {limits.cpu_seconds:g} s",
+                "timeout": f"it takes more than {limits.wall_seconds:g} s",
+                "output_limit": f"it unpacks to more than {limits.output_mib} MiB",
+                "scratch_limit": f"it unpacks to more than {limits.scratch_mib} MiB",
+            }
+            last = (result.error.strip().splitlines() or ["it ended without an answer"])[-1][:200]
+            reason = costs.get(result.outcome, f"it broke the process that read it ({last})")
+            raise InputError(f"{what} cannot be read: {reason}", "give a smaller one, or write it anew")
+
+
+def _join_blobs(events: Sequence[dict[str, Any]], what: str) -> dict[str, bytes]:
+    pieces: dict[str, list[bytes]] = {}
+    for event in events:
+        match event:
+            case {"blob": str() as name, "data": str() as data}:
+                try:
+                    pieces.setdefault(name, []).append(base64.b64decode(data, validate=True))
+                except (binascii.Error, ValueError) as error:
+                    raise InputError(f"{what} cannot be read: the worker's answer is torn", "try again") from error
+            case _:
+                continue
+    return {name: b"".join(parts) for name, parts in pieces.items()}

@@ -1,0 +1,184 @@
+"""Robots' MJCF files, looked at before MuJoCo reads them: nothing in them multiplies itself, loads code, or lies
+outside the file's own folder. They come from strangers, as those of task folders do."""
+
+import itertools
+import struct
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+from typing import Final
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+from grs_agents.errors import InputError
+from grs_agents.foreign import read_bytes
+from grs_agents.library.formats import check_xml_safety
+
+LARGEST: Final = 4_000_000
+"""Of an MJCF file, bytes; meshes count on their own."""
+_REFUSED: Final = {
+    **dict.fromkeys(("replicate", "composite", "flexcomp", "attach", "model"), "write out what it stands for"),
+    **dict.fromkeys(("plugin", "extension"), "remove it: plugins are code"),
+    **dict.fromkeys(("deformable", "hfield"), "remove it: an arm is rigid and has no ground"),
+    "lengthrange": "remove it: tendons and muscles of the file are not used",
+}
+"""Elements of a few letters that stand for any number of others, simulate while the file is compiled, or load code."""
+_FILES: Final = frozenset({"file", *(f"file{side}" for side in ("right", "left", "up", "down", "front", "back"))})
+_FOLDERS: Final = ("meshdir", "texturedir", "assetdir")
+_MOST: Final[dict[tuple[str, str], float]] = {
+    **{("texture", side): 49_152 for side in ("width", "height")},  # a cube of 8,192 px has a height of 49,152
+    ("camera", "resolution"): 8_192,
+    ("numeric", "size"): 10_000,
+    ("user", "dim"): 10_000,
+    **{(sensor, "num"): 1_000 for sensor in ("contact", "tactile")},
+}
+"""The greatest number of an attribute that says how much memory an element takes."""
+_MOST_PIXELS: Final = 67_108_864
+_MOST_SIZE: Final = 1 << 30
+"""Of ``memory`` of a ``<size>``, bytes."""
+_MOST_COUNT: Final = 1_000_000
+"""Of its other attributes."""
+_MOST_SAMPLES: Final = 1_000
+_MOST_ELEMENTS: Final = {"body": 500, "geom": 2_000}
+_MOST_ALL: Final = 20_000
+_MOST_INCLUDED: Final = 32
+_MOST_MESH: Final = 1 << 26
+_MOST_MESHES: Final = 1 << 28
+"""Bytes of one file that the robot names, and of all; those of the largest arm of MuJoCo's Menagerie have 40 MB."""
+_PNG: Final = b"\x89PNG\r\n\x1a\n"
+
+
+def check_robot_file(path: Path) -> None:
+    """See that MuJoCo may read an arm's file and all that it names.
+
+    Raises:
+        InputError: it cannot be read, is no XML, holds an element that multiplies itself or loads code, asks for more
+            memory than an arm needs, or names a file that is too large or lies outside its folder.
+    """
+    _Check(path).run()
+
+
+class _Check:
+    """One pass over a file and those that it includes."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.root = path, path.resolve().parent
+        self.counts: dict[str, int] = {}
+        self.bytes = 0
+        self.seen: set[Path] = set()
+
+    def run(self) -> None:
+        """See it and all that it names."""
+        parts = list(self._read_with_includes(self.path.resolve(), 0))
+        folders = {""}
+        for _, top in parts:
+            for compiler in top.iter("compiler"):
+                folders |= {self._check_name(compiler.get(key, "") or ".", "the folder") for key in _FOLDERS}
+        for folder in folders:
+            self._find_inside(folder or ".", [self.root])
+        for home, top in parts:
+            for element in top.iter():
+                self._check_element(element)
+                for key in sorted(_FILES & set(element.keys())):
+                    if element.tag != "include":
+                        self._check_named_file(element, element.attrib[key], home, folders)
+
+    def _fault(self, message: str, remedy: str) -> InputError:
+        return InputError(f"robot {self.path}: {message}", remedy)
+
+    def _read_with_includes(self, file: Path, depth: int) -> Iterator[tuple[Path, Element]]:
+        """The folder and the root element of a file and of all that it includes."""
+        if file in self.seen:
+            return  # MuJoCo refuses a file that is included twice
+        self.seen.add(file)
+        if len(self.seen) > _MOST_INCLUDED or depth > _MOST_INCLUDED:
+            raise self._fault(f"more than {_MOST_INCLUDED} included files", "write them into the file")
+        try:
+            text = read_bytes(file, "give the path of an MJCF file", LARGEST)
+        except InputError as error:
+            raise self._fault(f"cannot be read: {error.message}", error.remedy) from error
+        check_xml_safety(text, lambda message, remedy: self._fault(f"is no MJCF: {message}", remedy))
+        try:
+            top = ElementTree.fromstring(text)
+        except (ElementTree.ParseError, ValueError) as error:
+            raise self._fault(f"is no MJCF: {error}", "correct the file") from error
+        yield file.parent, top
+        for element in top.iter("include"):
+            name = self._check_name(element.get("file", ""), "the included file")
+            for included in self._find_inside(name, [file.parent, self.root]):
+                yield from self._read_with_includes(included, depth + 1)
+
+    def _check_name(self, name: str, what: str) -> str:
+        """A name that is relative and names files alone."""
+        if not name or any(letter in name for letter in "\\:\0") or PurePosixPath(name).is_absolute():
+            raise self._make_outside_error(f"{what} {name[:120]!r}")
+        return name
+
+    def _make_outside_error(self, named: str) -> InputError:
+        message = f"{named} lies outside the robot's own folder, or is named by an absolute path"
+        return self._fault(message, f"name files inside {self.root}, relative to the robot's file")
+
+    def _find_inside(self, name: str, homes: list[Path]) -> list[Path]:
+        """The files of this name in any of ``homes``; none of them may lie outside the robot's folder."""
+        found = list(dict.fromkeys((home / name).resolve() for home in homes))
+        inside = [file for file in found if file.is_relative_to(self.root)]
+        if not inside or any(file.exists() for file in found if file not in inside):
+            raise self._make_outside_error(f"the file {name[:120]!r}")
+        return [file for file in inside if file.is_file()]
+
+    def _check_element(self, element: Element) -> None:
+        tag = element.tag
+        if tag in _REFUSED:
+            raise self._fault(f"<{tag}> is refused", _REFUSED[tag])
+        for name in (tag, ""):
+            self.counts[name] = self.counts.get(name, 0) + 1
+        if self.counts[tag] > _MOST_ELEMENTS.get(tag, _MOST_ALL) or self.counts[""] > _MOST_ALL:
+            most = _MOST_ELEMENTS.get(tag, _MOST_ALL)
+            raise self._fault(
+                f"it has more than {most} elements{f' <{tag}>' if most < _MOST_ALL else ''}", "simplify it"
+            )
+        for key, text in element.attrib.items():
+            most = _MOST_SAMPLES if key == "nsample" else _MOST.get((tag, key))
+            if tag == "size":
+                most = _MOST_SIZE if key == "memory" else _MOST_COUNT
+            if most is not None and any(number > most for number in _read_numbers(text)):
+                remedy = "remove it" if tag == "size" else "give a smaller number"
+                raise self._fault(f"{key} of <{tag}> is {text[:40]!r}, more than {most:.0f}", remedy)
+        if tag == "texture":
+            (width, *_), (height, *_) = ((*_read_numbers(element.get(side, "")), 0.0) for side in ("width", "height"))
+            if width * height > _MOST_PIXELS:
+                raise self._fault(
+                    f"a texture of {width:.0f}x{height:.0f} px, at most {_MOST_PIXELS}", "make it smaller"
+                )
+
+    def _check_named_file(self, element: Element, name: str, home: Path, folders: set[str]) -> None:
+        """A mesh or a picture, in each of the places where MuJoCo may look for it."""
+        self._check_name(name, "the file")
+        bases = [place / folder for place, folder in itertools.product((home, self.root), sorted(folders))]
+        for file in {*self._find_inside(name, bases), *self._find_inside(PurePosixPath(name).name, bases)}:
+            if file in self.seen:
+                continue
+            self.seen.add(file)
+            size = file.stat().st_size
+            self.bytes += size
+            if size > _MOST_MESH or self.bytes > _MOST_MESHES:
+                bound = f"{_MOST_MESH} bytes, {_MOST_MESHES} with the others"
+                raise self._fault(f"{name[:120]!r} has {size} bytes, at most {bound}", "simplify it")
+            with file.open("rb") as stream:
+                head = stream.read(24)
+            if head.startswith(_PNG) and len(head) == 24:
+                width, height = struct.unpack(">II", head[16:])
+                if width * height > _MOST_PIXELS:
+                    message = f"{name[:120]!r} has {width}x{height} px, at most {_MOST_PIXELS}"
+                    raise self._fault(message, "make it smaller")
+
+
+def _read_numbers(text: str) -> tuple[float, ...]:
+    """The numbers of an attribute; ``memory`` of a size may end in K, M, G or more."""
+    numbers: list[float] = []
+    for word in text.split():
+        unit = "KMGTPE".find(word[-1].upper()) + 1
+        try:
+            numbers.append(float(word[:-1] if unit else word) * 1024.0**unit)
+        except ValueError:  # for MuJoCo to refuse
+            continue
+    return tuple(numbers)
