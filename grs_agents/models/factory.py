@@ -4,6 +4,7 @@ import ipaddress
 import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from importlib import import_module
 from math import ceil
 from operator import attrgetter
@@ -255,6 +256,8 @@ PROVIDERS: Mapping[str, Provider] = {
     "xai": Provider("langchain_xai", "ChatXAI", "client._client._client", "XAI_API_KEY"),
 }
 """By the name before the colon. LangChain keeps its own table to itself, in a package that GRS can do without."""
+_COMMON = ("openai", "azure", "anthropic", "bedrock", "google", "ollama")
+"""Providers with an extra of their own, which errors list."""
 
 
 def make_chat_model(config: ModelConfig, seed: int) -> "BaseChatModel":
@@ -324,7 +327,9 @@ def _describe_construction_error(error: Exception) -> str:
 def _make_user_defined_model(choice: ModelChoice) -> "BaseChatModel":
     """A model of the user's own class (``Model`` where it is a content file), made with the configured arguments."""
     name = choice.model
-    known = [OFFLINE, *(f"{provider}:NAME" for provider in PROVIDERS), *content.content_names("models")]
+    near = get_close_matches(name.partition(":")[0], PROVIDERS)
+    listed = [provider for provider in PROVIDERS if provider in _COMMON or provider in near]
+    known = [OFFLINE, *(f"{provider}:NAME" for provider in listed), *content.content_names("models")]
     make = content.find_class("models", name, "Model") or load_named_class("model", name, ENTRY_POINTS, known)
     for key in ("base_url", "temperature", "max_tokens"):
         if getattr(choice, key) is not None:

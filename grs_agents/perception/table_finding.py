@@ -208,7 +208,7 @@ def _no_table_error(problem: str, seen: tuple[Array, Array | None, np.random.Gen
         return InputError(
             f"{problem}; T_robot_cam is at fault: without it a plane with {plane.share:.0%} of the pixels is found, "
             f"{where}",
-            "correct T_robot_cam (the quaternion's order, the axes, metres), or leave it out",
+            "correct T_robot_cam (the quaternion's order, the axes, metres) or depth_scale, or leave T_robot_cam out",
         )
     flat = _fit_largest_plane(points, None, len(points), rng, anyhow=True)
     for mistake, scaled, mended in _depth_mistakes(points):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from grs_agents import content
-from grs_agents.config import Config
+from grs_agents.config import Config, RecordedConfig
 from grs_agents.library import Library, Shape
 from grs_agents.runs import RunRecord, write_hashes
 from grs_agents.trace import EventLog
@@ -104,7 +104,7 @@ def shown_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     script.before_fix()
     script.after_fix(seconds=0.5)
     script.log.close()
-    config = Config().model_dump(mode="json")
+    config = RecordedConfig.of(Config())
     ended = RunRecord(
         id="shown",
         status="accepted",

@@ -148,8 +148,8 @@ def test_what_does_not_adjoin_its_thing_stays_by_itself(table: Table) -> None:
     assert "segment 3 was described as a part of 1" in note
 
 
-def test_a_number_that_is_no_other_segment_is_asked_about_again(table: Table) -> None:
-    says = {number: {"part_of": number} for number in (1, 2, 3)}
+def test_a_number_that_is_no_segment_is_asked_about_again(table: Table) -> None:
+    says = {number: {"part_of": 40 + number} for number in (1, 2, 3)}
     found = describe_segments(table.records, 4, table.photo, table.services(Eyes(says=says)))
     assert len(found.notes) == 3 and all("part_of" in note for note in found.notes)
 
