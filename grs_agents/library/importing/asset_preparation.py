@@ -90,7 +90,7 @@ def prepare_asset(job: ImportJob) -> tuple[Asset, TexturedMesh, list[Collider]]:
     volume = mesh_volume(solid.vertices, solid.faces) if watertight else sum(map(collider_volume, colliders))
     physics = _estimate_physics(reading, category, volume)
     result = run_drop_test(colliders, physics.mass.value, physics.friction.value)
-    notes += [] if result.is_stable else [f"it does not rest as it stands_with_axis_up: {result}"]
+    notes += [] if result.is_stable else [f"it does not rest as it stands: {result}"]
     shape, hollow = (*sorted(size), mesh_area(solid.vertices, solid.faces), volume), is_hollow(solid)
     solid, more = simplify_textured_mesh(solid, options.faces, options.texture)
     names = surface_color_names(solid)
@@ -192,7 +192,7 @@ def choose_up_axis_by_height(extents: Floats, height: float, usual: Up, notes: l
 
 
 def _choose_stable_up_axis(vertices: Floats, notes: list[str]) -> Up:
-    """z, unless the object falls over with z up and stands_with_axis_up with y up."""
+    """z, unless the object falls over with z up and stands with y up."""
     hull = compute_convex_hull(vertices, MAX_VERTICES)
 
     def stands_with_axis_up(up: Up) -> bool:

@@ -12,6 +12,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from grs_agents.errors import InputError
+from grs_agents.foreign import check_zip_compression, open_zip
 from grs_agents.library.formats import check_xml_safety
 from grs_agents.library.importing.textures import build_mesh_part, read_picture_or_note
 from grs_agents.library.importing.types import Floats, Image, ImportLimits, Ints, MeshPart, RefusedError
@@ -22,6 +24,8 @@ _MODEL_TYPE: Final = "/3dmodel"
 _DEPTH: Final = 16
 """Levels of components in components."""
 _MEMBERS: Final = 10_000
+_MOST_DIRECTORY: Final = 250 * _MEMBERS
+"""Bytes of the table of members: 46 for each, and its name."""
 _ROOM: Final = 50_000_000
 """Bytes that any file may unpack to, however small it is."""
 _COPIES: Final = 10_000
@@ -60,20 +64,24 @@ def read_3mf(path: Path, limits: ImportLimits, notes: list[str]) -> list[MeshPar
     Raises RefusedError: it is no sound 3MF file, or larger than the limits."""
     package = _Package()
     try:
-        with zipfile.ZipFile(path) as zipped:
+        with path.open("rb") as file, open_zip(file, path.name, _MOST_DIRECTORY) as zipped:
             members = _Members(zipped, path, limits)
             todo, done = [_find_main_file(members)], set[str]()
             while todo:
-                file = todo.pop()
-                if file not in done:
-                    done.add(file)
-                    _read_model_file(members.read(file), file, package, path.name)
+                name = todo.pop()
+                if name not in done:
+                    done.add(name)
+                    _read_model_file(members.read(name), name, package, path.name)
                     todo += [key[0] for thing in package.objects.values() for key, _ in thing.copies]
                     todo += [key[0] for key, _ in package.items]
             images: dict[_Key, Image | None] = {}
-            for key, file in package.textures.items():
-                data = io.BytesIO(members.read(file) if file in members else b"")
+            for key, name in package.textures.items():
+                data = io.BytesIO(members.read(name) if name in members else b"")
                 images[key] = read_picture_or_note(data, limits.pixels, notes)
+    except RefusedError:
+        raise
+    except InputError as error:
+        raise RefusedError(error.message, error.remedy) from error
     except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, NotImplementedError) as error:
         raise RefusedError(f"{path.name} cannot be unpacked: {str(error)[:120]}", "export it again") from error
     except (ValueError, LookupError, SyntaxError) as error:
@@ -97,9 +105,7 @@ class _Members:
         if file not in self:
             raise RefusedError(f"{self._name} holds no {file[:80]!r}", "export it again")
         info = self._infos[file.casefold()]
-        if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            message = f"{self._name} packs {file[:80]!r} in the way {info.compress_type}"
-            raise RefusedError(message, "pack it with deflate")
+        check_zip_compression(info, self._name)
         with self._zipped.open(info) as member:
             data = member.read(self._left + 1)
         self._left -= len(data)
