@@ -478,7 +478,7 @@ def serve_tools(
     """Serve GRS to agents over the Model Context Protocol."""
     from grs_agents.serving import list_mcp_tools, serve_mcp
 
-    chosen = load_effective_config(config, settings, unsafe=unsafe).config
+    chosen = load_effective_config(config, settings, unsafe=unsafe)
     print_json(list_mcp_tools(chosen)) if json else serve_mcp(chosen, port)
 
 

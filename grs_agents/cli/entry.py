@@ -131,8 +131,11 @@ def _exit_with_traceback(error: Exception) -> NoReturn:
 
 
 def _print_error(text: str) -> None:
-    with contextlib.suppress(OSError):  # where nobody can be told, the exit status says enough
+    try:
         print_escaped(text, error=True, end="", flush=True)
+    except OSError:  # where nobody can be told, the exit status says enough; Python would try once more and change it
+        with contextlib.suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
 
 def _check_arguments(arguments: Sequence[str]) -> None:

@@ -1,6 +1,5 @@
 """``grs run`` and ``grs scene``."""
 
-import json
 import shlex
 import sys
 import traceback
@@ -13,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents import terminal
-from grs_agents.config import UNSAFE, Config, EffectiveConfig, flatten_tree, portable_settings
+from grs_agents.config import UNSAFE, EffectiveConfig, list_local_settings
 from grs_agents.content import list_content_options
 from grs_agents.errors import GrsError, InputError
 from grs_agents.foreign import read_json
@@ -91,12 +90,8 @@ def _print_run_outcome(order: Order, scene: Path, ended: Outcome, as_json: bool)
 
 def _list_local_options(effective: EffectiveConfig) -> list[str]:
     """The options that state again what a run folder cannot choose, so that the run goes on as it began."""
-    default, present = (flatten_tree(config.model_dump(mode="json")) for config in (Config(), effective.config))
-    options = [UNSAFE] if present.pop("sandbox") == "none" else []
-    for key, value in present.items():
-        if value is not None and value != default.get(key) and key not in portable_settings() and effective.states(key):
-            options += ["--set", f"{key}={json.dumps(value)}"]
-    return options
+    options = [UNSAFE] if effective.config.sandbox == "none" else []
+    return options + [part for setting in list_local_settings(effective) for part in ("--set", setting)]
 
 
 def print_question(question: Question) -> None:

@@ -4,6 +4,7 @@ from .load import change_config as change_config
 from .load import flatten_tree as flatten_tree
 from .load import load_config as load_config
 from .recorded import RecordedConfig as RecordedConfig
+from .recorded import list_local_settings as list_local_settings
 from .recorded import portable_settings as portable_settings
 from .recorded import select_portable_settings as select_portable_settings
 from .schema import ROLE_ALIASES as ROLE_ALIASES

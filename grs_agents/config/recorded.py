@@ -3,6 +3,7 @@
 A resumed run takes the settings of an allow-list from it (`portable_settings`); all others are those of this machine.
 """
 
+import json
 import re
 import reprlib
 from collections.abc import Iterator, Mapping
@@ -13,7 +14,7 @@ from typing import Any, Final, cast
 from pydantic import BaseModel, ConfigDict, JsonValue, RootModel
 
 from grs_agents.config.load import EffectiveConfig, Tree, flatten_tree, merge_trees, nest_under_keys, validate_config
-from grs_agents.config.schema import ROLES, Config, Portable
+from grs_agents.config.schema import ROLES, Config, ModelConfig, Portable
 from grs_agents.errors import ConfigError
 
 _OFFLINE: Final = re.compile(r"offline(:[a-z0-9_]{1,64})?")
@@ -22,6 +23,8 @@ _OF_THIS_MACHINE: Final = frozenset({"sandbox", "workers"})
 """No verdict depends on these; a resumed run has those of this machine without a question."""
 
 
+_MODEL_DEFAULTS: Final = {**ModelConfig(model="offline").model_dump(mode="json"), "model": None}
+"""Settings of a role that no error lists."""
 _MOST_LISTED: Final = 8
 """Settings in one error."""
 
@@ -115,6 +118,7 @@ class RecordedConfig(RootModel[dict[str, JsonValue]]):
             for key, value in recorded.items()
             if (key in result or key.startswith("models.")) and result.get(key) != value
             if key not in _OF_THIS_MACHINE and not local.states(key) and not _is_of_stated_role(key, local)
+            if key in result or value != _MODEL_DEFAULTS.get(key.rpartition(".")[2], ...)
         ]
         if asked:
             listing = ", ".join(f"{key} = {reprlib.repr(recorded[key])}" for key in asked[:_MOST_LISTED])
@@ -124,6 +128,36 @@ class RecordedConfig(RootModel[dict[str, JsonValue]]):
                 f"state {'it' if len(asked) == 1 else 'each'} again, or what you want instead: --set {asked[0]}=...",
             )
         return config
+
+
+def list_local_settings(effective: EffectiveConfig) -> list[str]:
+    """The settings, ``KEY=VALUE`` as ``--set`` takes them, that the user stated and that a run folder cannot choose.
+
+    A run that is resumed with them goes on with the configuration that it began with.
+    """
+    present, default = effective.config.model_dump(mode="json"), Config().model_dump(mode="json")
+    models: dict[str, Any] = present.pop("models")
+    portable, before = select_portable_settings(flatten_tree(present)), flatten_tree(default)
+    leaves = {
+        key: value
+        for key, value in flatten_tree(present).items()
+        if key not in portable and key not in _OF_THIS_MACHINE and value not in (None, before[key])
+    }
+    stated = {key: value for key, value in leaves.items() if effective.states(key)}
+    stated |= {f"models.{role}": model for role, model in models.items() if effective.states(f"models.{role}")}
+    return [f"{key}={_format_toml(value)}" for key, value in stated.items()]
+
+
+def _format_toml(value: Any) -> str:
+    """A JSON value in TOML; keys without a value are left out."""
+    if isinstance(value, dict):
+        items = cast("dict[str, Any]", value).items()
+        return (
+            f"{{{', '.join(f'{_format_toml(key)} = {_format_toml(each)}' for key, each in items if each is not None)}}}"
+        )
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_format_toml, cast('list[Any]', value)))}]"
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _is_of_stated_role(key: str, local: EffectiveConfig) -> bool:

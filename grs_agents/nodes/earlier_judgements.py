@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from grs_agents.audit import AuditReport
 from grs_agents.errors import InputError
-from grs_agents.files import write_json
+from grs_agents.files import unwritable_error, write_json
 from grs_agents.foreign import read_json
 from grs_agents.nodes.services import Services
 from grs_agents.nodes.task_instances import log_rollouts
@@ -72,8 +72,19 @@ def keep_audit(state: RunState, report: AuditReport, services: Services) -> None
 
 
 def forget_judgements(services: Services) -> None:
-    """Remove what was kept: nothing is judged any more."""
-    shutil.rmtree(services.folder / FOLDER, ignore_errors=True)
+    """Remove the kept judgements.
+
+    Raises:
+        InputError: something of that name cannot be removed.
+    """
+    folder = services.folder / FOLDER
+    try:
+        if folder.is_symlink() or folder.is_file():
+            folder.unlink()
+        elif folder.is_dir():
+            shutil.rmtree(folder)
+    except OSError as error:
+        raise unwritable_error(folder, error) from error
 
 
 def _tests_folder(state: RunState, services: Services) -> Path:

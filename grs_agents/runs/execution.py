@@ -198,6 +198,7 @@ def _invoke_graph(
     with open_sandbox(config) as sandbox, _open_checkpointer(order, folder) as checkpointer:
         sandbox.warm_up()  # its imports overlap with comprehension
         services = _make_node_services(config, folder, log, sandbox)
+        forget_judgements(services)  # of an earlier attempt, or of whoever wrote the folder: this process judges anew
         graph = compile_graph(config.graph, checkpointer)
         drawn = graph.get_graph()
         log.append(
@@ -222,7 +223,6 @@ def _invoke_graph(
             resumed = order.resume and bool(_load_checkpoint_state(graph, settings, folder, order.source))
             if resumed:
                 log.append(Note(level="info", text=f"resumed, attempt {record.attempts}"))
-                forget_judgements(services)  # only what this process measured is used again
             try:
                 start = _command_with_reply(graph, settings, order, log) if resumed else begin
                 graph.invoke(start, settings, context=services, durability="sync")

@@ -162,9 +162,9 @@ def _config_matching_run(folder: Path, chosen: EffectiveConfig) -> Config:
         return chosen.config
     recorded = read_record(folder).config
     same: dict[str, Any] = {}
-    if chosen.sources["robot"] == "default":
+    if chosen.sources.get("robot", "default") == "default":
         same["robot"] = find_recorded_robot(folder, recorded)
-    if chosen.sources["seed"] == "default":
+    if chosen.sources.get("seed", "default") == "default":
         same["seed"] = recorded.select_portable().get("seed", chosen.config.seed)
     return change_config(chosen.config, **same)
 

@@ -9,7 +9,7 @@ import os
 import tempfile
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial, wraps
 from itertools import count
 from pathlib import Path
@@ -18,19 +18,34 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 from pydantic import Field, ValidationError
 
 from grs_agents import content, interrupts
-from grs_agents.api import Run, RunStream, check, run, stream
-from grs_agents.config import Config
+from grs_agents.api import Run, RunStream
+from grs_agents.config import EffectiveConfig, change_config
 from grs_agents.errors import GrsError, InputError
 from grs_agents.files import check_path_name, convert_system_error, write_text
 from grs_agents.foreign import is_folder, list_folder_names, read_bytes, read_text, resolve_member_file
-from grs_agents.runs import RUNS, open_sandbox, read_record
+from grs_agents.perception import resolve_scene_path
+from grs_agents.runs import (
+    RUNS,
+    Order,
+    check_user_program,
+    load_graph,
+    open_check_order,
+    open_sandbox,
+    read_record,
+)
 from grs_agents.sandbox import Sandbox
 from grs_agents.sim import TaskInstance
 from grs_agents.task_folder import open_task_folder
 from grs_agents.terminal import escape_control_chars
 from grs_agents.toolkit import ToolContext, load_tool, open_library
 from grs_agents.version import __version__
-from grs_agents.views import find_step_by_number, group_events_into_steps, iter_step_sections, step_to_dict
+from grs_agents.views import (
+    attach_live_views,
+    find_step_by_number,
+    group_events_into_steps,
+    iter_step_sections,
+    step_to_dict,
+)
 
 if TYPE_CHECKING:
     from mcp.server.mcpserver import MCPServer
@@ -62,13 +77,13 @@ Step = Annotated[int | None, Field(description="The number of one step, to be sh
 class GrsTools:
     """What the server offers. Each raises GrsError, whose text goes to the client."""
 
-    config: Config
+    chosen: EffectiveConfig  # of the server's command line
     sandbox: Sandbox  # shared by all calls, so that MuJoCo is imported once
 
     def scene(self, photo: Photo) -> dict[str, Any]:
         """Comprehend a photo with depth: its objects with sizes and positions in metres, and a run folder."""
-        settings: dict[str, Any] = {**self.config.model_dump(), "graph": "scene"}
-        seen = run(photo, **settings)
+        config = replace(self.chosen, config=change_config(self.chosen.config, graph="scene"))
+        seen = RunStream(Order("scene", resolve_scene_path(Path(photo)), config)).wait()
         return {"folder": str(seen.folder), **seen.scene.model_dump(mode="json", include={"objects", "warnings"})}
 
     def check(self, simulation: Source, tests: Tests = None, scene: Scene = None) -> dict[str, Any]:
@@ -76,7 +91,9 @@ class GrsTools:
         with tempfile.TemporaryDirectory(prefix="grs-mcp-") as folder:
             program = write_text(Path(folder) / "task_code.py", simulation)
             suite = None if tests is None else write_text(Path(folder) / "test_task_code.py", tests)
-            found = check(program, tests=suite, photo=scene, **self.config.model_dump())
+            photo, views = None if scene is None else Path(scene), partial(attach_live_views, progress=False)
+            with open_check_order(program, suite, None, photo, self.chosen, views) as order:
+                found = check_user_program(order)
         return {
             "accepted": found.accepted,
             "tests": found.tests and found.tests.model_dump(mode="json"),
@@ -115,7 +132,7 @@ class GrsTools:
     def _call_tool_by_name(self, tool: str, **request: Any) -> dict[str, Any]:
         called = load_tool(tool)
         library = open_library(request["library_roots"])
-        context = ToolContext(sandbox=self.sandbox, library=library, limits=self.config.limits)
+        context = ToolContext(sandbox=self.sandbox, library=library, limits=self.chosen.config.limits)
         return called.run(called.Request(**request), context).model_dump(mode="json")
 
 
@@ -159,6 +176,14 @@ def read_prompt(name: str) -> str:
     return content.content_path("prompts", name).read_text(encoding="utf-8")
 
 
+def _describe_error(error: BaseException) -> str:
+    """An error for the client, in one line. Raises the error itself: it is none of the user's."""
+    refused = convert_system_error(error) if isinstance(error, OSError) else error
+    if refused is None:
+        raise error
+    return escape_control_chars(str(refused))
+
+
 def _convert_grs_errors_to_tool_errors(tool: Callable[..., Any]) -> Callable[..., Any]:
     """The tool, whose GrsError is told to the client, as is what the system says of a path; the protocol's package
     keeps all other errors to itself."""
@@ -170,12 +195,8 @@ def _convert_grs_errors_to_tool_errors(tool: Callable[..., Any]) -> Callable[...
             for name in _PATHS & arguments.keys():
                 check_path_name(arguments[name] or "", name)
             return tool(**arguments)
-        except (GrsError, KeyboardInterrupt) as error:
-            raise ToolError(escape_control_chars(str(error))) from error
-        except OSError as error:
-            if refused := convert_system_error(error):
-                raise ToolError(escape_control_chars(str(refused))) from error
-            raise
+        except (GrsError, KeyboardInterrupt, OSError) as error:
+            raise ToolError(_describe_error(error)) from error
 
     return call
 
@@ -187,13 +208,13 @@ def _convert_grs_errors_to_resource_errors(read: Callable[..., Any]) -> Callable
     def call(**arguments: Any) -> Any:
         try:
             return read(**arguments)
-        except GrsError as error:
-            raise ResourceError(str(error)) from error
+        except (GrsError, OSError) as error:
+            raise ResourceError(_describe_error(error)) from error
 
     return call
 
 
-def build_mcp_server(config: Config) -> "MCPServer":
+def build_mcp_server(chosen: EffectiveConfig) -> "MCPServer":
     """The server, whose sandbox is warm while it runs. Raises InputError: the package mcp is not installed."""
     try:
         import anyio
@@ -202,7 +223,7 @@ def build_mcp_server(config: Config) -> "MCPServer":
         from mcp.server.stdio import stdio_server
     except ImportError as error:
         raise InputError("the package mcp is not installed", 'pip install "grs-agents[mcp]"') from error
-    sandbox = open_sandbox(config)
+    sandbox = open_sandbox(chosen.config)
 
     class GrsServer(MCPServer):
         """A server that a signal ends while it waits for its client, and that refuses arguments in one line."""
@@ -238,8 +259,10 @@ def build_mcp_server(config: Config) -> "MCPServer":
         Each step that begins is told as progress.
         """
         try:
-            settings: dict[str, Any] = config.model_dump() | ({} if seed is None else {"seed": seed})
-            going = stream(photo, **settings)
+            check_path_name(photo, "photo")
+            config = chosen if seed is None else replace(chosen, config=change_config(chosen.config, seed=seed))
+            command = "run" if getattr(load_graph(config.config.graph), "VERDICT", True) else "scene"
+            going = RunStream(Order(command, resolve_scene_path(Path(photo)), config))
             try:
                 for number in count(1):
                     if (node := await anyio.to_thread.run_sync(_await_node_start, going)) is None:
@@ -249,13 +272,13 @@ def build_mcp_server(config: Config) -> "MCPServer":
                 with anyio.CancelScope(shield=True):
                     await anyio.to_thread.run_sync(going.stop)
             ended = going.wait()
-        except (GrsError, KeyboardInterrupt) as error:
-            raise ToolError(str(error)) from error
+        except (GrsError, KeyboardInterrupt, OSError) as error:
+            raise ToolError(_describe_error(error)) from error
         record = ended.record.model_dump(mode="json", include={"status", "reason", "question", "rewards", "counts"})
         task = ended.task.model_dump(mode="json") if (ended.folder / "task.json").is_file() else None
         return {"folder": str(ended.folder), **record, "task": task}
 
-    tools = GrsTools(config, sandbox)
+    tools = GrsTools(chosen, sandbox)
     server = GrsServer("grs", instructions=_INSTRUCTIONS, version=__version__, lifespan=live, log_level="WARNING")
     for tool in (tools.scene, tools.check, tools.rollout, tools.show):
         server.add_tool(_convert_grs_errors_to_tool_errors(tool))
@@ -280,9 +303,9 @@ def _await_node_start(going: RunStream) -> str | None:
     return next((event.node for event in going if event.kind == "node_started"), None)
 
 
-def serve_mcp(config: Config, port: int | None) -> None:
+def serve_mcp(chosen: EffectiveConfig, port: int | None) -> None:
     """Serve until the client leaves: on stdio, or with a port over HTTP at ``http://127.0.0.1:PORT/mcp``."""
-    server = build_mcp_server(config)
+    server = build_mcp_server(chosen)
     if port is not None:
         server.run("streamable-http", host="127.0.0.1", port=port)
         return
@@ -315,7 +338,7 @@ async def _read_lines(descriptor: int) -> AsyncGenerator[str]:
         interrupts.request_interrupt()
 
 
-def list_mcp_tools(config: Config) -> list[dict[str, Any]]:
+def list_mcp_tools(chosen: EffectiveConfig) -> list[dict[str, Any]]:
     """The tools that are served, each with its description and the schemas of what it takes and gives."""
-    tools = asyncio.run(build_mcp_server(config).list_tools())
+    tools = asyncio.run(build_mcp_server(chosen).list_tools())
     return [tool.model_dump(mode="json", exclude_none=True) for tool in tools]

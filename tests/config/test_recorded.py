@@ -4,7 +4,15 @@ from typing import Any
 
 import pytest
 
-from grs_agents.config import Config, EffectiveConfig, RecordedConfig, flatten_tree, load_config, portable_settings
+from grs_agents.config import (
+    Config,
+    EffectiveConfig,
+    RecordedConfig,
+    flatten_tree,
+    list_local_settings,
+    load_config,
+    portable_settings,
+)
 from grs_agents.errors import ConfigError
 
 LOCAL = load_config(None, (), {})
@@ -129,3 +137,29 @@ def test_a_record_of_another_shape_changes_nothing(tree: dict[str, Any]) -> None
 def test_a_value_out_of_bounds_is_named(key: str, value: Any) -> None:
     with pytest.raises(ConfigError, match=key.replace(".", r"\.")):
         recorded(key, value).resume_on(LOCAL)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ["policy=my.module:Policy", "robot=arms/mine.xml", "audit.judge=openai:judge"],
+        ['models.default=["openai:a", "anthropic:b"]'],
+        [
+            'models.default={model = "openai:a", arguments = {"a.b" = "\U0001f600\\t\x7f", top_k = 3}}',
+            "models.route=offline",
+        ],
+        ["limits.wall_seconds=90", "record=a b.json", "seed=7", "scene.table=highest"],
+        [],
+    ],
+    ids=str,
+)
+def test_a_run_is_resumed_by_the_settings_that_are_printed(settings: list[str]) -> None:
+    begun = load_config(None, settings, {})
+    again = load_config(None, list_local_settings(begun), {})
+    assert RecordedConfig.of(begun.config).resume_on(again) == begun.config
+
+
+def test_a_role_is_asked_for_by_its_model_alone() -> None:
+    record = RecordedConfig.of(load_config(None, ["models.route=openai:x"], {}).config)
+    with pytest.raises(ConfigError, match=r"made with models\.route\.model = 'openai:x', which"):
+        record.resume_on(LOCAL)

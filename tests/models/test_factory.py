@@ -24,7 +24,12 @@ def test_offline_carries_the_seed() -> None:
 def test_unknown_providers_are_named_with_the_valid_ones(name: str) -> None:
     with pytest.raises(UnknownNameError, match=name) as caught:
         make_chat_model(ModelConfig(model=name), seed=0)
-    assert {"offline", "openai:NAME", "groq:NAME"} <= set(caught.value.valid) or name == "offline:x"
+    assert {"offline", "openai:NAME", "ollama:NAME"} <= set(caught.value.valid) or name == "offline:x"
+
+
+def test_a_provider_that_is_nearly_named_is_suggested() -> None:
+    with pytest.raises(UnknownNameError, match="use one of: groq:NAME"):
+        make_chat_model(ModelConfig(model="grok:x"), seed=0)
 
 
 def test_a_provider_without_a_model_name() -> None:

@@ -68,7 +68,9 @@ class ForeignReader:
         limits = limits or self._limits
         try:
             result = self._sandbox.call_module(module, request, limits)
-        except SandboxError:
+        except SandboxError as error:
+            if self._sandbox.is_proven:  # a worker that was lost is no reason to read on without isolation
+                raise InputError(f"{what} cannot be read: {error.message}", error.remedy) from error
             self._sandbox.close()
             self._sandbox = Sandbox(self._preload, backend="none", readable=self._readable, **self._options)
             result = self._sandbox.call_module(module, request, limits)

@@ -72,6 +72,11 @@ class Sandbox:
         """What separates workers from this process, as results record it."""
         return LAYERS[self._proven] if self._proven else self._choice
 
+    @property
+    def is_proven(self) -> bool:
+        """Whether a backend has held against the probe's attacks; no weaker one follows it."""
+        return self._proven is not None
+
     def warm_up(self) -> None:
         """Begin the imports now, so that the first call finds them done."""
         with self._lock, suppress(SandboxError):  # what is missing matters to a call, and not every run makes one
