@@ -11,10 +11,12 @@ import shutil
 import stat
 import sys
 from collections import deque
+from collections.abc import Generator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from threading import Lock
+from typing import IO, Any
 from uuid import uuid4
 
 from grs_agents.errors import InputError, OutputError
@@ -27,6 +29,8 @@ _FLUSHED_TOGETHER = 8
 """Threads that wait for the disk."""
 _unflushed: deque[Path] = deque()
 """What this process wrote since the last durable write."""
+_flushing = Lock()
+"""Of whoever flushes: others wait, since what it took may be what their durable write relies on."""
 
 STANDARD_OUTPUT = Path("-")
 """What a verb that writes one document takes for standard output."""
@@ -116,6 +120,23 @@ def write_bytes(path: Path, data: bytes, durable: bool = False) -> Path:
     return path
 
 
+@contextmanager
+def open_new_text(path: Path) -> Generator[IO[str]]:
+    """A text file, emptied, to be written. Raises InputError: the name is a link or no regular file, or is unwritable.
+
+    Folders that hold such files may come from somebody else.
+    """
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644)
+    except OSError as error:
+        raise unwritable_error(path, error) from error
+    with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise InputError(f"cannot write {path}: it is no regular file", "remove it, or name another folder")
+        os.ftruncate(descriptor, 0)
+        yield stream
+
+
 def make_folder(folder: Path) -> None:
     """Make ``folder`` and those above it that are missing; the next durable write makes them durable."""
     missing = [level for level in (folder, *folder.parents) if not level.exists()]
@@ -131,20 +152,27 @@ def copy_folder(source: Path, target: Path) -> None:
 
 def flush_written_files() -> None:
     """See that all that this process has written outlasts a power cut. Raises OSError: the disk does not take it."""
-    written: set[Path] = set()
-    with suppress(IndexError):  # other threads may flush meanwhile
-        while True:
-            written.add(_unflushed.popleft())
-    with ThreadPoolExecutor(_FLUSHED_TOGETHER) as pool:
-        list(pool.map(_flush, {place for path in written for place in (path, path.parent)}))
+    with _flushing:
+        written: set[Path] = set()
+        with suppress(IndexError):
+            while True:
+                written.add(_unflushed.popleft())
+        try:
+            with ThreadPoolExecutor(_FLUSHED_TOGETHER) as pool:
+                list(pool.map(_flush, {place for path in written for place in (path, path.parent)}))
+        except BaseException:  # an interruption too
+            _unflushed.extend(written)
+            raise
 
 
 def _flush(path: Path) -> None:
     """Wait until the disk holds a file, or the names in a folder; one that is gone needs nothing."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-    except OSError:
-        return
+    except OSError as error:
+        if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.ELOOP):  # gone, or a link in its place
+            return
+        raise
     try:
         os.fsync(descriptor)
     except OSError as error:

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from grs_agents.base import Frozen
 from grs_agents.errors import GrsError, InputError
 from grs_agents.files import write_json
-from grs_agents.foreign import read_json
+from grs_agents.foreign import check_run_folder, read_json
 from grs_agents.sim import hash_instance, rollout
 from grs_agents.sim.instance import make_robot_path_relative
 from grs_agents.sim.variation import Variation, vary_instance
@@ -97,6 +97,8 @@ def make_varied_instances(
 
 def _open_manifest(folder: TaskFolder, variation: Variation, out: Path) -> Manifest:
     """The manifest in ``out``; a new one, with the run's own assets beside it, where the folder is new."""
+    if out.is_dir():
+        check_run_folder(out)  # what is begun may come from somebody else
     bases = tuple(Base(seed=seed, hash=hash_instance(folder.read_instance(seed))) for seed in folder.seeds)
     begun = Manifest(run=folder.path.resolve().name, variation=variation, bases=bases)
     if (out / MANIFEST).is_file():

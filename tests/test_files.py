@@ -1,7 +1,9 @@
 """Files are written whole, or the old one stays and one line says why."""
 
+import errno
 import json
 import os
+import threading
 from pathlib import Path
 
 import pytest
@@ -9,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
-from grs_agents.files import write_bytes, write_json, write_text
+from grs_agents.files import flush_written_files, write_bytes, write_json, write_text
 from tests.needs import needs
 
 
@@ -101,3 +103,60 @@ def test_json_refuses_nan_and_keeps_the_old_file(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="JSON compliant"):
         write_json(tmp_path / "x.json", [float("nan")])
     assert json.loads((tmp_path / "x.json").read_text()) == [1]
+
+
+def test_a_durable_write_waits_for_what_another_thread_flushes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    early = write_bytes(tmp_path / "early", b"whole").stat().st_ino
+    flush, flushing, go_on = os.fsync, threading.Event(), threading.Event()
+    flushed: list[int] = []
+
+    def flush_slowly(descriptor: int) -> None:
+        inode = os.fstat(descriptor).st_ino
+        if inode == early:
+            flushing.set()
+            go_on.wait(60)
+        flush(descriptor)
+        flushed.append(inode)
+
+    monkeypatch.setattr(os, "fsync", flush_slowly)
+    first = threading.Thread(target=flush_written_files)
+    first.start()
+    assert flushing.wait(60)
+    held: list[bool] = []
+
+    def write_and_look() -> None:
+        write_bytes(tmp_path / "late", b"whole", durable=True)
+        held.append(early in flushed)
+
+    second = threading.Thread(target=write_and_look)
+    second.start()
+    second.join(0.5)  # without a lock it ends at once
+    go_on.set()
+    first.join()
+    second.join()
+    assert held == [True]
+
+
+@pytest.mark.parametrize(("fault", "right"), [(errno.EMFILE, False), (errno.EIO, False), (errno.ENOENT, True)])
+def test_a_file_that_cannot_be_opened_is_not_taken_for_flushed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: int, right: bool
+) -> None:
+    early = write_bytes(tmp_path / "early", b"whole")
+    opened = os.open
+
+    def fail(path: Path, flags: int, mode: int = 0o777) -> int:
+        if path == early:
+            raise OSError(fault, os.strerror(fault))
+        return opened(path, flags, mode)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "open", fail)
+        if right:
+            flush_written_files()
+        else:
+            with pytest.raises(OSError, match=os.strerror(fault)):
+                flush_written_files()
+    monkeypatch.setattr(os, "open", lambda path, flags: tried.append(path) or opened(path, flags))
+    tried: list[Path] = []
+    flush_written_files()
+    assert (early in tried) != right  # what was not flushed is tried again

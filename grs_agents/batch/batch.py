@@ -1,6 +1,5 @@
 """Runs of many scenes in one folder, which can be interrupted, gone on with and extended."""
 
-import json
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -15,9 +14,10 @@ from grs_agents.batch.page import render_page
 from grs_agents.batch.results import BatchResults, write_results
 from grs_agents.batch.row import BatchRow, make_batch_row
 from grs_agents.batch.run_process import RunEnd, RunJob
-from grs_agents.config import load_config
+from grs_agents.config import ROLES, load_config
 from grs_agents.errors import InputError
 from grs_agents.files import write_json, write_text
+from grs_agents.foreign import path_exists, read_json
 from grs_agents.models import list_model_variables
 from grs_agents.perception import short_scene_name
 from grs_agents.version import __version__
@@ -82,7 +82,7 @@ def _run_jobs_into_rows(order: BatchOrder, jobs: Sequence[RunJob], rows: dict[st
             written = time.monotonic()
         watch(row)
 
-    models = load_config(order.config, order.settings).config.models.values()
+    config = load_config(order.config, order.settings).config
     try:
         run_jobs(
             jobs,
@@ -91,7 +91,7 @@ def _run_jobs_into_rows(order: BatchOrder, jobs: Sequence[RunJob], rows: dict[st
             timeout=order.timeout,
             engine=order.engine,
             address=order.address,
-            variables=list_model_variables(models),
+            variables=list_model_variables(map(config.model_for_role, ROLES)),
         )
     except KeyboardInterrupt:
         _write_results_and_page(order.out, summarize_rows([*rows.values(), *ended.values()]))
@@ -162,11 +162,8 @@ def _write_or_compare_batch_file(order: BatchOrder) -> None:
         "content": [str(root) for root in content.content_search_roots()[:-1]],
         "grs-agents": __version__,
     }
-    try:
-        earlier = json.loads(file.read_text(encoding="utf-8")) if file.exists() else ours
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot read {file}: {error}", "name another folder with --out") from error
+    earlier = read_json(file, "name another folder with --out") if path_exists(file) else ours
     if earlier != ours:
-        differ = [key for key in ours if not isinstance(earlier, dict) or earlier.get(key) != ours[key]]
+        differ = [key for key in ours if earlier.get(key) != ours[key]]
         raise InputError(f"{order.out} holds a batch with another {', '.join(differ)}", "name another --out")
     write_json(file, ours, durable=True)

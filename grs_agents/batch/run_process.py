@@ -13,6 +13,7 @@ from typing import IO, Final
 
 from grs_agents.content import list_content_options
 from grs_agents.errors import InputError
+from grs_agents.files import open_new_text
 from grs_agents.perception import is_known_scene, resolve_scene_path
 from grs_agents.runs import RunRecord, read_record
 
@@ -113,8 +114,10 @@ def run_job(job: RunJob, timeout: float, processes: RunProcesses) -> RunEnd:
     # The environment is the user's own: a model may need its key.
     starter = [sys.executable, "-m", "grs_agents.batch.child", str(os.getpid())]
     job.folder.parent.mkdir(parents=True, exist_ok=True)
+    if job.folder.is_symlink():  # the batch's folder may come from somebody else
+        return RunEnd(job, 2, f"{job.folder} is a link; remove it, or name another folder with --out")
     log = job.folder.with_name(f"{job.name}.log")  # no pipe: it would break with us, while the run still speaks
-    with log.open("w", encoding="utf-8") as errors, processes.start([*starter, *command], errors) as process:
+    with open_new_text(log) as errors, processes.start([*starter, *command], errors) as process:
         try:
             status = process.wait(timeout)
         except subprocess.TimeoutExpired:

@@ -1,11 +1,10 @@
 """The scenes that a command line names: one by one, by folder, by BOP data set, by glob."""
 
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import is_folder
+from grs_agents.foreign import is_folder, read_json
 from grs_agents.perception import check_scene_source, is_bop_source, resolve_scene_path
 
 _PREFIX = "bop:"
@@ -64,8 +63,8 @@ def _list_scenes_of_bop_data_set(path: Path) -> Iterator[str]:
     """The images of a split or of a scene folder; an image alone is itself."""
     for cameras in sorted([*path.glob(_CAMERAS), *path.glob(f"*/{_CAMERAS}")]):
         try:
-            numbers = sorted(map(int, json.loads(cameras.read_text(encoding="utf-8"))))
-        except (OSError, ValueError, TypeError) as error:
+            numbers = sorted(map(int, read_json(cameras, "see github.com/thodan/bop_toolkit")))
+        except (ValueError, TypeError) as error:
             raise InputError(f"cannot read {cameras}: {error}", "see github.com/thodan/bop_toolkit") from error
         yield from (f"{_PREFIX}{cameras.parent.resolve() / str(number)}" for number in numbers)
     if not is_folder(path):

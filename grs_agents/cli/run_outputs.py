@@ -51,7 +51,6 @@ def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) ->
 def write_run_as_file(folder: Path, out: Path | None, seed: int | None, large: bool, as_json: bool) -> None:
     """Write a run as what the ending of ``out`` says and tell where; standard output is the page's alone."""
     from grs_agents.views import show_activity_status
-    from grs_agents.views.common import decode_in_worker
     from grs_agents.views.film import HIGH_DEFINITION, SUFFIXES, make_rollout_shot, write_film
 
     kind = "" if out is None else out.suffix.lower()
@@ -64,8 +63,7 @@ def write_run_as_file(folder: Path, out: Path | None, seed: int | None, large: b
         elif out is not None and kind in SUFFIXES:
             read_record(folder)
             path = out
-            with decode_in_worker(folder):
-                write_film(make_rollout_shot(folder, seed, HIGH_DEFINITION if large else None), path, show=show)
+            write_film(make_rollout_shot(folder, seed, HIGH_DEFINITION if large else None), path, show=show)
             add_hash(folder, path)
         elif out in (None, STANDARD_OUTPUT) or kind in (".html", ".htm"):
             path = write_report(folder, out, show)

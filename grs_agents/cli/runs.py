@@ -98,4 +98,5 @@ def _flatten_run_record(folder: Path) -> dict[str, Any]:
 def _count_changed_lines(first: Path, second: Path) -> int:
     """How many lines were added or removed between two files; one that is not there is empty."""
     old, new = (read_text(file, _FILE_REMEDY).splitlines() if file.is_file() else [] for file in (first, second))
-    return sum(line[0] in "+-" for line in difflib.ndiff(old, new))
+    changed = list(difflib.unified_diff(old, new, n=0))[2:]  # after its two headers
+    return sum(line[0] in "+-" for line in changed)

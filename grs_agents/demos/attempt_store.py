@@ -2,7 +2,9 @@
 
 import io
 import json
+import re
 import zipfile
+import zlib
 from collections.abc import Iterator
 from dataclasses import fields
 from functools import cached_property
@@ -11,11 +13,12 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.lib import format as npy
+from pydantic import ValidationError
 
 from grs_agents.demos.types import CameraModel, Demonstration, Dropped
 from grs_agents.errors import InputError
 from grs_agents.files import write_bytes, write_json
-from grs_agents.foreign import BoundedReader, check_zip_compression, open_zip, read_npy_stream
+from grs_agents.foreign import BoundedReader, check_zip_compression, open_zip, read_json, read_npy_stream
 
 _ORDER: Final = "order.json"
 _ARRAYS: Final = ("joint_positions", "joint_velocities", "tip", "suction", "objects", "actions", "rewards")
@@ -27,16 +30,29 @@ _MOST_ARRAY: Final = 1 << 32
 """Bytes of the pictures of one camera: 4,600 of 640x480 pixels."""
 
 
+_LEAST_ROOM, _MOST_RATIO = 1 << 24, 200
+"""Bytes that any attempt may unpack to, and times its size: pictures of a simulation shrink to a third or a tenth."""
+_ATTEMPT: Final = re.compile(r"attempt_(\d{6,12})")
+_REMEDY: Final = "remove it: the attempt is made again"
+_TORN: Final = (
+    *(zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, NotImplementedError),
+    *(ValueError, TypeError, LookupError, RecursionError),
+)
+"""What zipfile, json and numpy raise on torn or forged files."""
+
+
 class AttemptStore:
     """The attempts of one order. Raises ``InputError`` if the folder has those of another."""
 
     def __init__(self, path: Path, order: dict[str, Any]) -> None:
+        if path.is_symlink():  # what is begun may come from somebody else
+            raise InputError(f"{path} is a link", "remove it to begin anew")
         self.path, file = path, path / _ORDER
         self.order: dict[str, Any] = json.loads(json.dumps(order))  # what all attempts depend on
         order = self.order
         if not file.is_file():
             write_json(file, order)
-        elif (begun := json.loads(file.read_text(encoding="utf-8"))) != order:
+        elif (begun := read_json(file, "remove that folder to begin anew")) != order:
             other = sorted(key for key in {*begun, *order} if begun.get(key) != order.get(key))
             raise InputError(
                 f"{path} holds episodes that were begun otherwise: {', '.join(other)}",
@@ -52,7 +68,8 @@ class AttemptStore:
         return self._find_attempt_files("json")
 
     def _find_attempt_files(self, kind: str) -> dict[int, Path]:
-        return {int(file.stem.partition("_")[2]): file for file in sorted(self.path.glob(f"attempt_*.{kind}"))}
+        files = {_ATTEMPT.fullmatch(file.stem): file for file in sorted(self.path.glob(f"attempt_*.{kind}"))}
+        return {int(name[1]): file for name, file in files.items() if name and not file.is_symlink()}
 
     @property
     def attempts(self) -> frozenset[int]:
@@ -85,9 +102,7 @@ class AttemptStore:
 
     def read_dropped_attempts(self) -> list[Dropped]:
         """What came to nothing, in the order of the attempts."""
-        return [
-            Dropped.model_validate_json(file.read_bytes()) for _, file in sorted(self._rejected_attempt_files.items())
-        ]
+        return [_read_dropped(file) for _, file in sorted(self._rejected_attempt_files.items())]
 
 
 def _encode_as_npz(demonstration: Demonstration) -> bytes:
@@ -106,7 +121,24 @@ def _encode_as_npz(demonstration: Demonstration) -> bytes:
     return buffer.getvalue()
 
 
+def _read_dropped(file: Path) -> Dropped:
+    try:
+        return Dropped.model_validate(read_json(file, _REMEDY))
+    except ValidationError as error:
+        raise InputError(f"{file} is no attempt: {error.errors()[0]['msg']}", _REMEDY) from error
+
+
 def _read_demonstration_npz(path: Path) -> Demonstration:
+    """One attempt. Raises InputError: the file is torn, forged, or unpacks to more than pictures shrink by."""
+    try:
+        return _unpack_demonstration(path)
+    except _TORN as error:
+        reason = str(error)[:200] or type(error).__name__
+        raise InputError(f"{path} is no whole attempt: {reason}", _REMEDY) from error
+
+
+def _unpack_demonstration(path: Path) -> Demonstration:
+    left = max(_LEAST_ROOM, _MOST_RATIO * path.stat().st_size)
     with path.open("rb") as packed, open_zip(packed, str(path), _MOST_DIRECTORY) as file:
         for member in file.infolist():
             check_zip_compression(member, str(path))
@@ -116,7 +148,8 @@ def _read_demonstration_npz(path: Path) -> Demonstration:
         arrays: dict[str, Any] = {}
         for name in names:
             with file.open(f"{name}.npy") as content:
-                arrays[name] = read_npy_stream(content, f"{name} in {path}", _MOST_ARRAY)
+                arrays[name] = read_npy_stream(content, f"{name} in {path}", min(_MOST_ARRAY, left))
+            left -= arrays[name].nbytes
     images = {name.removeprefix(_IMAGE): arrays.pop(name) for name in names if name.startswith(_IMAGE)}
     header["cameras"] = tuple(CameraModel.model_validate(one) for one in header["cameras"])
     for name in ("object_names", "joint_names"):

@@ -18,6 +18,8 @@ MOST_DEPTH = 64
 """Levels of nested arrays and objects; what GRS writes has about ten. Python's own parser fails at about 1,000."""
 MOST_VALUES = 250_000
 """Values of one file in a run folder. The log of the sample run has 2,400; one value takes up to 500 bytes."""
+MOST_VALUES_OF_DATA = 2_000_000
+"""Values of any other file: data sets list the poses of thousands of pictures in one. They take 320 MB."""
 _TOKEN = re.compile(rb'"(?:[^"\\\n]++|\\.)*+"?|[\[{\]},\n]')
 
 
@@ -116,7 +118,7 @@ def parse_json(data: bytes, where: object, remedy: str, values: int | None = MOS
 
 def read_json(file: Path, remedy: str) -> dict[str, Any]:
     """A JSON object. Raises InputError: it cannot be read, is not JSON in UTF-8, or is no object."""
-    value = parse_json(read_bytes(file, remedy, MOST_JSON_BYTES), file, remedy, None)
+    value = parse_json(read_bytes(file, remedy, MOST_JSON_BYTES), file, remedy, MOST_VALUES_OF_DATA)
     if not isinstance(value, dict):
         raise InputError(f"{file} is not a JSON object", remedy)
     return cast(dict[str, Any], value)

@@ -21,8 +21,8 @@ REMEDY = "remove it, or ask whoever made the folder for a plain copy"
 
 def check_run_folder(folder: Path) -> None:
     """Look at every entry of a run folder before anything in it is opened; entries that vanish meanwhile are no fault.
-    Raises InputError: an entry is neither a folder nor a regular file, is a link that leads out, or is too large; or
-    there are too many."""
+    Raises InputError: an entry is neither a folder nor a regular file, is a link that leads out or to a folder, or is
+    too large; or there are too many."""
     root, total = folder.resolve(), 0
     for number, entry in enumerate(_walk_entries(root), start=1):
         if number > MOST_ENTRIES:
@@ -101,6 +101,8 @@ def _stat_inside_root(entry: Path, root: Path) -> os.stat_result:
         if not inside:
             raise InputError(f"{entry} is a link that leads out of the run folder or nowhere", REMEDY)
         status = entry.stat()
+        if stat.S_ISDIR(status.st_mode):  # copies of it would hold one another
+            raise InputError(f"{entry} is a link to a folder", REMEDY)
     if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
         raise InputError(f"{entry} is neither a regular file nor a folder", REMEDY)
     return status

@@ -30,10 +30,11 @@ from .mesh_files import box_inertia as box_inertia
 from .mesh_files import convex_mesh_volume as convex_mesh_volume
 from .mesh_files import encode_png as encode_png
 from .mesh_files import mesh_volume as mesh_volume
+from .mesh_files import read_png_size as read_png_size
 from .mesh_files import read_surface as read_surface
 from .mesh_files import read_vertices as read_vertices
 from .mujoco_shapes import add_shape_geom as add_shape_geom
-from .mujoco_shapes import name_current_file as name_current_file
+from .mujoco_shapes import add_texture_file as add_texture_file
 from .posed_meshes import Triangles as Triangles
 from .posed_meshes import build_posed_triangles as build_posed_triangles
 from .posed_meshes import compute_smooth_normals as compute_smooth_normals

@@ -2,6 +2,7 @@
 
 import io
 import re
+import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -19,6 +20,7 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 _MAX_BYTES = 64_000_000
 _NO_UV = -1
+_PNG: Final = b"\x89PNG\r\n\x1a\n"
 _DIGITS: Final = re.compile("[0-9]+")
 
 
@@ -241,3 +243,16 @@ def encode_png(image: npt.NDArray[np.uint8]) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(image).save(buffer, "PNG", optimize=False)
     return buffer.getvalue()
+
+
+def read_png_size(path: Path) -> tuple[int, int] | None:
+    """Width and height that the header of a PNG file states, pixels, without decoding it; None of any other file."""
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(24)
+    except OSError as error:
+        raise InputError(f"cannot read texture {path}: {error.strerror}", "put the file there") from error
+    if len(head) < 24 or not head.startswith(_PNG):
+        return None
+    width, height = struct.unpack(">II", head[16:])
+    return width, height

@@ -13,6 +13,9 @@ from .factory import make_chat_model as make_chat_model
 from .factory import make_retries as make_retries
 from .key_redaction import redact_keys as redact_keys
 from .reply_limits import LONGEST as LONGEST
+from .reply_limits import ModelHttpCall as ModelHttpCall
+from .reply_limits import call_with_timeout as call_with_timeout
+from .reply_limits import limit_and_record_http_client as limit_and_record_http_client
 from .retry import Retries as Retries
 from .retry import invoke_with_retries as invoke_with_retries
 from .retry import request_message as request_message

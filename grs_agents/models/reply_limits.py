@@ -42,6 +42,8 @@ class ModelHttpCall:
 
 
 _call: ContextVar[ModelHttpCall | None] = ContextVar("call", default=None)
+_first_server: ContextVar[str] = ContextVar("first_server", default="")
+"""The server that the client of requests itself addressed: its sessions send redirects while they send."""
 
 
 def limit_and_record_http_client(client: Any, by_line: bool = False) -> None:
@@ -104,10 +106,19 @@ def _make_watched_session(make: Callable[[], Any], by_line: bool) -> Any:
 
 
 def _store_server_url_and_send(send: Callable[..., Any], request: Any, **named: Any) -> Any:
+    url = urlsplit(str(request.url))
+    default = ":443" if url.scheme == "https" else ":80"
+    server = f"{url.scheme}://{url.netloc.rpartition('@')[2].lower().removesuffix(default)}"
+    first = _first_server.get() or server
+    if server not in (first, first.replace("http://", "https://", 1)):
+        _refuse_redirect(first, server)
     if (call := _call.get()) is not None:
-        url = urlsplit(str(request.url))
-        call.server, call.status, call.retry_after = f"{url.scheme}://{url.netloc.rpartition('@')[2]}", None, ""
-    return send(request, **named)
+        call.server, call.status, call.retry_after = server, None, ""
+    token = _first_server.set(first)
+    try:
+        return send(request, **named)
+    finally:
+        _first_server.reset(token)
 
 
 def _limit_and_record_requests_response(by_line: bool, response: Any, **_: Any) -> None:

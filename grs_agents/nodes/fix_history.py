@@ -145,14 +145,14 @@ def record_fix(
         _split_into_json_or_text_lines(state.get(fixed, "")),
         _split_into_json_or_text_lines(change.get(fixed, state.get(fixed, ""))),
     )
-    lines = list(difflib.ndiff(old, new))
+    lines = list(difflib.unified_diff(old, new, n=0))[2:]  # after its two headers
     version = f"{fixed}_version"
     record = FixRecord(
         fixed=fixed,
         strategy=strategy,
         version=change.get(version, state.get(version)) or 0,
-        added=sum(line.startswith("+ ") for line in lines),
-        removed=sum(line.startswith("- ") for line in lines),
+        added=sum(line.startswith("+") for line in lines),
+        removed=sum(line.startswith("-") for line in lines),
         equals=equals,
         problem=problem,
         assertions=find_changed_assertions(str(state.get("tests", "")), str(change["tests"]))

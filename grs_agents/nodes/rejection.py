@@ -12,7 +12,10 @@ from grs_agents.sim import Episode, Rollout
 
 _LONGEST = 400
 """Characters of a reason: it is a headline, and audit.json and the report of the tests hold the rest."""
-_ASSET = re.compile(r"(?P<asset>[\w.-]+(?:/[\w.-]+)*\.(?:urdf|xml|obj))(?P<id> #\d+)?")
+_MOST_READ = 4_000
+"""Characters of a reason in which names are looked for."""
+_ASSET = re.compile(r"(?<![\w.-])(?<![\w.-]/)(?P<asset>[\w.-]+(?:/[\w.-]+)*\.(?:urdf|xml|obj))(?P<id> #\d+)?")
+"""A path from its start alone, so that the time is linear in the text."""
 _ERROR_CLASS = re.compile(r"\bgrs_agents(?:\.\w+)+: ")
 _FRAME = re.compile(r'File "(?P<file>[^"]*)", line (?P<line>\d+)[^\n]*\n +(?P<code>[^\n]+)')
 _BARE = re.compile(r"(?:np\.)?(?:False_?|True_?) is not (?:true|false)$")
@@ -50,7 +53,9 @@ def explain_rejection(
         reason = report.message + _quote_line(report.traceback) if report.message else f"tests: {report.outcome}"
     if not reason and audit is not None:
         reason = next(_failed_checks(audit), "")
-    named = _ASSET.sub(lambda match: _name_asset(match, scene), _ERROR_CLASS.sub("", " ".join(reason.split())))
+    named = _ASSET.sub(
+        lambda match: _name_asset(match, scene), _ERROR_CLASS.sub("", " ".join(reason.split())[:_MOST_READ])
+    )
     return named if len(named) <= _LONGEST else f"{named[:_LONGEST]}..."
 
 

@@ -14,6 +14,8 @@ from grs_agents.perception import Camera, CandidateRecord, SceneDescription, Sce
 from grs_agents.state import RunState
 
 FILE = "checkpoint.sqlite"
+MOST_VALUE = 1 << 24
+"""Bytes of one value; the sample run's whole file has 0.7 MB. SQLite makes up values of a gigabyte otherwise."""
 _TABLES = frozenset({"checkpoints", "writes"})
 _REMEDY = "start the scene again in another folder: --out"
 _NESTED: dict[str, TypeAdapter[Any]] = {
@@ -32,6 +34,7 @@ def check_checkpoint_file(folder: Path) -> None:
     file = resolve_member_file(folder, FILE)
     try:
         with closing(sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True)) as database:
+            database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_VALUE)
             database.execute("PRAGMA trusted_schema = OFF")
             rows = database.execute("SELECT type, name FROM sqlite_schema").fetchmany(100)
             check = database.execute("PRAGMA quick_check(1)").fetchone()

@@ -21,7 +21,7 @@ from grs_agents.foreign import path_exists
 from grs_agents.nodes import Services, conclude_with_best_version, forget_judgements
 from grs_agents.policies import load_policy
 from grs_agents.questions import Question, parse_question
-from grs_agents.runs.checkpoint import FILE, check_checkpoint_file, check_restored_state
+from grs_agents.runs.checkpoint import FILE, MOST_VALUE, check_checkpoint_file, check_restored_state
 from grs_agents.runs.graph_loading import compile_graph, explain_graph_error
 from grs_agents.runs.hashes import write_hashes
 from grs_agents.runs.record import EXIT_STATUS, RunRecord, count_run_results, seconds_by_stage, sum_reply_costs
@@ -279,6 +279,7 @@ def _open_checkpointer(order: Order, folder: Path) -> Generator["BaseCheckpointS
     strict = JsonPlusSerializer(allowed_msgpack_modules=None)
     check_checkpoint_file(folder)
     with closing(sqlite3.connect(folder / FILE, check_same_thread=False)) as connection:
+        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_VALUE)
         yield SqliteSaver(connection, serde=strict)
 
 

@@ -127,7 +127,7 @@ def _describe_hash_differences(before: Mapping[str, str], now: Mapping[str, str]
 def _hash_run_files(folder: Path) -> dict[str, str]:
     files = (file for file in folder.rglob("*") if file.is_file())
     named = {file.relative_to(folder).as_posix(): file for file in files}
-    return {name: _sha256_of_bytes(read_bytes(file)) for name, file in sorted(named.items()) if name not in _APART}
+    return {name: _sha256_of_file(file) for name, file in sorted(named.items()) if name not in _APART}
 
 
 def _collect_asset_names(folder: Path) -> set[str]:
@@ -162,6 +162,15 @@ def _hash_asset_parts(asset: str, parts: Iterable[str], library: Library) -> Ite
                 yield part, _sha256_of_bytes(library.asset(asset).model_dump_json().encode())
             else:
                 yield part, _sha256_of_bytes(read_bytes(library.mesh_or_texture_path(part)))
+
+
+def _sha256_of_file(file: Path) -> str:
+    """Of a file of any size, piece by piece. Raises InputError: it cannot be read."""
+    try:
+        with file.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror}", "restore the file") from error
 
 
 def _sha256_of_bytes(data: bytes) -> str:

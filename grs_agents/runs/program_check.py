@@ -21,7 +21,7 @@ from grs_agents.runs.record import read_record
 from grs_agents.runs.run_opening import Order
 from grs_agents.runs.sandbox_setup import open_sandbox
 from grs_agents.sandbox import TestReport
-from grs_agents.sim.arms import find_arm_file
+from grs_agents.sim.arms import check_foreign_robot, find_arm_file
 from grs_agents.trace import EventLog
 
 if TYPE_CHECKING:
@@ -173,7 +173,8 @@ def find_recorded_robot(folder: Path, recorded: RecordedConfig) -> str:
     """The arm that the run in ``folder`` was made with: a shipped one, or the run's own copy of a file.
 
     Raises:
-        InputError: it was another file, of which the run has no copy. The path in the record is not opened.
+        InputError: it was another file, of which the run has no copy; or a worker cannot load the copy. The path in the
+            record is not opened.
     """
     robot = str(recorded.as_json().get("robot", Config().robot))
     copied = find_arm_file(folder, robot)
@@ -181,4 +182,6 @@ def find_recorded_robot(folder: Path, recorded: RecordedConfig) -> str:
         raise InputError(
             f"{folder} was made with the arm {robot!r} and has no copy of it", "name the file: GRS_ROBOT=FILE"
         )
+    if copied != robot:
+        check_foreign_robot(Path(copied))
     return copied

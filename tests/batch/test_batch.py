@@ -8,8 +8,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -249,3 +250,25 @@ def test_a_lost_worker_of_a_cluster_costs_its_own_run(tmp_path: Path, small_scen
     assert killed and [end.job.name for end in ends] == ["one", "two"]
     attempts = [json.loads((tmp_path / name / "run.json").read_text())["attempts"] for name in ("one", "two")]
     assert attempts == [2, 1]
+
+
+def test_the_key_of_the_judge_goes_along_to_a_cluster(
+    small_scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from grs_agents.batch import BatchOrder, run_batch
+
+    variables: list[str] = []
+
+    class Shipped(Exception):
+        """The runs would begin."""
+
+    def ship(jobs: Sequence[RunJob], *args: object, **named: Any) -> None:
+        variables.extend(named["variables"])
+        raise Shipped
+
+    monkeypatch.setattr("grs_agents.batch.batch.run_jobs", ship)
+    with pytest.raises(Shipped):
+        run_batch(
+            BatchOrder((str(small_scene),), tmp_path / "out", settings=("audit.judge=anthropic:x",), engine="ray")
+        )
+    assert "ANTHROPIC_API_KEY" in variables

@@ -4,7 +4,7 @@ import json
 import resource
 import shutil
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -97,9 +97,58 @@ def test_a_photo_read_in_a_worker_is_the_same(sample_scene: Path, tmp_path: Path
     (copy / "rgb.png").symlink_to(tmp_path / "elsewhere.png")  # as data sets keep their files
     here, there = read_scene(copy), read_foreign_scene(copy)
     assert (here.rgb == there.rgb).all() and (here.depth == there.depth).all()
-    assert (here.camera, here.source, here.notes) == (there.camera, there.source, there.notes)
+    link = f"{copy / 'rgb.png'} is a link to {tmp_path / 'elsewhere.png'}, outside the scene's folder"
+    assert (here.camera, here.source, (*here.notes, link)) == (there.camera, there.source, there.notes)
     shape = here.depth.shape
     assert (read_masks(copy, (shape[0], shape[1])) == read_foreign_masks(copy, (shape[0], shape[1]))).all()
+
+
+@pytest.mark.parametrize(
+    ("link", "target", "words"),
+    [
+        ("rgb.png", "/", "which is no file of a scene"),
+        ("camera.json", "/etc/passwd", "which is no file of a scene"),
+        ("masks", "/etc", "which is no file of a scene"),
+    ],
+)
+def test_a_link_in_a_scene_to_anything_else_is_refused(
+    sample_scene: Path, tmp_path: Path, link: str, target: str, words: str
+) -> None:
+    from grs_agents.errors import InputError
+    from grs_agents.perception import read_foreign_masks, read_foreign_scene
+
+    copy = Path(shutil.copytree(sample_scene, tmp_path / "scene"))
+    (copy / link).unlink(missing_ok=True)
+    (copy / link).symlink_to(target)
+    with pytest.raises(InputError, match=words):
+        if link == "masks":
+            read_foreign_masks(copy, (480, 640))
+        else:
+            read_foreign_scene(copy)
+
+
+def test_links_that_no_reader_needs_open_nothing_to_the_worker(
+    sample_scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from grs_agents.perception import read_foreign_scene
+    from grs_agents.sandbox import ForeignReader
+
+    copy = Path(shutil.copytree(sample_scene, tmp_path / "scene"))
+    blob = tmp_path / "blobs" / ("0123456789abcdef" * 4)
+    blob.parent.mkdir()
+    (copy / "rgb.png").rename(blob)
+    for name, target in {"rgb.png": blob, "x": Path("/"), "h": Path.home(), "notes.json": Path("/etc/passwd")}.items():
+        (copy / name).symlink_to(target)
+    opened: list[Path] = []
+
+    class Reader(ForeignReader):
+        def __init__(self, readable: Sequence[Path], preload: Sequence[str]) -> None:
+            opened.extend(readable)
+            super().__init__(readable, preload)
+
+    monkeypatch.setattr("grs_agents.perception.reading.foreign_scene.ForeignReader", Reader)
+    assert read_foreign_scene(copy).rgb.shape == (480, 640, 3)
+    assert opened == [copy, blob]
 
 
 def test_what_a_worker_reads_costs_no_more_than_its_limits(tmp_path: Path) -> None:

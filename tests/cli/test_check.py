@@ -1,6 +1,7 @@
 """``grs check --task --scene``: a program of one's own is checked as a run checks its own."""
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -8,7 +9,10 @@ from typing import Any
 
 import pytest
 
+from grs_agents.errors import InputError
+from grs_agents.runs import write_hashes
 from tests.cli.command import grs
+from tests.gantry import GANTRY
 
 SEEDS = ("--set", "audit.seeds=1", "--json")
 
@@ -90,3 +94,31 @@ def test_where_no_model_is_asked_none_is_loaded() -> None:
     look = "import sys, grs_agents.cli.check; print({name.partition('_')[0] for name in sys.modules})"
     loaded = subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, check=True).stdout
     assert "'grs'" in loaded and "'langchain'" not in loaded and "'langgraph'" not in loaded
+
+
+@pytest.mark.parametrize("verb", ["check", "verify"])
+def test_the_arm_of_a_run_folder_is_compiled_in_a_worker_first(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verb: str
+) -> None:
+    class Reader:
+        def __init__(self, *_: Any) -> None: ...
+
+        def __enter__(self) -> "Reader":
+            return self
+
+        def __exit__(self, *_: object) -> None: ...
+
+        def read(self, module: str, request: dict[str, Any], what: str) -> None:
+            raise InputError(f"a worker reads {request['robot']}")
+
+    copy = Path(shutil.copytree(run, tmp_path / "run"))
+    record = json.loads((copy / "run.json").read_text("utf-8"))
+    record["config"]["robot"] = "/elsewhere/arm.xml"
+    (copy / "run.json").write_text(json.dumps(record), "utf-8")
+    (copy / "robot").mkdir()
+    (copy / "robot" / "arm.xml").write_text(GANTRY)
+    write_hashes(copy)
+    monkeypatch.setattr("grs_agents.sim.arms.foreign_robot.ForeignReader", Reader)
+    done = grs(verb, "run", folder=tmp_path)
+    assert done.returncode == 2, done
+    assert f"a worker reads {copy.resolve() / 'robot' / 'arm.xml'}" in done.stderr

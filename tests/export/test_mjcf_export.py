@@ -20,6 +20,7 @@ from grs_agents.sim.instance import hash_instance
 from grs_agents.sim.world import compile_world, instance_to_spec, reset_world_to_poses
 from grs_agents.task_folder import open_task_folder
 from scripts.check_portable import LENS, follow, plan_commands, write_example
+from tests.bombs import png
 from tests.cli.command import grs
 
 Export = Callable[..., MjcfFolder]
@@ -215,3 +216,13 @@ def test_the_command_writes_beside_the_run_and_says_what(tmp_path: Path) -> None
     for said in ("suction", "dm_control", value["instance_hash"], "shipped with GRS", "grs-agents 0.1.0"):
         assert said in readme
     assert grs("export", "run", "--seed", "7", folder=tmp_path).returncode == UnknownNameError.exit_status
+
+
+def test_a_texture_bomb_of_a_task_folder_is_not_decoded(tmp_path: Path) -> None:
+    task = write_example(tmp_path / "task", table={"texture": "table/photo.png"})
+    (task / "assets" / "table").mkdir(parents=True)
+    (task / "assets" / "manifest.json").write_text('{"assets": []}')
+    png(task / "assets" / "table" / "photo.png", 16_000, 16_000, rows=2)
+    done = grs("export", "task", folder=tmp_path)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done.stderr
+    assert "photo.png has 16000x16000 pixels, at most 16777216" in done.stderr

@@ -2,10 +2,13 @@ import os
 from pathlib import Path
 
 import numpy as np
+import pytest
 import trimesh
 
-from grs_agents.library import Shape, add_shape_geom
+from grs_agents.errors import InputError
+from grs_agents.library import Shape, add_shape_geom, add_texture_file
 from grs_agents.mujoco_import import mujoco
+from tests.bombs import png
 
 
 def compiled_extent(file: Path) -> float:
@@ -20,3 +23,14 @@ def test_a_mesh_that_is_written_again_within_a_second_is_read_again(tmp_path: Pa
         trimesh.creation.box((side, side, side)).export(file)
         os.utime(file, (modified, modified))
         assert np.isclose(compiled_extent(file), side)
+
+
+def test_textures_of_a_world_are_bounded_before_they_are_decoded(tmp_path: Path) -> None:
+    scan, bomb = png(tmp_path / "scan.png", 4096, 4096, rows=2), png(tmp_path / "bomb.png", 4096, 4097, rows=2)
+    spec = mujoco.MjSpec()
+    with pytest.raises(InputError, match=r"bomb\.png has 4096x4097 pixels, at most 16777216"):
+        add_texture_file(spec, "bomb", bomb)
+    for number in range(4):
+        add_texture_file(spec, f"scan_{number}", scan)
+    with pytest.raises(InputError, match=r"scan\.png.* 83886080 pixels, at most 67108864"):
+        add_texture_file(spec, "fifth", scan)

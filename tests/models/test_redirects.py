@@ -8,8 +8,9 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 import pytest
+import requests
 
-from grs_agents.models import Answer, ProviderFailure
+from grs_agents.models import Answer, ModelHttpCall, ProviderFailure, call_with_timeout, limit_and_record_http_client
 from tests.models.test_failures import CLIENTS, PATHS, ask, credentials, reply
 
 __all__ = ["credentials"]
@@ -139,3 +140,38 @@ def test_a_key_in_the_name_of_a_server_is_not_repeated(serve: Serve, monkeypatch
     failure, _ = ask("openai", f"http://127.0.0.1:{server.port}")
     assert isinstance(failure, ProviderFailure) and failure.kind == "redirected"
     assert KEY not in str(failure)
+
+
+class RequestsClient:
+    """A client that makes sessions of requests, as that of ``nvidia``."""
+
+    get_session_fn = requests.Session
+
+
+@pytest.mark.parametrize("status", [301, 302, 303, 307, 308])
+@pytest.mark.parametrize("hops", [1, 2])
+def test_a_session_of_requests_is_not_led_to_another_server(status: int, hops: int, serve: Serve) -> None:
+    elsewhere = serve(status, lambda path: None)
+
+    def redirect(path: str) -> str:
+        return "/again" if path != "/again" and hops == 2 else f"http://127.0.0.1:{elsewhere.port}/"
+
+    first = serve(status, redirect)
+    client = RequestsClient()
+    limit_and_record_http_client(client)
+    address = f"http://127.0.0.1:{first.port}/first"
+    call = ModelHttpCall()
+    with pytest.raises(ProviderFailure, match=f"redirects to http://127.0.0.1:{elsewhere.port}") as raised:
+        call_with_timeout(30, lambda: client.get_session_fn().post(address, data=b"the prompt"), call)
+    assert raised.value.kind == "redirected"
+    assert (len(first.bodies), elsewhere.bodies) == (hops, [])
+
+
+def test_a_session_of_requests_follows_on_its_own_server(serve: Serve) -> None:
+    server = serve(307, lambda path: None if path == "/again" else "/again")
+    client = RequestsClient()
+    limit_and_record_http_client(client)
+    session = client.get_session_fn()
+    for name in ("127.0.0.1", "localhost"):  # each request has a first server of its own
+        assert session.post(f"http://{name}:{server.port}/first", data=b"the prompt").status_code == 200
+    assert server.bodies == [b"the prompt"] * 4

@@ -95,3 +95,12 @@ def test_a_failed_test_is_told_by_its_episode_before_its_assertion(
     case = {"id": "T.test_it", "outcome": "failed", "message": message, "traceback": traceback, "episode": episode}
     report = TestReport.model_validate({"outcome": "failed", "cases": [case]})
     assert explain_rejection(report, None).startswith(reason)
+
+
+@pytest.mark.parametrize("letters", ["a", "a/", "a.", "/a", "a.xml", "grs_agents."])
+def test_a_reason_of_a_million_letters_is_read_and_cut(letters: str) -> None:
+    message = f"KeyError: block/red_block.urdf {letters * 1_000_000}"
+    case = {"id": "T.test_it", "outcome": "failed", "message": message, "traceback": "", "episode": None}
+    report = TestReport.model_validate({"outcome": "failed", "cases": [case]})
+    reason = explain_rejection(report, None)
+    assert reason.startswith("test_it: KeyError: the red block ") and len(reason) <= 403

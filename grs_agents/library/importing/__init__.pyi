@@ -1,6 +1,7 @@
 from .archives import HOPE as HOPE
 from .archives import ImportSource as ImportSource
 from .archives import open_import_source as open_import_source
+from .asset_discovery import find_item_files as find_item_files
 from .asset_discovery import find_source_items as find_source_items
 from .asset_discovery import slugify_name as slugify_name
 from .asset_preparation import choose_up_axis_by_height as choose_up_axis_by_height

@@ -14,13 +14,18 @@ from typing import IO, Final
 
 from grs_agents.errors import InputError
 from grs_agents.foreign import check_zip_compression, iterate_tar_members, open_zip
-from grs_agents.library.importing.asset_discovery import DESCRIPTIONS, UNREAD, slugify_name, survey_folder
+from grs_agents.library.importing.asset_discovery import (
+    ARCHIVE_SUFFIXES,
+    DESCRIPTIONS,
+    UNREAD,
+    slugify_name,
+    survey_folder,
+)
 from grs_agents.library.importing.item_worker import unpack_in_worker
 from grs_agents.library.importing.mesh_reader import SUFFIXES
 from grs_agents.library.importing.source_folder import SourceFolder
 from grs_agents.library.importing.types import ImportLimits, ImportOptions, ImportOutcome, RefusedError, SourceItem
 
-ARCHIVE_SUFFIXES: Final = (".zip", ".whl", ".tgz", ".tar.gz", ".tar")
 _PICTURES: Final = (".png", ".jpg", ".jpeg", ".tga", ".bmp", ".webp", ".avif", ".dds", ".gif", ".ktx2")
 _TEXTS: Final = (".mtl", ".bin", ".pbtxt", ".config", ".txt", ".md")
 _WANTED: Final = frozenset((*SUFFIXES, *DESCRIPTIONS, *_PICTURES, *_TEXTS))

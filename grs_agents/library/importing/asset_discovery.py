@@ -42,6 +42,8 @@ UNREAD: Final[dict[str, tuple[str, str]]] = {
     **dict.fromkeys((".7z", ".rar", ".gz", ".bz2", ".xz", ".zst"), ("an archive", _UNPACK)),
 }
 """Formats of models that are not read: what they are, and the way to what is."""
+ARCHIVE_SUFFIXES: Final = (".zip", ".whl", ".tgz", ".tar.gz", ".tar")
+"""Archives that are unpacked where they lie in the source itself."""
 _PREFERRED: Final = (".glb", ".gltf", ".obj", ".dae", ".ply", ".3mf", ".stl", ".off", ".msh")
 _COLLISION: Final = re.compile(r"(_coll?|_collision|_ch|_vis|\.part\d+|_convex.*|coacd.*|vhacd.*)$", re.IGNORECASE)
 _UNTOLD: Final = ("model", "mesh", "textured", "object", "scene", "untitled")
@@ -52,10 +54,10 @@ _YCB_FILES: Final = (
     *(f"{folder}textured.obj" for folder in _YCB_FOLDERS),
     *("textured_simple.obj", "textured.obj", "google_16k/nontextured.ply", "google_16k/nontextured.stl"),
 )
-_FILES: Final = re.compile(r"""(?:filename|file)\s*=\s*["']([^"']+)["']|<(?:uri|albedo_map)>\s*([^<]+?)\s*</""")
+_FILES: Final = re.compile(r"""(?:filename|file)\s*=\s*["']([^"']+)["']|<(?:uri|albedo_map)>([^<]*)</""")
 _CONFIG: Final = "model.config"
 """File of Gazebo beside the versions of a model."""
-_CONFIGURED: Final = re.compile(r"""<sdf(?:\s+version\s*=\s*["']([\d.]+)["'])?\s*>\s*([^<]+?)\s*</sdf>""")
+_CONFIGURED: Final = re.compile(r"""<sdf(?:\s+version\s*=\s*["']([\d.]{1,40})["'])?\s*>([^<]*)</sdf>""")
 _HOPE: Final = "stable_hope_objects"
 _MOST: Final = 1_000_000
 _TITLE: Final = 120
@@ -80,7 +82,12 @@ def survey_folder(folder: SourceFolder) -> tuple[list[SourceItem], list[ImportOu
         claimed |= {f"{_folder_owned_by_item(item)}/" for item in items if item.kind in ("gso", "ycb", "hope")}
     items += list(_find_loose_mesh_items(names, claimed))
     files = {file for item in items for file in (item.file, *item.files)}
-    unread = {name: "it is {}; {}".format(*UNREAD[kind]) for name in names if (kind := _lower_suffix(name)) in UNREAD}
+    unread = {
+        name: "it is {}; {}".format(*UNREAD[kind])
+        for name in names
+        if (kind := _lower_suffix(name)) in UNREAD
+        and ("/" in name or not name.lower().endswith(ARCHIVE_SUFFIXES))  # which the import itself unpacks or refuses
+    }
     unread |= {
         name: f"it lies beside {main}, which does not name it; import it by itself"
         for name, main in beside.items()
@@ -216,11 +223,12 @@ def _find_urdf_and_mjcf_items(
     folder: SourceFolder, names: list[str], claimed: set[str], beside: dict[str, str]
 ) -> Iterator[SourceItem]:
     """URDF, SDF and MJCF files; the meshes that they name are theirs, and those ``beside`` the only one of a folder."""
+    known = set(names)
     titles = {
         name: title
         for name in names
         if PurePosixPath(name).name == _CONFIG
-        for name, title in _read_config(folder, name)
+        for name, title in _read_config(folder, name, known)
     }
     configured = {PurePosixPath(name).parent.as_posix() for name in titles}
     descriptions = [
@@ -246,17 +254,18 @@ def _find_urdf_and_mjcf_items(
         yield SourceItem(kind=DESCRIPTIONS[_lower_suffix(name)], name=called, file=name, files=parts)
 
 
-def _read_config(folder: SourceFolder, config: str) -> Iterator[tuple[str, str]]:
-    """The newest SDF file that a ``model.config`` of Gazebo names, and the name of the model."""
+def _read_config(folder: SourceFolder, config: str, known: set[str]) -> Iterator[tuple[str, str]]:
+    """The newest SDF file of ``known`` ones that a ``model.config`` of Gazebo names, and the name of the model."""
     with (folder.root / config).open(encoding="utf-8", errors="replace") as file:
         text = file.read(_MOST)
     versions = [
-        ([int(part) for part in version.split(".") if part], name) for version, name in _CONFIGURED.findall(text)
+        ([int(part) for part in version.split(".") if part], name.strip())
+        for version, name in _CONFIGURED.findall(text)
     ]
-    title = re.search(r"<name>\s*([^<]+?)\s*</name>", text)
-    file = PurePosixPath(config).parent / max(versions)[1] if versions else None
-    if file is not None and (folder.root / file).is_file():
-        yield file.as_posix(), title[1] if title is not None else ""
+    title = re.search(r"<name>([^<]*)</name>", text)
+    file = (PurePosixPath(config).parent / max(versions)[1]).as_posix() if versions else ""
+    if file in known:
+        yield file, title[1].strip() if title is not None else ""
 
 
 def _read_urdf_or_mjcf_text(path: Path) -> str | None:
@@ -269,7 +278,7 @@ def _read_urdf_or_mjcf_text(path: Path) -> str | None:
 
 def _find_mentioned_files(text: str, description: str, names: list[str]) -> tuple[str, ...]:
     """The files whose names a description says, below its folder or the folder around that."""
-    said = (file or uri for file, uri in _FILES.findall(text))
+    said = (file or uri.strip() for file, uri in _FILES.findall(text))
     mentioned = {PurePosixPath(unquote(file).replace("\\", "/")).name.casefold() for file in said}
     around = PurePosixPath(description).parent.parent  # of "." it is "." itself
     files = [PurePosixPath(file) for file in names]

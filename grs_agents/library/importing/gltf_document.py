@@ -6,6 +6,7 @@ import importlib
 import os
 import re
 import struct
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeVar
 from urllib.parse import unquote, unquote_to_bytes
@@ -540,10 +541,14 @@ class GltfDocument:
             self.notes.append(f"its optional extension {names} is not applied")
 
 
+_MOST_FILES: Final = 1_000
+"""Files beside a glTF file that are looked for; each look-up asks the file system."""
+
+
 def find_gltf_files(folder: SourceFolder, name: str) -> list[str]:
     """The buffers and pictures beside a glTF file, relative to the folder, as far as they can be found."""
     files: list[str] = []
-    for uri in dict.fromkeys(_URI.findall(folder.resolve_file(name).read_bytes())):
+    for uri in islice(dict.fromkeys(_URI.findall(folder.resolve_file(name).read_bytes())), _MOST_FILES):
         try:
             files.append(folder.relative_file_name(_resolve_uri(folder, name, uri.decode("utf-8", "replace"))))
         except RefusedError:

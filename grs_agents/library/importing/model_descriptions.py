@@ -74,14 +74,16 @@ def read_urdf_or_mjcf(folder: SourceFolder, item: SourceItem, options: ImportOpt
 
 _PREFIX: Final = re.compile(r"<(?:/\s*)?([A-Za-z_][\w.-]*):|\s([A-Za-z_][\w.-]*):[\w.-]+\s*=")
 
+_DECLARED: Final = re.compile(r"xmlns:([A-Za-z_][\w.-]*)")
+
 
 def _mend_xml(text: str) -> str:
     """The text of an XML file as lenient parsers see it: its declaration may stand anywhere before the first element,
     and prefixes (``xacro:``, ``gazebo:``) need no namespace."""
-    text = re.sub(r"<\?xml\s[^>]*\?>", "", text.lstrip("\ufeff"), count=1).lstrip()
+    text = re.sub(r"<\?xml\s[^<>]*\?>", "", text.lstrip("\ufeff"), count=1).lstrip()
     root = re.search(r"<[A-Za-z_][\w.-]*(?=[\s/>])", text)
     prefixes = {first or second for first, second in _PREFIX.findall(text)} - {"xmlns", "xml"}
-    missing = sorted(prefix for prefix in prefixes if f"xmlns:{prefix}" not in text)
+    missing = sorted(prefixes - set(_DECLARED.findall(text)))
     if root is None or not missing:
         return text
     declared = "".join(f' xmlns:{prefix}="{prefix}"' for prefix in missing)

@@ -15,10 +15,15 @@ from grs_agents.library.importing.textures import build_mesh_part, color_to_uint
 from grs_agents.library.importing.types import Floats, Image, ImportLimits, MeshPart, RefusedError
 
 _MTL_BYTES: Final = 4_000_000
+"""Of all MTL files of an OBJ file together."""
+_MTL_LINE: Final = 4_096
+"""Characters of a line of an MTL file, or that names some."""
+_NAMES: Final = 1_000
+"""Names of MTL files, and of pictures, that are looked for on behalf of an OBJ file; each may cost many look-ups."""
 _LINE: Final = 1_000_000
 _NOTES: Final = 8
 """Faults of a look that are noted; a file may have thousands."""
-_NUMBER: Final = r"\s+[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"
+_NUMBER: Final = r"\s+[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?"
 _OPTION: Final = re.compile(
     rf"-(?:(?P<key>[ost])(?P<numbers>(?:{_NUMBER}(?=\s)){{1,3}})|mm\s+\S+\s+\S+"
     r"|(?:blendu|blendv|cc|clamp|texres|bm|boost|imfchan|type|colorspace)\s+\S+)\s+(?=\S)",
@@ -47,7 +52,7 @@ def find_obj_material_files(folder: SourceFolder, obj: str) -> list[str]:
     """The MTL files and pictures that an OBJ file names and that exist, relative to the folder."""
     names: list[str] = []
     with folder.resolve_file(obj).open(encoding="utf-8", errors="replace") as lines:
-        for line in lines:
+        while line := lines.readline(_LINE):
             if line.lstrip().startswith("mtllib"):
                 names.append(line.split(None, 1)[-1].strip())
     materials, files = _read_materials(folder, obj, names, [])
@@ -175,28 +180,41 @@ def _read_materials(
     """The materials by name and the files that they are from: those that the OBJ file names, else that of its own name
     with the suffix ``.mtl``."""
     paths: list[Path] = []
-    for name in names:
+    for name in list(dict.fromkeys(name for name in names if len(name) <= _MTL_LINE))[:_NAMES]:
         whole = folder.search_file(name, obj)
-        several = [path for word in name.split() if (path := folder.search_file(word, obj))]
+        words = dict.fromkeys(name.split()) if whole is None else ()
+        several = [path for word in words if (path := folder.search_file(word, obj))]
         paths += several if whole is None else [whole]
     if not paths and (path := folder.search_file(PurePosixPath(obj).with_suffix(".mtl").name, obj)):
         paths = [path]
     if names and not paths:
         notes.append(f"its MTL file {names[0][:120]!r} is not in the source: its look is not known")
     materials: dict[str, ObjMaterial] = {}
-    for path in paths:
-        if path.stat().st_size > _MTL_BYTES:
+    room, maps = _MTL_BYTES, dict[tuple[str, str], _Map | None]()
+    for path in dict.fromkeys(paths):
+        room -= path.stat().st_size
+        if room < 0:
             notes.append(f"{path.name} has more than {_MTL_BYTES} bytes: its look is not read")
             continue
-        materials |= _read_mtl(folder, folder.relative_file_name(path), notes)
+        materials |= _read_mtl(folder, folder.relative_file_name(path), maps, notes)
     return materials, [folder.relative_file_name(path) for path in paths]
 
 
-def _read_mtl(folder: SourceFolder, mtl: str, notes: list[str]) -> dict[str, ObjMaterial]:
-    """The materials of an MTL file by name; pictures that do not exist are noted."""
+_Map = tuple[str, tuple[float, float], tuple[float, float]]
+"""The picture of a map relative to the source folder, its scale and its offset."""
+
+
+def _read_mtl(
+    folder: SourceFolder, mtl: str, maps: dict[tuple[str, str], _Map | None], notes: list[str]
+) -> dict[str, ObjMaterial]:
+    """The materials of an MTL file by name; pictures that do not exist are noted. Maps are looked up in ``maps`` by
+    file and words, at most `_NAMES` in all."""
     materials: dict[str, ObjMaterial] = {}
     material = ObjMaterial()
     for line in (folder.root / mtl).read_text("utf-8", errors="replace").splitlines():
+        if len(line) > _MTL_LINE:
+            notes.append(f"{PurePosixPath(mtl).name}: a line of {len(line)} characters is passed over")
+            continue
         key, _, rest = line.strip().replace("\t", " ").partition(" ")
         key, rest = key.lower(), rest.strip()
         if key == "newmtl":
@@ -208,11 +226,10 @@ def _read_mtl(folder: SourceFolder, mtl: str, notes: list[str]) -> dict[str, Obj
                 continue  # a spectral curve or CIE XYZ
             material.color = numbers * 3 if len(numbers) == 1 else numbers if len(numbers) == 3 else None
         elif key in _MAPS and rest and _MAPS.index(key) < material.rank:
-            try:
-                material.picture, material.scale, material.offset = _read_map(folder, mtl, rest)
+            found = _look_up_map(folder, mtl, rest, maps, notes)
+            if found is not None:
+                material.picture, material.scale, material.offset = found
                 material.rank = _MAPS.index(key)
-            except RefusedError as error:
-                notes.append(f"{error.message}: the picture is not shown")
         elif key in ("d", "tr") and rest:
             try:
                 opacity = float(rest.split()[-1]) if key == "d" else 1 - float(rest.split()[-1])
@@ -224,7 +241,23 @@ def _read_mtl(folder: SourceFolder, mtl: str, notes: list[str]) -> dict[str, Obj
     return materials
 
 
-def _read_map(folder: SourceFolder, mtl: str, rest: str) -> tuple[str, tuple[float, float], tuple[float, float]]:
+def _look_up_map(
+    folder: SourceFolder, mtl: str, rest: str, maps: dict[tuple[str, str], _Map | None], notes: list[str]
+) -> _Map | None:
+    """What `_read_map` says, once for each file and words; None and a note where there is no picture."""
+    if (mtl, rest) not in maps:
+        if len(maps) >= _NAMES:
+            notes.append(f"{PurePosixPath(mtl).name}: of more than {_NAMES} pictures the rest is not shown")
+            return None
+        try:
+            maps[mtl, rest] = _read_map(folder, mtl, rest)
+        except RefusedError as error:
+            maps[mtl, rest] = None
+            notes.append(f"{error.message}: the picture is not shown")
+    return maps[mtl, rest]
+
+
+def _read_map(folder: SourceFolder, mtl: str, rest: str) -> _Map:
     """The picture, scale and offset of a map: its options, then a file name that may hold blanks."""
     scale, offset = (1.0, 1.0), (0.0, 0.0)
     while match := _OPTION.match(rest):

@@ -17,6 +17,8 @@ _TAIL: Final = 8
 """Folders of such a path that are compared with those of the source."""
 _ENTRIES: Final = 100_000
 """Files of a folder whose names are compared."""
+_LONGEST: Final = 1_000
+"""Characters of a name that is looked for."""
 
 
 class SourceFolder:
@@ -24,10 +26,13 @@ class SourceFolder:
 
     def __init__(self, root: Path, most: int) -> None:
         self.root, self.most = root.resolve(), most
+        self._entries: dict[Path, tuple[dict[str, str], dict[str, str]]] = {}
 
     def resolve_file(self, name: str, beside: str = "") -> Path:
         """The file called ``name``, relative to the file ``beside`` (itself relative to the root)."""
         by = f"{beside or self.root.name} names "
+        if len(name) > _LONGEST:
+            raise RefusedError(f"{by}{name[:120]!r}, which has {len(name)} characters", f"use at most {_LONGEST}")
         if not name or name.startswith(("/", "~")) or any(ord(letter) < _CONTROL or letter in ":\\" for letter in name):
             raise RefusedError(f"{by}{name[:120]!r}, which is no relative path", "name files relative to the file")
         resolved = ((self.root / beside).parent / name if beside else self.root / name).resolve()
@@ -55,6 +60,8 @@ class SourceFolder:
         ``package://`` or ``model://`` name the longest end counts that exists beside ``beside`` or in a folder around
         it; of a relative path that does not exist its last part beside ``beside``.
         """
+        if len(name) > _LONGEST:
+            return None
         home = (self.root / beside).parent if beside else self.root
         for spelled in dict.fromkeys((name.strip().strip('"'), unquote(name.strip().strip('"')))):
             match = _ROOTED.match(spelled.replace("\\", "/"))
@@ -63,7 +70,7 @@ class SourceFolder:
             words = [word for word in path.split("/") if word not in ("", ".")]
             if any(ord(letter) < _CONTROL for letter in path) or not words:
                 continue
-            tails = [words[start:] for start in range(len(words))][-_TAIL:]
+            tails = [words[start:] for start in range(max(0, len(words) - _TAIL), len(words))]
             homes = [place for place in (home, *home.parents) if place.is_relative_to(self.root)]
             places = [(tail, place) for tail in tails for place in homes] if rooted else [(words, home)]
             for tail, place in [*places, (words[-1:], home)]:
@@ -79,7 +86,7 @@ class SourceFolder:
             if word == "..":
                 place = place.parent
                 continue
-            if not place.is_relative_to(self.root) or not (entry := _find_entry(place, word)):
+            if not place.is_relative_to(self.root) or not (entry := self._find_entry(place, word)):
                 return None
             place = entry
         place = place.resolve()
@@ -89,16 +96,21 @@ class SourceFolder:
         """The name of a file inside the folder."""
         return path.resolve().relative_to(self.root).as_posix()
 
+    def _find_entry(self, folder: Path, name: str) -> Path | None:
+        """The entry of a folder by its name, else by its name in another letter case or Unicode form.
 
-def _find_entry(folder: Path, name: str) -> Path | None:
-    """The entry of a folder by its name, else by its name in another letter case or Unicode form."""
-    try:
-        if (folder / name).exists():
-            return folder / name
-        wanted = _fold_case(name)
-        return next((entry for entry in islice(folder.iterdir(), _ENTRIES) if _fold_case(entry.name) == wanted), None)
-    except OSError:
-        return None
+        A folder is listed once: files name thousands of others that do not exist.
+        """
+        if folder not in self._entries:
+            try:
+                names = [entry.name for entry in islice(folder.iterdir(), _ENTRIES)]
+            except OSError:
+                names = list[str]()
+            folded = {_fold_case(entry): entry for entry in reversed(names)}
+            self._entries[folder] = {entry: entry for entry in names}, folded
+        exact, folded = self._entries[folder]
+        entry = exact.get(name) or folded.get(_fold_case(name))
+        return None if entry is None else folder / entry
 
 
 def _fold_case(name: str) -> str:

@@ -1,7 +1,8 @@
 """Scenes that somebody else made: their files are decoded in a worker, and what it answers is checked."""
 
+import os
+import re
 from collections.abc import Iterator
-from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -11,19 +12,24 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from grs_agents import content
 from grs_agents.errors import InputError
-from grs_agents.foreign import MOST_PIXELS, is_folder, path_exists
+from grs_agents.foreign import MOST_PIXELS, is_folder, list_folder_names, path_exists
+from grs_agents.perception.reading import point_cloud
 from grs_agents.perception.reading.bop import PREFIX, is_bop_source, parse_bop_source
 from grs_agents.perception.reading.frame_assembly import MOST_FRAME_PIXELS, Recording
-from grs_agents.perception.reading.masks import MOST_MASKS, Labels, read_masks
+from grs_agents.perception.reading.masks import MOST_MASKS, STEMS, Labels, read_masks
 from grs_agents.perception.reading.photo_without_depth import Estimator
-from grs_agents.perception.reading.picture import Picture
+from grs_agents.perception.reading.picture import SUFFIXES, Picture
+from grs_agents.perception.reading.scene_folder import is_scene_file_name
 from grs_agents.perception.reading.scene_source import check_scene_source, finish_recording, read_scene
 from grs_agents.perception.types import Camera, RGBDFrame
 from grs_agents.sandbox import ForeignReader, Reading
 
 _WORKER = "grs_agents.perception.reading.worker"
 _MOST_LINKS = 1_000
-"""Of a scene's folder: data sets of many images keep them in one."""
+"""Links to files outside a scene's folder that are followed."""
+_TARGETS = frozenset((*SUFFIXES, *point_cloud.SUFFIXES, ".npz", ".json"))
+_HASH = re.compile("[0-9a-f]{30,64}")
+"""Name of a file in a store by content (Hugging Face, DVC), to which the folders of data sets link."""
 
 
 class _Photo(BaseModel):
@@ -59,7 +65,9 @@ def read_foreign_scene(
     check_scene_source(source)
     if _is_shipped(source):
         return read_scene(source, estimate, field_of_view)
-    reading = _read_in_worker(source, {})
+    links = _find_linked_files(source, _list_scene_files(source))
+    reading = _read_in_worker(source, {}, links)
+    linked = tuple(f"{link} is a link to {target}, outside the scene's folder" for link, target in links.items())
     try:
         scene = _Scene.model_validate(reading.answer)
         pixels = scene.rows * scene.columns
@@ -77,18 +85,20 @@ def read_foreign_scene(
             if (scene.camera.height, scene.camera.width) != (scene.rows, scene.columns):
                 raise ValueError("a camera of another size")
             notes = tuple(_name_as_given(note[:2_000], source) for note in scene.notes)
-            return RGBDFrame(rgb, depth, scene.camera, source, notes)
+            return RGBDFrame(rgb, depth, scene.camera, source, (*notes, *linked))
     except (ValidationError, ValueError, KeyError) as error:
         raise InputError(f"{source} cannot be read: the worker's answer is no scene", "try again") from error
     notes = tuple(_name_as_given(note[:2_000], source) for note in scene.notes)
-    return finish_recording(Recording(source, picture, scene.camera, notes=notes), estimate, field_of_view)
+    recording = Recording(source, picture, scene.camera, notes=(*notes, *linked))
+    return finish_recording(recording, estimate, field_of_view)
 
 
 def read_foreign_masks(source: Path, shape: tuple[int, int]) -> Labels:
     """As `read_masks`, in a worker."""
     if _is_shipped(source):
         return read_masks(source, shape)
-    reading = _read_in_worker(source, {"shape": list(shape)})
+    links = _find_linked_files(source, _list_mask_files(source))
+    reading = _read_in_worker(source, {"shape": list(shape)}, links)
     try:
         labels = np.frombuffer(reading.blobs["labels"], np.int32).reshape(shape).copy()
     except (ValueError, KeyError) as error:
@@ -96,12 +106,17 @@ def read_foreign_masks(source: Path, shape: tuple[int, int]) -> Labels:
     return np.clip(labels, 0, MOST_MASKS)
 
 
-def _read_in_worker(source: Path, request: dict[str, Any]) -> Reading:
+def _read_in_worker(source: Path, request: dict[str, Any], links: dict[Path, Path]) -> Reading:
     try:
-        # The masks of a photo are looked for among the names beside it.
-        beside = not is_bop_source(source) and not is_folder(source) and source.suffix.lower() != ".npz"
-        readable = (source.parent,) if beside and "shape" in request else tuple(_list_readable(source))
-        with ForeignReader(readable, [_WORKER]) as reader:
+        if is_bop_source(source) or is_folder(source):
+            readable = [_find_home(source)]
+        elif "shape" in request and source.suffix.lower() != ".npz":
+            readable = [source.parent]  # among whose names the masks of a photo are looked for
+        else:
+            readable = [source]
+            if (camera := source.parent / "camera.json").is_file() and camera not in links and not camera.is_symlink():
+                readable.append(camera)
+        with ForeignReader([*readable, *links.values()], [_WORKER]) as reader:
             return reader.read(_WORKER, {**request, "source": str(_absolute(source))}, str(source))
     except InputError as error:
         message, remedy = (_name_as_given(text, source) for text in (error.message, error.remedy))
@@ -129,16 +144,58 @@ def _is_shipped(source: Path) -> bool:
     return source.resolve() in {scene.resolve() for scene in content.sample_scenes().values()}
 
 
-def _list_readable(source: Path) -> Iterator[Path]:
-    """The files and folders that a scene is made of; links among them are followed, as data sets use them."""
+def _find_home(source: Path) -> Path:
+    """The folder of a scene; that in which its file lies."""
     if is_bop_source(source):
-        home = parse_bop_source(source).scene
+        return parse_bop_source(source).scene
+    return source if is_folder(source) else source.parent
+
+
+def _list_scene_files(source: Path) -> Iterator[Path]:
+    """The files that a scene may be read from, links among them, without a file that the user named."""
+    home = _find_home(source)
+    if is_bop_source(source):
+        image = parse_bop_source(source)
+        yield home / "scene_camera.json"
+        yield from filter(None, (image.find_picture_file("rgb", "gray"), image.find_picture_file("depth")))
     elif is_folder(source):
-        home = source
+        yield from (home / name for name in list_folder_names(home) if is_scene_file_name(name))
     else:
-        yield from filter(path_exists, (source, source.parent / "camera.json"))
+        yield home / "camera.json"
+
+
+def _list_mask_files(source: Path) -> Iterator[Path]:
+    """The files that the masks of a scene may be read from, and the folders that hold them."""
+    home = _find_home(source)
+    if is_bop_source(source):
+        start, folders = f"{parse_bop_source(source).file_stem}_", [home / "mask_visib"]
+    elif not is_folder(source) and source.suffix.lower() == ".npz":
         return
-    yield home
-    with suppress(OSError):
-        links = (entry for entry in sorted(home.rglob("*")) if entry.is_symlink())
-        yield from (link.resolve() for link in islice(links, _MOST_LINKS))
+    else:
+        found = [home / name for name in list_folder_names(home) if Path(name).stem.lower() in STEMS]
+        yield from found
+        start, folders = "", [file for file in found if not file.is_symlink()]
+    for folder in filter(is_folder, folders):
+        yield from (folder / name for name in list_folder_names(folder) if name.startswith(start))
+
+
+def _find_linked_files(source: Path, files: Iterator[Path]) -> dict[Path, Path]:
+    """The files outside the scene's folder that ``files`` lead to, by link.
+
+    Raises:
+        InputError: a link leads to a folder or to a file of another kind: a stranger's scene opens no more than it is.
+    """
+    home = Path(os.path.realpath(_find_home(source)))
+    links: dict[Path, Path] = {}
+    for file in files:
+        target = Path(os.path.realpath(file))
+        if target.is_relative_to(home) or not path_exists(target):
+            continue
+        try:
+            regular = target.is_file()
+        except OSError:
+            regular = False
+        if not regular or not (target.suffix.lower() in _TARGETS or _HASH.fullmatch(target.name)):
+            raise InputError(f"{file} is a link to {target}, which is no file of a scene", "copy the file there")
+        links[file] = target
+    return dict(islice(links.items(), _MOST_LINKS))

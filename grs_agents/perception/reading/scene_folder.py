@@ -71,6 +71,15 @@ def read_depth_or_cloud(file: Path) -> Cloud | Units:
     return array
 
 
+def is_scene_file_name(name: str) -> bool:
+    """Whether `read_scene_folder` may read a file of this name."""
+    return (
+        name == "camera.json"
+        or _has_stem_and_suffix(name, (*COLOR_STEMS, "depth"), (*SUFFIXES, ".npy"))
+        or _is_point_cloud_name(name)
+    )
+
+
 def _missing_photo_error(folder: Path, names: Sequence[str]) -> InputError:
     """The folder holds no photo of a known name: another picture in it may be the photo."""
     stems = ("depth", *NO_CLOUDS)

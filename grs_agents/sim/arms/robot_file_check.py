@@ -2,7 +2,6 @@
 outside the file's own folder. They come from strangers, as those of task folders do."""
 
 import itertools
-import struct
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Final
@@ -11,6 +10,7 @@ from xml.etree.ElementTree import Element
 
 from grs_agents.errors import InputError
 from grs_agents.foreign import read_bytes
+from grs_agents.library import read_png_size
 from grs_agents.library.formats import check_xml_safety
 
 LARGEST: Final = 4_000_000
@@ -33,6 +33,7 @@ _MOST: Final[dict[tuple[str, str], float]] = {
 }
 """The greatest number of an attribute that says how much memory an element takes."""
 _MOST_PIXELS: Final = 67_108_864
+"""Of all textures, made or read: four of 4,096 x 4,096, as detailed arms have. MuJoCo keeps one for each element."""
 _MOST_SIZE: Final = 1 << 30
 """Of ``memory`` of a ``<size>``, bytes."""
 _MOST_COUNT: Final = 1_000_000
@@ -44,7 +45,6 @@ _MOST_INCLUDED: Final = 32
 _MOST_MESH: Final = 1 << 26
 _MOST_MESHES: Final = 1 << 28
 """Bytes of one file that the robot names, and of all; those of the largest arm of MuJoCo's Menagerie have 40 MB."""
-_PNG: Final = b"\x89PNG\r\n\x1a\n"
 
 
 def check_robot_file(path: Path) -> None:
@@ -64,6 +64,7 @@ class _Check:
         self.path, self.root = path, path.resolve().parent
         self.counts: dict[str, int] = {}
         self.bytes = 0
+        self.pixels = 0
         self.seen: set[Path] = set()
 
     def run(self) -> None:
@@ -143,18 +144,25 @@ class _Check:
             if most is not None and any(number > most for number in _read_numbers(text)):
                 remedy = "remove it" if tag == "size" else "give a smaller number"
                 raise self._fault(f"{key} of <{tag}> is {text[:40]!r}, more than {most:.0f}", remedy)
-        if tag == "texture":
+        if tag == "texture" and element.get("builtin", "none") != "none":
             (width, *_), (height, *_) = ((*_read_numbers(element.get(side, "")), 0.0) for side in ("width", "height"))
-            if width * height > _MOST_PIXELS:
-                raise self._fault(
-                    f"a texture of {width:.0f}x{height:.0f} px, at most {_MOST_PIXELS}", "make it smaller"
-                )
+            # MuJoCo gives all but flat textures six square sides, whatever their height says.
+            self._count_pixels("a texture", width, height if element.get("type") == "2d" else max(height, 6 * width))
+
+    def _count_pixels(self, what: str, width: float, height: float) -> None:
+        self.pixels += round(width * height)
+        if self.pixels > _MOST_PIXELS:
+            message = f"with {what} of {width:.0f}x{height:.0f} px its textures have more than {_MOST_PIXELS} px in all"
+            raise self._fault(message, "make them smaller")
 
     def _check_named_file(self, element: Element, name: str, home: Path, folders: set[str]) -> None:
         """A mesh or a picture, in each of the places where MuJoCo may look for it."""
         self._check_name(name, "the file")
         bases = [place / folder for place, folder in itertools.product((home, self.root), sorted(folders))]
+        sizes: list[tuple[int, int]] = []
         for file in {*self._find_inside(name, bases), *self._find_inside(PurePosixPath(name).name, bases)}:
+            if element.tag == "texture" and (found := read_png_size(file)) is not None:
+                sizes.append(found)
             if file in self.seen:
                 continue
             self.seen.add(file)
@@ -163,13 +171,9 @@ class _Check:
             if size > _MOST_MESH or self.bytes > _MOST_MESHES:
                 bound = f"{_MOST_MESH} bytes, {_MOST_MESHES} with the others"
                 raise self._fault(f"{name[:120]!r} has {size} bytes, at most {bound}", "simplify it")
-            with file.open("rb") as stream:
-                head = stream.read(24)
-            if head.startswith(_PNG) and len(head) == 24:
-                width, height = struct.unpack(">II", head[16:])
-                if width * height > _MOST_PIXELS:
-                    message = f"{name[:120]!r} has {width}x{height} px, at most {_MOST_PIXELS}"
-                    raise self._fault(message, "make it smaller")
+        if sizes:  # MuJoCo reads one of the files
+            width, height = max(sizes, key=lambda size: size[0] * size[1])
+            self._count_pixels(repr(name[:120]), width, height)
 
 
 def _read_numbers(text: str) -> tuple[float, ...]:

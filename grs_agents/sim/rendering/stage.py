@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from grs_agents.errors import InputError
 from grs_agents.geometry import FloatArray, pose_matrix
-from grs_agents.library import Library, Shape, add_shape_geom, name_current_file
+from grs_agents.library import Library, Shape, add_shape_geom, add_texture_file
 from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.arms import Arm, get_arm, replace_cup_with_spatula, set_arm_visuals
 from grs_agents.sim.instance import InstanceLight, InstanceObject, InstanceTable, TaskInstance
@@ -205,8 +205,7 @@ def _add_shape(spec: Any, body: Any, shape: Shape, library: Library, name: str, 
     if color is not None:
         geom.rgba = color
     else:
-        file = name_current_file(library.mesh_or_texture_path(shape.texture or ""))
-        spec.add_texture(name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, file=file)
+        add_texture_file(spec, name, library.mesh_or_texture_path(shape.texture or ""))
         spec.add_material(name=name).textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = name
         geom.material = name
     return geom

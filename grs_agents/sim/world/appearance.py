@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.library import Library, ObjectModel, name_current_file
+from grs_agents.library import Library, ObjectModel, add_texture_file
 from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.instance import InstanceLight, InstanceObject, InstanceTable
 
@@ -34,14 +34,14 @@ def add_textures(
         for index, shape in enumerate(models[item.id].visuals):
             if shape.texture and item.color is None:
                 geom = spec.geom(f"object_{item.id}_visual_{index}")
-                file = name_current_file(library.mesh_or_texture_path(shape.texture))
-                spec.add_texture(name=geom.name, type=mujoco.mjtTexture.mjTEXTURE_2D, file=file)
+                add_texture_file(spec, geom.name, library.mesh_or_texture_path(shape.texture))
                 _apply_texture_to_geom(spec, geom)
 
 
 def set_light_and_table(spec: Any, light: InstanceLight, table: InstanceTable, library: Library) -> None:
     """Give a world that ``create_base_world_spec`` made the light and the table top of an instance.
-    Raises ``InputError`` for a light that shines at itself, and for a texture that the library does not have."""
+    Raises ``InputError`` for a light that shines at itself, and for a texture that the library does
+    not have or that is too large."""
     direction = np.subtract(light.target, light.position)
     if not np.linalg.norm(direction) > 1e-6:
         raise InputError(f"the light at {light.position} shines at itself", "give it another target")
@@ -51,8 +51,7 @@ def set_light_and_table(spec: Any, light: InstanceLight, table: InstanceTable, l
     top = spec.geom("table")
     top.rgba = table.color
     if table.texture is not None:
-        file = name_current_file(library.mesh_or_texture_path(table.texture))
-        spec.add_texture(name="table", type=mujoco.mjtTexture.mjTEXTURE_2D, file=file)
+        add_texture_file(spec, "table", library.mesh_or_texture_path(table.texture))
         _apply_texture_to_geom(spec, top, TABLE_SIDE)
     elif table.pattern != "plain":
         _add_pattern(spec, table)

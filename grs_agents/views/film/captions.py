@@ -18,7 +18,7 @@ from grs_agents.views.common import Grasp, Motion, find_grasps
 Picture = npt.NDArray[np.uint8]
 Caption = tuple[str, str, str]
 """The goal; the action; the outcome."""
-_ASSET = re.compile(r"[\w./-]+\.urdf")
+_ASSET = re.compile(r"(?<![\w./-])[\w./-]+\.urdf")  # from the start of a word alone: linear in the text
 _SHARE = 26
 """Letters are as high as the picture divided by this."""
 _SHADE = 0.45
@@ -32,14 +32,14 @@ def write_moment_captions(
 ) -> Iterator[Caption]:
     """The caption of each moment (simulated seconds) of a rollout."""
     grasps = find_grasps(motion)
+    cause = _ASSET.sub(lambda match: _asset_name_as_words(match[0]), event.cause[:_LONGEST])
     over = motion.times[grasps[-1].end] if grasps else motion.duration_seconds
     for moment in seconds:
         frame = motion.frame_index_at(moment)
         current = next((grasp for grasp in grasps if frame <= grasp.end), grasps[-1] if grasps else None)
         ended = moment >= over
         outcome = f"{event.outcome}, reward {event.reward:.2f}" if ended else f"{moment:.1f} s"
-        cause = _ASSET.sub(lambda match: _asset_name_as_words(match[0]), event.cause) if ended else ""
-        action = cause or _describe_robot_action(instance, grasps, current, frame)
+        action = (cause if ended else "") or _describe_robot_action(instance, grasps, current, frame)
         yield _find_goal_sentence(instance, current), action, outcome
 
 

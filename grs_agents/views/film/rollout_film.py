@@ -20,7 +20,7 @@ from grs_agents.files import resolve_output_file, unwritable_error
 from grs_agents.foreign import find_member_file, resolve_member_file
 from grs_agents.library import Library
 from grs_agents.trace import Event, Rollout, read_events
-from grs_agents.views.common import Motion, library_with_run_assets, read_motion, read_task_instance
+from grs_agents.views.common import Motion, decode_in_worker, library_with_run_assets, read_motion, read_task_instance
 from grs_agents.views.film.captions import draw_captions, write_moment_captions
 from grs_agents.views.rerun import has_display
 
@@ -172,11 +172,12 @@ def write_film(shot: RolloutShot, path: Path, rate: float = 15.0, show: Callable
     path = resolve_output_file(path)
     animated = path.suffix.lower() != ".mp4"
     rate = min(rate, _ANIMATION_RATE) if animated else rate
-    images = render_film_frames(shot, rate, show)
     try:
-        if not animated:
-            return _write_mp4(images, path, rate, shot)
-        frames = list(images)
+        with decode_in_worker(shot.folder):
+            images = render_film_frames(shot, rate, show)
+            if not animated:
+                return _write_mp4(images, path, rate, shot)
+            frames = list(images)
         path.write_bytes(encode_animation(frames, rate, path.suffix.lower()[1:]))
     except OSError as error:
         raise unwritable_error(path, error) from error

@@ -206,6 +206,8 @@ class SceneView:
         for label in present:
             colors[label] = _label_color(label)[::-1]
         tinted, masked = image.copy(), labels > 0
+        if not masked.any():
+            return
         tinted[masked] = cv2.addWeighted(image[masked], 1 - _TINT, colors[labels[masked]], _TINT, 0)
         recording.log(f"{Paths.CAMERA}/masks", _encode_jpeg(tinted, 85, draw_order=1.0))
 

@@ -1,7 +1,10 @@
 """Models as other people's programs write them: what is usual is read, what is lost of a look is noted."""
 
+import multiprocessing
 import random
+import resource
 import struct
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +19,10 @@ from grs_agents.library.importing import (
     SourceFolder,
     SourceItem,
     SourceModel,
+    find_item_files,
     find_source_items,
     merge_mesh_parts,
+    open_import_source,
     read_mesh,
     read_urdf_or_mjcf,
     slugify_name,
@@ -487,3 +492,76 @@ def test_broken_files_are_refused_and_nothing_else_happens(tmp_path: Path, seed:
                 refused += 1
         path.write_bytes(data)
     assert refused
+
+
+BLANKS = " \t" * 100_000
+HOSTILE: dict[str, dict[str, str]] = {
+    "uri": {"model.sdf": f"<sdf><model><uri>{BLANKS}"},
+    "version": {"model.config": f"<model><sdf>{BLANKS}"},
+    "long version": {"model.config": f"<model><sdf version='{'9' * 5_000}'>model.sdf</sdf>"},
+    "name": {"model.config": f"<model><name>{BLANKS}"},
+    "long name": {"model.config": f"<model><sdf>{'x' * 5_000}.sdf</sdf></model>"},
+    "file": {"box.urdf": f"<robot filename{BLANKS}"},
+}
+
+
+def find_items(folder: str) -> None:
+    source = SourceFolder(Path(folder), 10_000_000)
+    for item in find_source_items(source):
+        find_item_files(source, item)
+
+
+def refuse_urdf(folder: Path) -> None:
+    with pytest.raises(RefusedError):
+        read_item(folder, SourceItem(kind="urdf", name="box", file="box.urdf"))
+
+
+def run_within(seconds: float, call: Callable[..., object], *args: object) -> None:
+    """Run a call in a process that the kernel ends after so many seconds of processor time."""
+    process = multiprocessing.get_context("fork").Process(target=_run_limited, args=(seconds, call, *args))
+    process.start()
+    process.join()
+    assert process.exitcode == 0
+
+
+def _run_limited(seconds: float, call: Callable[..., object], *args: object) -> None:
+    used = resource.getrusage(resource.RUSAGE_SELF).ru_utime
+    most = int(used + seconds) + 1
+    resource.setrlimit(resource.RLIMIT_CPU, (most, most))
+    call(*args)
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_text_of_strangers_is_searched_once(tmp_path: Path, kind: str) -> None:
+    for name, text in HOSTILE[kind].items():
+        (tmp_path / name).write_text(text)
+    run_within(5, find_items, str(tmp_path))
+
+
+@pytest.mark.parametrize("text", ["<?xml ?" * 100_000, "<r " + "".join(f"<p{n}:a>" for n in range(100_000))])
+def test_xml_of_strangers_is_mended_once(tmp_path: Path, text: str) -> None:
+    (tmp_path / "box.urdf").write_text(text)
+    run_within(5, refuse_urdf, tmp_path)
+
+
+@pytest.mark.parametrize("deep", [0, 6])
+def test_names_that_an_mtl_gives_without_end_cost_little(tmp_path: Path, deep: int) -> None:
+    home = tmp_path.joinpath(*["d"] * deep)
+    home.mkdir(parents=True, exist_ok=True)
+    for number in range(500):
+        (home / f"other{number}.txt").touch()
+    (home / "a.obj").write_text("".join(f"mtllib /x/y/n{number}.mtl\n" for number in range(5_000)) + "mtllib a.mtl\n")
+    lines = (f"newmtl m{number}\nmap_Kd /a/b/c/{number}.png\n" for number in range(30_000))
+    (home / "a.mtl").write_text("".join(lines) + "map_Kd -s" + " 1" * 200_000 + "\nmap_Kd " + "a/" * 200_000)
+    (home / "b.obj").write_text("v 0 0 0\nmtllib " + "x " * 500_000 + "\nmtllib a.mtl\n")
+    run_within(8, find_items, str(tmp_path))
+
+
+def test_an_archive_beside_assets_is_told_once(tmp_path: Path) -> None:
+    models.textured_box(tmp_path / "source", "a", (0.05, 0.06, 0.07))
+    for name in ("b.tar.gz", "c.gz", "d/e.tar.gz"):
+        (tmp_path / "source" / name).parent.mkdir(exist_ok=True)
+        (tmp_path / "source" / name).write_bytes(b"")
+    with open_import_source(str(tmp_path / "source"), ImportOptions()) as source:
+        assert [name for name, _ in source.refused] == ["b.tar.gz"]
+        assert [outcome.source for outcome in source.unread] == ["c.gz", "d/e.tar.gz"]

@@ -76,3 +76,22 @@ def test_a_large_picture_of_a_robot_is_not_decoded(tmp_path: Path) -> None:
     png(tmp_path / "a.png", 60_000, 60_000, rows=2)
     with pytest.raises(InputError, match="60000x60000"):
         get_arm(str(file))
+
+
+@pytest.mark.parametrize(
+    "textures",
+    [
+        "".join(f"<texture name='t{n}' type='2d' builtin='flat' width='8000' height='8000'/>" for n in range(3)),
+        "<texture name='t' type='cube' builtin='flat' width='4000' height='4000'/>",
+        "<texture name='a' type='2d' file='a.png'/><texture name='b' type='2d' file='a.png'/>",
+        "<texture name='a' type='2d' file='a.png'/><texture name='t' builtin='flat' width='2000' height='2000'/>",
+    ],
+    ids=["many", "cube", "one file twice", "made and read"],
+)
+def test_pixels_of_a_robot_count_together(tmp_path: Path, textures: str) -> None:
+    from tests.bombs import png
+
+    file = write(tmp_path, new=f"<asset>{textures}</asset><worldbody>")
+    png(tmp_path / "a.png", 7_000, 7_000, rows=2)
+    with pytest.raises(InputError, match="more than 67108864 px in all"):
+        get_arm(str(file))

@@ -1,5 +1,7 @@
 """Pictures and films of a rollout, and the motion and the stage they are made from."""
 
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
 
@@ -180,3 +182,39 @@ def test_long_captions_are_cut_before_they_are_measured(monkeypatch: pytest.Monk
     image, word = np.zeros((240, 320, 3), np.uint8), "word " * 200_000
     drawn = next(draw_captions(iter([image]), iter([(word, word, word)])))
     assert drawn.any() and max(measured) <= 401 and len(measured) < 40
+
+
+def test_a_cause_is_cut_and_read_once_for_a_film(played: tuple[Path, Rollout]) -> None:
+    folder, event = played
+    instance = read_task_instance(folder / (event.instance or ""))
+    motion = read_motion(folder / (event.recording or ""))
+    long = event.model_copy(update={"cause": f"HOPE/TomatoSauce.urdf fell {'a' * 1_000_000}"})
+    moments = [motion.duration_seconds] * 50
+    (action,) = {action for _, action, _ in write_moment_captions(long, instance, motion, moments)}
+    assert action.startswith("tomato sauce fell aaa") and len(action) <= 400
+
+
+def test_a_film_reads_its_recording_in_a_worker(
+    played: tuple[Path, Rollout], library: Library, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    folder, event = played
+    readers: list[bool] = []
+    workers: list[tuple[Path, ...]] = []
+    read_unwatched, decode_unwatched = rollout_film.read_motion, rollout_film.decode_in_worker
+
+    def read(file: Path) -> Any:
+        readers.append(bool(workers))
+        return read_unwatched(file)
+
+    @contextmanager
+    def decode(*folders: Path) -> Generator[None]:
+        workers.append(folders)
+        with decode_unwatched(*folders):
+            yield
+
+    monkeypatch.setattr(rollout_film, "read_motion", read)
+    monkeypatch.setattr(rollout_film, "decode_in_worker", decode)
+    monkeypatch.setattr(rollout_film, "_rendering_backends", lambda: ("rays",))
+    shot = RolloutShot(folder, event, library, width=96, height=64)
+    write_film(shot, tmp_path / "film.gif", rate=1)
+    assert readers and all(readers) and workers == [(folder,)]

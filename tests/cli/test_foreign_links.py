@@ -1,0 +1,63 @@
+"""Folders from somebody else that a verb writes into: nothing is written through their links, and nothing waits."""
+
+import os
+import shutil
+import sqlite3
+from pathlib import Path
+
+import pytest
+
+from tests.cli.command import grs
+from tests.cli.test_foreign_folder import assert_refused, made, run
+
+__all__ = ["made", "run"]  # fixtures
+
+
+@pytest.mark.parametrize("kind", ["file", "folder", "pipe"])
+def test_a_batch_writes_through_no_link(tmp_path: Path, sample_scene: Path, kind: str) -> None:
+    (tmp_path / "b").mkdir()
+    victim = tmp_path / "victim"
+    if kind == "file":
+        victim.write_text("mine")
+        (tmp_path / "b" / "groceries-0.log").symlink_to(victim)
+    elif kind == "folder":
+        victim.mkdir()
+        (tmp_path / "b" / "groceries-0").symlink_to(victim)
+    else:
+        os.mkfifo(tmp_path / "b" / "groceries-0.log")
+    done = grs("batch", str(sample_scene), "--out", "b", "-q", folder=tmp_path)
+    assert done.returncode != 0, done.stdout
+    assert kind == "pipe" or (victim.read_text() == "mine" if kind == "file" else not list(victim.iterdir()))
+
+
+@pytest.mark.parametrize("text", [None, "[" * 100_000, "[]"], ids=["pipe", "deep", "list"])
+def test_a_batch_file_that_is_none_is_refused(tmp_path: Path, sample_scene: Path, text: str | None) -> None:
+    (tmp_path / "b").mkdir()
+    os.mkfifo(tmp_path / "b" / "batch.json") if text is None else (tmp_path / "b" / "batch.json").write_text(text)
+    assert_refused(grs("batch", str(sample_scene), "--out", "b", folder=tmp_path), "batch.json")
+
+
+def test_a_link_to_a_folder_is_no_part_of_a_run(run: Path) -> None:
+    (run / "again").symlink_to(".")
+    assert_refused(grs("show", "run", folder=run.parent), "again is a link to a folder")
+
+
+def test_runs_of_alike_lines_are_compared_at_once(run: Path) -> None:
+    second = Path(shutil.copytree(run, run.parent / "second"))
+    for folder, name, shift in ((run, "x", 0), (second, "y", 10_000)):
+        lines = (f"{name} = foo(alpha, beta, gamma, {number + shift})\n" for number in range(700))
+        (folder / "simulation.py").write_text("".join(lines))
+    done = grs("compare", "run", "second", "--json", folder=run.parent)
+    assert done.returncode == 0 and "1400 lines differ" in done.stdout
+
+
+def test_a_checkpoint_makes_up_no_value(run: Path) -> None:
+    with sqlite3.connect(run / "checkpoint.sqlite") as database:
+        made_up = "checkpoint BLOB GENERATED ALWAYS AS (zeroblob(900000000)) VIRTUAL"
+        keys = "thread_id TEXT, checkpoint_ns TEXT, checkpoint_id TEXT, parent_checkpoint_id TEXT, type TEXT"
+        database.execute(f"CREATE TABLE checkpoints ({keys}, {made_up}, metadata BLOB)")
+        database.execute("INSERT INTO checkpoints VALUES ('sample-run', '', '1', NULL, 'msgpack', '{}')")
+        database.execute("CREATE TABLE writes (thread_id TEXT)")
+    (run.parent / "photo").mkdir()
+    done = grs("run", "/photo", "--out", "run", "--resume", folder=run.parent)
+    assert_refused(done, "checkpoint.sqlite")
