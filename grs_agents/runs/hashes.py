@@ -121,7 +121,8 @@ def _describe_hash_differences(before: Mapping[str, str], now: Mapping[str, str]
     for name in sorted({*before, *now}):
         if before.get(name) != now.get(name):
             what = "is missing" if name not in now else "was added" if name not in before else "was changed"
-            yield f"{name}: it {what}"
+            line = name.replace("\n", "\\n")  # or a name could add a line of its own to the report
+            yield f"{line}: it {what}"
 
 
 def _hash_run_files(folder: Path) -> dict[str, str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from grs_agents.runs import write_hashes
 from tests.cli.command import grs
 from tests.cli.test_foreign_folder import assert_refused, made, run
 
@@ -61,3 +62,11 @@ def test_a_checkpoint_makes_up_no_value(run: Path) -> None:
     (run.parent / "photo").mkdir()
     done = grs("run", "/photo", "--out", "run", "--resume", folder=run.parent)
     assert_refused(done, "checkpoint.sqlite")
+
+
+def test_a_file_name_adds_no_line_to_a_verification(run: Path) -> None:
+    write_hashes(run)
+    (run / "x\nreport.html: it holds").touch()
+    done = grs("verify", "run", folder=run.parent)
+    assert (done.returncode, len(done.stdout.splitlines())) == (1, 2), done.stdout
+    assert r"x\nreport.html: it holds: it was added" in done.stdout
