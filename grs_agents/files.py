@@ -137,6 +137,13 @@ def open_new_text(path: Path) -> Generator[IO[str]]:
         yield stream
 
 
+def refuse_link(path: Path) -> Path:
+    """An output that the user did not name. Raises InputError: a link lies there, which may be a stranger's."""
+    if path.is_symlink():
+        raise InputError(f"{path} is a link", "name another output with --out, or remove it")
+    return path
+
+
 def make_folder(folder: Path) -> None:
     """Make ``folder`` and those above it that are missing; the next durable write makes them durable."""
     missing = [level for level in (folder, *folder.parents) if not level.exists()]

@@ -8,6 +8,7 @@ from rich.text import Text
 
 from grs_agents import terminal
 from grs_agents.errors import InputError
+from grs_agents.files import refuse_link
 from grs_agents.sim.variation import Variation
 from grs_agents.terminal import print_escaped, print_json
 from grs_agents.varied_instances import Manifest, make_varied_instances
@@ -32,7 +33,7 @@ def parse_seed_range(text: str) -> range:
 def write_instances(run: Path, seeds: str, variation: Variation, out: Path | None, workers: int, as_json: bool) -> int:
     """Make varied instances of a run, with progress, and print what came of it; 1 if none of them is solved."""
     wanted = parse_seed_range(seeds)
-    folder = out or run.resolve().with_name(f"{run.resolve().name}-instances")
+    folder = out or refuse_link(run.resolve().with_name(f"{run.resolve().name}-instances"))
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=terminal.make_console(error=True)) as progress:
         row = progress.add_task("instances", total=len(wanted))

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 from grs_agents.cli.show import make_recording
 from grs_agents.errors import InputError
-from grs_agents.files import STANDARD_OUTPUT, check_output_path, write_file_or_stdout
+from grs_agents.files import STANDARD_OUTPUT, check_output_path, refuse_link, write_file_or_stdout
 from grs_agents.library import Library
 from grs_agents.models import PROVIDERS
 from grs_agents.runs import add_hash, read_record
@@ -84,7 +84,7 @@ def share_run_as_zip(folder: Path, out: Path | None, as_json: bool) -> None:
     from grs_agents.views import show_activity_status
 
     record = read_record(folder)
-    path = out or folder.resolve().with_suffix(".zip")
+    path = out or refuse_link(folder.resolve().with_suffix(".zip"))
     check_output_path(path)
     with show_activity_status("removing keys and home folders") as show:
         shared = pack_run_as_zip(

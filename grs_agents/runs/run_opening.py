@@ -24,6 +24,7 @@ from grs_agents.models import make_chat_model
 from grs_agents.perception import check_scene_source, short_scene_name
 from grs_agents.policies import load_policy
 from grs_agents.questions import require_reply_is_a_choice
+from grs_agents.runs.checkpoint import FILE as CHECKPOINT
 from grs_agents.runs.graph_loading import compile_graph, load_graph
 from grs_agents.runs.record import EXIT_STATUS, FILE, RunRecord, installed_versions, read_record
 from grs_agents.toolkit import load_tool
@@ -153,6 +154,11 @@ def _check_reply_is_awaited(order: Order, record: RunRecord) -> None:
         return
     if record.question is None:
         raise InputError(f"the run {order.out} is {record.status} and waits for no reply", "see `grs show`")
+    if not order.nested and order.out is not None and not (order.out / CHECKPOINT).is_file():
+        # It would begin anew, with a scene that the folder chose.
+        raise InputError(
+            f"{order.out} holds no {CHECKPOINT} to go on from", "run the scene again in another folder: --out"
+        )
     require_reply_is_a_choice(record.question, order.reply)
 
 

@@ -26,10 +26,10 @@ _KEYS = re.compile(
     r"|\bAIza[A-Za-z0-9_\-]{30,}"
     r"|\b(?:gh[pousr]|github_pat|hf|glpat|xox[abprs]|lsv2|ls__)[_\-][A-Za-z0-9_\-]{16,}"
     r"|\bAKIA[A-Z0-9]{16}\b"
-    r"|\beyJ[A-Za-z0-9_\-]{8,}\.[A-Za-z0-9_\-]{8,}\.[A-Za-z0-9_\-]{8,}"
+    r"|(?<![A-Za-z0-9_\-])eyJ[A-Za-z0-9_\-]{8,}\.[A-Za-z0-9_\-]{8,}\.[A-Za-z0-9_\-]{8,}"
     r"|(?<=Bearer )[A-Za-z0-9._~+/\-]{16,}=*"
     r"|(?<=://)[^/\s:@\"']{1,200}:[^/\s@\"']{1,200}(?=@)"
-    r"|-----BEGIN [A-Z ]*PRIVATE KEY-----.*?-----END [A-Z ]*PRIVATE KEY-----",
+    r"|-----BEGIN [A-Z ]*PRIVATE KEY-----(?:(?!-----BEGIN).)*?-----END [A-Z ]*PRIVATE KEY-----",
     re.DOTALL,
 )
 _HOMES = re.compile(r"(?:/home/|/Users/|[A-Za-z]:(?:\\{1,2}|/)Users(?:\\{1,2}|/))[^/\\\s\"'<>:,;)\]}]+")

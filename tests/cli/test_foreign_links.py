@@ -1,5 +1,6 @@
 """Folders from somebody else that a verb writes into: nothing is written through their links, and nothing waits."""
 
+import json
 import os
 import shutil
 import sqlite3
@@ -7,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.runs import write_hashes
+from grs_agents.runs import make_scrubber, write_hashes
 from tests.cli.command import grs
 from tests.cli.test_foreign_folder import assert_refused, made, run
 
@@ -70,3 +71,26 @@ def test_a_file_name_adds_no_line_to_a_verification(run: Path) -> None:
     done = grs("verify", "run", folder=run.parent)
     assert (done.returncode, len(done.stdout.splitlines())) == (1, 2), done.stdout
     assert r"x\nreport.html: it holds: it was added" in done.stdout
+
+
+@pytest.mark.parametrize(("verb", "name"), [(("share",), "run.zip"), (("instances", "--seeds", "0"), "run-instances")])
+def test_an_output_that_nobody_named_is_written_through_no_link(run: Path, verb: tuple[str, ...], name: str) -> None:
+    victim = run.parent / "victim"
+    victim.write_text("mine") if name.endswith(".zip") else victim.mkdir()
+    (run.parent / name).symlink_to(victim)
+    assert_refused(grs(verb[0], "run", *verb[1:], folder=run.parent), f"{name} is a link")
+    assert victim.read_text() == "mine" if victim.is_file() else not list(victim.iterdir())
+
+
+def test_a_waiting_run_without_a_checkpoint_is_not_begun_anew(run: Path) -> None:
+    record = json.loads((run / "run.json").read_text("utf-8"))
+    question = {"text": "go on?", "details": "", "choices": ["yes", "no"]}
+    (run / "run.json").write_text(json.dumps({**record, "status": "waiting", "question": question}), "utf-8")
+    assert_refused(grs("approve", "run", "--reply", "yes", folder=run.parent), "no checkpoint.sqlite to go on from")
+
+
+@pytest.mark.parametrize("word", ["-eyJ", "-----BEGIN PRIVATE KEY-----\n"])
+def test_text_is_scrubbed_in_one_pass(word: str) -> None:
+    scrubber = make_scrubber(Path("/nowhere"))
+    assert scrubber.remove_secrets(word * 100_000).startswith(word[:4])
+    assert "eyJhbGciOiJI" not in scrubber.remove_secrets('{"key": "eyJhbGciOiJI.eyJzdWIiOiIx.SflKxwRJSMeK"}')
