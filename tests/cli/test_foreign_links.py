@@ -94,3 +94,11 @@ def test_text_is_scrubbed_in_one_pass(word: str) -> None:
     scrubber = make_scrubber(Path("/nowhere"))
     assert scrubber.remove_secrets(word * 100_000).startswith(word[:4])
     assert "eyJhbGciOiJI" not in scrubber.remove_secrets('{"key": "eyJhbGciOiJI.eyJzdWIiOiIx.SflKxwRJSMeK"}')
+
+
+def test_a_program_too_long_to_be_parsed_is_refused_by_its_length(tmp_path: Path) -> None:
+    (tmp_path / "program.py").write_text('a = 0\nX = f"' + "{a}" * 100_000 + '"\n')
+    done = grs("check", "program.py", "--seeds", "1", "--json", folder=tmp_path)
+    assert done.returncode == 1 and "300014 characters, more than 131072" in done.stdout, (
+        done.stdout[:2000] + done.stderr
+    )
