@@ -27,7 +27,8 @@ MALFORMED = (
 )
 """What Pillow's readers raise on torn or forged files."""
 _MOST_RUN_BYTES = 1 << 26
-"""No picture of a run folder is larger, in bytes."""
+_MOST_RUN_PIXELS = 16_000_000
+"""Bounds of a picture of a run folder, in bytes and pixels: a frame has at most 9 million pixels."""
 
 
 _HEIF_BRANDS = {b"ftyp" + brand for brand in (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")}
@@ -46,7 +47,7 @@ def _register_heif_reader(file: Path) -> None:
 
 @contextmanager
 def open_picture(
-    file: Path, remedy: str, formats: tuple[str, ...] = FORMATS, most: int = MOST_BYTES
+    file: Path, remedy: str, formats: tuple[str, ...] = FORMATS, most: int = MOST_BYTES, pixels: int = MOST_PIXELS
 ) -> Generator[tuple[Pillow.Image, bytes]]:
     """A picture of checked size, not decoded, and its bytes. Raises InputError: it is missing, torn or too large."""
     data, known = read_bytes(file, remedy, most), ", ".join(formats)
@@ -56,8 +57,8 @@ def open_picture(
     try:
         with Pillow.open(BytesIO(data), formats=formats) as image:
             width, height = image.size
-            if width * height > MOST_PIXELS:
-                message = f"{file} has {width}x{height} pixels, more than {MOST_PIXELS}"
+            if width * height > pixels:
+                message = f"{file} has {width}x{height} pixels, more than {pixels}"
                 raise InputError(message, "give it at a smaller size")
             yield image, data
     except InputError:
@@ -75,7 +76,8 @@ def read_picture(file: Path, flags: int) -> npt.NDArray[Any]:
     decoder = current_decoder()
     if decoder is not None and (decoded := decoder.read_picture(file, flags)) is not None:
         return decoded
-    with open_picture(file, "restore the file or run again", ("PNG", "JPEG"), _MOST_RUN_BYTES) as (_, data):
+    remedy = "restore the file or run again"
+    with open_picture(file, remedy, ("PNG", "JPEG"), _MOST_RUN_BYTES, _MOST_RUN_PIXELS) as (_, data):
         image: npt.NDArray[Any] | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
         if image is None:
             raise ValueError("it is torn")

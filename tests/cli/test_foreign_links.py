@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from grs_agents.runs import make_scrubber, write_hashes
+from tests import bombs
 from tests.cli.command import grs
 from tests.cli.test_foreign_folder import assert_refused, made, run
 
@@ -102,3 +103,9 @@ def test_a_program_too_long_to_be_parsed_is_refused_by_its_length(tmp_path: Path
     assert done.returncode == 1 and "300014 characters, more than 131072" in done.stdout, (
         done.stdout[:2000] + done.stderr
     )
+
+
+def test_a_picture_of_a_run_is_no_larger_than_a_photo_becomes(run: Path) -> None:
+    bombs.png(run / "rgb.png", 8_000, 8_000)
+    done = grs("report", "run", "--out", "trace.rrd", folder=run.parent)
+    assert_refused(done, "8000x8000 pixels, more than 16000000")
