@@ -92,8 +92,8 @@ def write_bytes(path: Path, data: bytes, durable: bool = False) -> Path:
     """Write ``data`` to ``path`` through a temporary file in the same folder. A link is replaced, never followed.
 
     Args:
-        durable: whether this file, and all that this process has written before, outlasts a power cut from now on. A
-            file that says how far something came needs that; so does one that another process relies on.
+        durable: flush this file and all earlier writes of the process to the disk before returning. Needed for a file
+            that records progress, or that another process relies on.
 
     Raises:
         InputError: the folder cannot be written, the disk is full, or ``path`` is there and no regular file.

@@ -20,7 +20,7 @@ from grs_agents.errors import ConfigError
 _OFFLINE: Final = re.compile(r"offline(:[a-z0-9_]{1,64})?")
 """Models that need no key, no network and no code of their own: a run folder may name them."""
 _OF_THIS_MACHINE: Final = frozenset({"sandbox", "workers"})
-"""No verdict depends on these; a resumed run has those of this machine without a question."""
+"""Settings that change no verdict; a resumed run takes them from this machine without asking."""
 
 
 _MODEL_DEFAULTS: Final = {**ModelConfig(model="offline").model_dump(mode="json"), "model": None}

@@ -79,7 +79,7 @@ class DatasetCard(Frozen):
 
     name: str  # of the task folder
     id: str = ""  # of the data set, hexadecimal; by it the data set is known wherever it lies
-    # where it is written, an absolute path; of the files only what makes the environment says so
+    # absolute output path; written only into the arguments of the environment
     folder: str = Field(default="", exclude=True)
     robot: str
     rate: float  # Hz

@@ -15,7 +15,7 @@ class Decoder(Protocol):
     """Reads files as the functions of the same names do, errors included."""
 
     def read_picture(self, file: Path, flags: int) -> Array | None:
-        """The picture; None where the file is none of this decoder's."""
+        """Pixels of the picture; None if the file lies outside this decoder's folders."""
         ...
 
     def read_npz(
@@ -26,7 +26,7 @@ class Decoder(Protocol):
         together: int | None,
         text: Collection[str],
     ) -> dict[str, Array] | None:
-        """The arrays; None where the file is none of this decoder's."""
+        """Arrays by name; None if the file lies outside this decoder's folders."""
         ...
 
 
@@ -34,7 +34,7 @@ _DECODER: ContextVar[Decoder | None] = ContextVar("decoder", default=None)
 
 
 def current_decoder() -> Decoder | None:
-    """The decoder that stands in for this process, if there is one."""
+    """Return the decoder of this context, or None."""
     return _DECODER.get()
 
 

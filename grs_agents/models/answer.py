@@ -16,8 +16,8 @@ _SPELLINGS = (
     *("finish_reason", "stop_reason", "done_reason", "stopReason", "finishReason", "completionReason"),
     "status",
 )
-"""Why a reply ended: OpenAI, Google and most others; Anthropic; Ollama; Bedrock, of which three names; OpenAI's
-Responses API."""
+"""Metadata keys of the finish reason, in the order in which they are tried: OpenAI and most others; Anthropic; Ollama;
+Bedrock's three; OpenAI's Responses API."""
 _CUT_OFF = frozenset(
     {"length", "max_length", "max_tokens", "max_new_tokens", "max_output_tokens", "max_completion_tokens"}
     | {"token_limit", "limit", "error_limit", "model_length", "incomplete"}

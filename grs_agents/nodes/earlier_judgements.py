@@ -1,4 +1,4 @@
-"""What the tests and the audit found out about each pair of programs of a run, so that no pair is judged twice.
+"""Cache of the test reports and audits of a run, by simulation and tests.
 
 A fixer may bring back a program that was there before. The judgements lie in a hidden folder of the run until it is
 concluded. A resumed run judges anew: the folder may come from somebody else.

@@ -40,7 +40,7 @@ _RAN = ("passed", "failed", "error", "no_assertion", "skipped", "expected_failur
 
 @logged_node("run_tests")
 def run_tests(state: RunState, services: Services) -> Update:
-    """Check what needs no run, then run the tests against the program in the sandbox, once for each pair of them."""
+    """Run the static checks, then the tests in the sandbox; an earlier report of the same programs is used again."""
     found = check_programs(state["simulation"], state["tests"], task_from_state(state), services.library)
     report = recall_test_report(state, services)
     if report is None:
@@ -110,8 +110,7 @@ def audit_task(state: RunState, services: Services) -> Update:
 
 @logged_node("conclude")
 def conclude_with_best_version(state: RunState, services: Services) -> Update:
-    """Say how the run ended, and why; a run that is not accepted leaves the best version in place, and the film of a
-    program that could be played."""
+    """Set status and reason. Restores the best version of a rejected run and records its film."""
     forget_judgements(services)
     ended, kept, left = state, dict[str, Any](), ""
     best = BestVersion.model_validate(state["best"]) if state.get("best") else None

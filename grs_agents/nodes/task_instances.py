@@ -78,8 +78,11 @@ def solve_task_instances(
 
 
 def play_first_seed(simulation: str, services: Services, scene: SceneDescription | None = None) -> tuple[Rollout, ...]:
-    """The trusted oracle's recorded rollout of the first seed alone, written and logged as an audit's are; empty where
-    the program gives no valid instance, or the rollout fails."""
+    """Play the first seed with the trusted oracle, and write and log the rollout.
+
+    Returns:
+        The rollout; nothing if the program gives no valid instance or the rollout fails.
+    """
     instances, _ = instantiate_program_for_seeds(simulation, [services.config.seed], services, scene)
     _write_instances(instances, services)
     if not instances:

@@ -124,7 +124,7 @@ def find_level_planes(points: Array, pose: Array | None, rng: np.random.Generato
 def _fit_largest_plane(
     points: Array, up: Array | None, total: int, rng: np.random.Generator, anyhow: bool = False
 ) -> Plane | None:
-    """The plane on which most of (N, 3) points lie; its share is that of ``total`` points; ``anyhow`` it may face."""
+    """Fit the plane with most of (N, 3) points. Its share is relative to ``total``; ``anyhow`` allows any normal."""
     bound = depth_tolerance(points[:, 2])
     best, normal, offset = 0, np.zeros(3), 0.0
     for unit, through in zip(*_draw_plane_hypotheses(points, up, rng, anyhow), strict=True):
@@ -256,7 +256,8 @@ def _draw_plane_hypotheses(
     points: Array, up: Array | None, rng: np.random.Generator, anyhow: bool
 ) -> tuple[Array, Array]:
     """Planes through three points each: (N, 3) unit normals towards the camera, and (N,) products with their points.
-    The camera looks down on each of them and is not upside down; a calibrated table is level; ``anyhow`` is any."""
+    The camera looks down on each of them and is not upside down; a calibrated table is level. ``anyhow`` allows any
+    normal."""
     picked = np.stack([rng.choice(len(points), size=3, replace=False) for _ in range(CONFIG.rounds)])
     a, b, c = points[picked.T]
     crosses = np.cross(b - a, c - a)

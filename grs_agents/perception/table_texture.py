@@ -63,7 +63,7 @@ def write_table_texture(frame: RGBDFrame, table: TableFrame, objects: Mask, asse
     rows, columns = np.ogrid[:_PIXELS, :_PIXELS]
     depth = homography[2, 0] * columns + homography[2, 1] * rows + homography[2, 2]
     seen = (rectify(_mask_table_pixels(frame, pose, objects), cv2.BORDER_CONSTANT) == _WHOLE) & (depth > 0)
-    # What is narrower than this is no table but a depth edge whose mean happens to lie in its plane.
+    # Remove narrow strips: mixed pixels of depth edges that fall into the table plane.
     core = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_NARROW, _NARROW))
     seen = cv2.morphologyEx(seen.astype(np.uint8), cv2.MORPH_OPEN, core) > 0
     count = np.count_nonzero(seen)

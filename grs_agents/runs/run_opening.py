@@ -88,7 +88,7 @@ def require_unused_folder(folder: Path) -> None:
 def lock_run_folder(folder: Path) -> Generator[None]:
     """Let no other process run in ``folder`` until the block ends. The kernel lets go of a process that is killed.
 
-    Who only looks at a run does not need this.
+    Readers need no lock.
     """
     try:
         descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)

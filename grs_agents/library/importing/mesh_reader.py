@@ -135,7 +135,7 @@ def _load_with_trimesh(
 
 
 class _Resolver:
-    """What trimesh opens beside a mesh file; nothing where its picture is given (``blind``)."""
+    """Opens the files that trimesh asks for; with ``blind``, none."""
 
     def __init__(self, folder: SourceFolder, name: str, *, blind: bool) -> None:
         self._folder, self._name, self._blind = folder, name, blind
@@ -301,16 +301,10 @@ def _read_off(path: Path, image: Image | None, limits: ImportLimits, notes: list
     colors: Image | None = None
     if any(plain):
         grey = [float(level) for level in GREY]
-        colors = _colors_to_uint8(np.array([color or grey for color in plain]))
+        colors = color_to_uint8(np.array([color or grey for color in plain]))
     elif point_colors and all(len(color) == 3 for color in point_colors):
-        colors = _colors_to_uint8(np.array(point_colors)[index].mean(axis=1))
+        colors = color_to_uint8(np.array(point_colors)[index].mean(axis=1))
     return build_mesh_part(vertices, index, None, image, colors, name, notes)
-
-
-def _colors_to_uint8(values: Floats) -> Image:
-    """(N, 3) colours; numbers up to 1 are shares, larger ones are of 255."""
-    values = np.nan_to_num(values)
-    return np.clip(np.rint(values * (1.0 if values.max(initial=0.0) > 1 else 255.0)), 0, 255).astype(np.uint8)
 
 
 def _read_mujoco_msh(path: Path, image: Image | None, limits: ImportLimits, notes: list[str]) -> MeshPart:

@@ -84,8 +84,7 @@ class _DrawingPlan:
 
 
 def last_audit_events(events: Sequence[trace.Event], kind: type[AuditEvent]) -> list[AuditEvent]:
-    """The rollouts, or the findings, of the last audit; where programs that were rejected were played at the end of the
-    run, those rollouts."""
+    """Return the last audit's rollouts or findings, or the rollouts that the node ``conclude`` played."""
     nodes = ("audit", "conclude") if kind is trace.Rollout else ("audit",)
     starts = [at for at, event in enumerate(events) if isinstance(event, trace.NodeStarted) and event.node in nodes]
     for at in reversed(starts or [0]):
