@@ -164,7 +164,7 @@ FORGED = {
     "giant number": '"max_steps": 1' + "0" * 400,
     "not a number": '"timestep": NaN',
     "infinity": '"pos_eps": Infinity',
-    "nested": '"task": ' + "[" * 100_000,
+    "nested": '"task": ' + "[" * 50_000,
     "goal of nothing": '"goals": [{"objects": [77]}]',
 }
 
