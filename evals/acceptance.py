@@ -12,18 +12,21 @@ from typing import Any
 
 from langgraph.runtime import Runtime
 
-from grs_agents import content, nodes
-from grs_agents.agents import Agents
-from grs_agents.audit import AuditReport
+from grs_agents import content
+from grs_agents.agents.agent import Agents
+from grs_agents.audit.types import AuditReport
 from grs_agents.base import Frozen
-from grs_agents.config import Config
+from grs_agents.config.schema import Config
 from grs_agents.errors import InputError
-from grs_agents.nodes import Services
-from grs_agents.perception import read_scene_description
-from grs_agents.policies import load_policy
-from grs_agents.runs import ExperimentParser, open_sandbox
-from grs_agents.sandbox import TestReport
-from grs_agents.trace import EventLog
+from grs_agents.nodes.authoring import generate_sim, generate_task, generate_tests
+from grs_agents.nodes.judging import audit_task, next_step_after_tests, run_tests
+from grs_agents.nodes.services import Services
+from grs_agents.perception.types import read_scene_description
+from grs_agents.policies.policy_registry import load_policy
+from grs_agents.runs.experiment_run import ExperimentParser
+from grs_agents.runs.sandbox_setup import open_sandbox
+from grs_agents.sandbox.protocol.report import TestReport
+from grs_agents.trace.log import EventLog
 
 FALSE_ALARMS = 0.02
 """The largest share of honest plans that may be rejected."""
@@ -79,7 +82,7 @@ def _audit_in_folder(scene: str, name: str, given: State, folder: Path, config: 
         if reason := _write_and_test(state, not given, services):
             return _rejected(label, name, not given, *reason)
         before = _cpu_seconds_of_processes()
-        state |= nodes.audit_task(state, runtime=Runtime(context=services))
+        state |= audit_task(state, runtime=Runtime(context=services))
         seconds = _cpu_seconds_of_processes() - before
     audit = AuditReport.model_validate(state["audit"])
     failed = [finding for finding in audit.findings if not finding.passed]
@@ -98,12 +101,12 @@ def _audit_in_folder(scene: str, name: str, given: State, folder: Path, config: 
 def _write_and_test(state: Any, write: bool, services: Services) -> tuple[str, str] | None:
     """Have the programs written if asked to, and run the tests; the stage that failed and why, if one did."""
     runtime = Runtime(context=services)
-    for author in (nodes.generate_task, nodes.generate_sim, nodes.generate_tests) if write else ():
+    for author in (generate_task, generate_sim, generate_tests) if write else ():
         state |= author(state, runtime=runtime)
         if state.get("problem"):
             return "no plan", state["problem"]
-    state |= nodes.run_tests(state, runtime=runtime)
-    if nodes.next_step_after_tests(state) == "audit":
+    state |= run_tests(state, runtime=runtime)
+    if next_step_after_tests(state) == "audit":
         return None
     report = TestReport.model_validate(state["report"])
     failing = "; ".join(f"{case.id}: {case.message}" for case in report.cases if case.outcome != "passed")

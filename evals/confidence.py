@@ -16,12 +16,12 @@ from evals.benchmark.calibration import (
 )
 from grs_agents.base import Frozen
 from grs_agents.errors import InputError
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.metrics import figures_table, metrics_table, metrics_to_dicts
-from grs_agents.perception import DEFAULT
-from grs_agents.perception.matching import INPUTS
-from grs_agents.runs import ExperimentParser
-from grs_agents.sandbox import Sandbox
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.matching.confidence import INPUTS
+from grs_agents.runs.experiment_run import ExperimentParser
+from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.toolkit import ToolContext
 
 

@@ -6,7 +6,8 @@ from evals.benchmark.match_runs import METHODS, match_orders, run_match_orders
 from evals.benchmark.perception_runs import MeasurementOptions, orders_of, synthesised_orders
 from evals.synthesis.recipe_options import add_recipe_options, recipes_from_options
 from grs_agents.errors import UnknownNameError
-from grs_agents.runs import ExperimentParser, positive_int
+from grs_agents.runs.experiment_run import ExperimentParser
+from grs_agents.runs.experiments import positive_int
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from grs_agents.envs import GrsEnv
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.metrics import Figure
 from grs_agents.sim import Environment, Task, inside, instantiate
 
@@ -101,7 +101,8 @@ def main(arguments: Sequence[str]) -> int:
     Returns:
         0 if every target is kept, 1 if not.
     """
-    from grs_agents.runs import ExperimentParser, positive_int
+    from grs_agents.runs.experiment_run import ExperimentParser
+    from grs_agents.runs.experiments import positive_int
 
     parser = ExperimentParser("env_speed", __doc__)
     parser.add_argument("run", nargs="?", type=Path, help="an accepted run; eight cans and a box if left out")

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 
 from evals.benchmark.perception_runs import MeasurementOptions, orders_of, run_orders, synthesised_orders
 from evals.synthesis.recipe_options import add_recipe_options, recipes_from_options
-from grs_agents.perception import RULES
-from grs_agents.runs import ExperimentParser, positive_int
+from grs_agents.perception.segmentation.configuration import RULES
+from grs_agents.runs.experiment_run import ExperimentParser
+from grs_agents.runs.experiments import positive_int
 
 
 def main(arguments: Sequence[str]) -> int:

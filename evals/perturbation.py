@@ -13,10 +13,10 @@ import numpy as np
 from grs_agents.base import Frozen
 from grs_agents.content import content_root
 from grs_agents.errors import GrsError
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.sim import Environment, InstanceObject, InstanceTask, TaskInstance, find_task_class, run_oracle
 from grs_agents.sim import instantiate as instantiate_task
-from grs_agents.sim.world import fill_in_masses_and_frictions
+from grs_agents.sim.world.spec import fill_in_masses_and_frictions
 
 _SOLVED: Final = 0.9
 """Reward and strict score from which on an episode counts, as `audit.reward` has it."""
@@ -58,7 +58,8 @@ def main(arguments: Sequence[str]) -> int:
     Returns:
         0 if friction and mass change nothing, and 97 % are solved with 5 mm and 75 % with 10 mm; else 1.
     """
-    from grs_agents.runs import ExperimentParser, positive_int
+    from grs_agents.runs.experiment_run import ExperimentParser
+    from grs_agents.runs.experiments import positive_int
 
     parser = ExperimentParser("perturbation", __doc__)
     parser.add_argument("--tasks", type=positive_int, default=10, help="how many example programs, drawn at random")

@@ -8,15 +8,14 @@ from typing import Any
 
 from grs_agents.base import Frozen
 from grs_agents.errors import InputError
-from grs_agents.library import Library
-from grs_agents.perception import (
-    SceneObject,
+from grs_agents.library.library import Library
+from grs_agents.perception.registration.size_check import (
     deviation_from_measured_box,
     is_match_certain,
-    read_scene_description,
     upright_box_from_aabb,
 )
-from grs_agents.runs import ExperimentParser
+from grs_agents.perception.types import SceneObject, read_scene_description
+from grs_agents.runs.experiment_run import ExperimentParser
 
 
 class _Scene(Frozen):

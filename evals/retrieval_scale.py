@@ -7,7 +7,8 @@ from pathlib import Path
 from evals.benchmark.retrieval import measure_retrieval, retrieval_targets
 from grs_agents.base import Frozen
 from grs_agents.metrics import metrics_to_dicts
-from grs_agents.runs import ExperimentParser, positive_int, terminal_table
+from grs_agents.runs.experiment_run import ExperimentParser
+from grs_agents.runs.experiments import positive_int, terminal_table
 
 
 class _Index(Frozen):

@@ -13,16 +13,21 @@ from langgraph.graph import START
 from langgraph.runtime import Runtime
 
 from evals.faults.planting import PlantedFault, plant_mistakes, read_fault_folders
-from grs_agents import content, nodes
-from grs_agents.agents import Agents
+from grs_agents import content
+from grs_agents.agents.agent import Agents
 from grs_agents.base import Frozen
-from grs_agents.config import Config
+from grs_agents.config.schema import Config
 from grs_agents.errors import InputError
-from grs_agents.nodes import Services
-from grs_agents.policies import Policy, RoutingContext, RoutingDecision, load_policy
-from grs_agents.runs import ExperimentParser, open_sandbox, positive_int
-from grs_agents.sandbox import TestReport
-from grs_agents.trace import EventLog
+from grs_agents.nodes.graph_segments import add_fix_loop, add_judging, empty_graph
+from grs_agents.nodes.judging import run_tests
+from grs_agents.nodes.services import Services
+from grs_agents.policies.policy_registry import load_policy
+from grs_agents.policies.types import Policy, RoutingContext, RoutingDecision
+from grs_agents.runs.experiment_run import ExperimentParser
+from grs_agents.runs.experiments import positive_int
+from grs_agents.runs.sandbox_setup import open_sandbox
+from grs_agents.sandbox.protocol.report import TestReport
+from grs_agents.trace.log import EventLog
 
 SCENE = "groceries"
 TARGET = 0.85
@@ -109,9 +114,9 @@ class FaultRuns:
 
 
 def _fix_graph() -> Any:
-    graph = nodes.empty_graph()
+    graph = empty_graph()
     graph.add_edge(START, "run_tests")
-    nodes.add_judging(graph, fix=nodes.add_fix_loop(graph, then="audit"))
+    add_judging(graph, fix=add_fix_loop(graph, then="audit"))
     return graph.compile()
 
 
@@ -167,7 +172,7 @@ def _find_what_is_wrong(fault: PlantedFault, end: dict[str, Any], services: Serv
     tests = re.sub(rf"\b{was[0]}\b", now[0], fault.base_tests) if was and now else fault.base_tests
     in_order = re.sub(r"^(?=if __name__|\Z)", _IN_BASE_ORDER.format(order=fault.base_order), tests, count=1, flags=re.M)
     judged: Any = {**end, "tests": in_order}
-    report = TestReport.model_validate(nodes.run_tests(judged, runtime=Runtime(context=services))["report"])
+    report = TestReport.model_validate(run_tests(judged, runtime=Runtime(context=services))["report"])
     failing = [f"{case.id}: {case.message}" for case in report.cases if case.outcome != "passed"]
     return "" if report.all_passed else "; ".join(failing)[:300] or report.message or report.outcome
 

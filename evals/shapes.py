@@ -13,7 +13,8 @@ from evals.benchmark.shape_runs import (
     shape_targets,
     write_sheets,
 )
-from grs_agents.runs import ExperimentParser, positive_int, terminal_table
+from grs_agents.runs.experiment_run import ExperimentParser
+from grs_agents.runs.experiments import positive_int, terminal_table
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -12,11 +12,11 @@ from types import ModuleType
 import numpy as np
 
 from grs_agents.content import content_root
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.metrics import Figure
 from grs_agents.mujoco_import import mujoco
 from grs_agents.sim import Environment, Rollout, Task, find_task_class, instantiate, rollout
-from grs_agents.sim.world import Physics
+from grs_agents.sim.world.physics import Physics
 
 BOX_SIZE = (0.34, 0.40, 0.10)
 BOX_POSE = ((0.50, 0.25, 0.05), (0.0, 0.0, 0.0, 1.0))
@@ -186,7 +186,8 @@ def main(arguments: Sequence[str]) -> int:
     Returns:
         0 if every target is kept, 1 if not.
     """
-    from grs_agents.runs import ExperimentParser, positive_int
+    from grs_agents.runs.experiment_run import ExperimentParser
+    from grs_agents.runs.experiments import positive_int
 
     parser = ExperimentParser("sim_speed", __doc__)
     parser.add_argument("--repeats", type=positive_int, default=5, help="how often each timing is repeated")

@@ -16,15 +16,18 @@ from langchain_core.messages import AIMessage, BaseMessage
 from langchain_core.outputs import ChatGeneration, ChatResult
 
 from grs_agents import content
-from grs_agents.agents import Agents
+from grs_agents.agents.agent import Agents
 from grs_agents.base import Frozen
-from grs_agents.config import Config
-from grs_agents.library import Library
+from grs_agents.config.schema import Config
+from grs_agents.library.library import Library
 from grs_agents.metrics import cpu_seconds
-from grs_agents.nodes import Services
-from grs_agents.policies import load_policy
-from grs_agents.runs import ExperimentParser, open_sandbox, terminal_table
-from grs_agents.trace import Event, EventLog, RunEnded, RunStarted, read_events
+from grs_agents.nodes.services import Services
+from grs_agents.policies.policy_registry import load_policy
+from grs_agents.runs.experiment_run import ExperimentParser
+from grs_agents.runs.experiments import terminal_table
+from grs_agents.runs.sandbox_setup import open_sandbox
+from grs_agents.trace.events import Event, RunEnded, RunStarted
+from grs_agents.trace.log import EventLog, read_events
 
 LARGEST_MIB, LARGEST_SHARE = 15.0, 0.05
 """The bounds of a run with ten fixes and three rollouts."""
@@ -123,7 +126,7 @@ class TimedLog(EventLog):
 @contextmanager
 def _timed_rows() -> Generator[list[float]]:
     """The CPU time of each sending of rows, which threads of their own do."""
-    from grs_agents.views.rerun import Rows
+    from grs_agents.views.rerun.recording import Rows
 
     spent: list[float] = []
     send = Rows.send_pending_rows
@@ -154,7 +157,7 @@ def measure(scene: Path, folder: Path, fixes: int, config: Config) -> Cost:
     for module in ("rerun", "rerun.blueprint"):
         importlib.import_module(module)
     imported = cpu_seconds() - begin
-    from grs_agents.views.rerun import TRACE, RerunView
+    from grs_agents.views.rerun.rerun_view import TRACE, RerunView
 
     log = TimedLog(folder / "events.jsonl")
     with log:

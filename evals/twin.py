@@ -13,8 +13,10 @@ from evals.benchmark.types import Order, run_folder
 from evals.benchmark.worker_processes import error_of, run_worker
 from grs_agents import content
 from grs_agents.base import Frozen
-from grs_agents.perception import check_scene_source, read_scene, read_scene_description
-from grs_agents.runs import ExperimentParser, positive_int
+from grs_agents.perception.reading.scene_source import check_scene_source, read_scene
+from grs_agents.perception.types import read_scene_description
+from grs_agents.runs.experiment_run import ExperimentParser
+from grs_agents.runs.experiments import positive_int
 
 _MARK = "mark 0-5: ____"
 

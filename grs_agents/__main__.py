@@ -1,5 +1,5 @@
 """``python -m grs_agents`` is ``grs``."""
 
-from grs_agents.cli import main
+from grs_agents.cli.entry import main
 
 main()

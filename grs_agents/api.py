@@ -13,26 +13,22 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import Any
 
-from grs_agents.agents import TaskDefinition
-from grs_agents.config import load_config
-from grs_agents.foreign import read_json, read_text
-from grs_agents.perception import SceneDescription, read_scene_description, resolve_scene_path
-from grs_agents.runs import (
-    CheckResult,
-    Order,
-    RunRecord,
-    Views,
-    add_hash,
-    check_user_program,
-    execute_run,
-    load_graph,
-    open_check_order,
-    read_record,
-)
-from grs_agents.sim import TaskInstance
+from grs_agents.agents.types import TaskDefinition
+from grs_agents.config.load import load_config
+from grs_agents.foreign.files import read_json, read_text
+from grs_agents.perception.reading.scene_source import resolve_scene_path
+from grs_agents.perception.types import SceneDescription, read_scene_description
+from grs_agents.runs.execution import Views, execute_run
+from grs_agents.runs.graph_loading import load_graph
+from grs_agents.runs.hashes import add_hash
+from grs_agents.runs.program_check import CheckResult, check_user_program, open_check_order
+from grs_agents.runs.record import RunRecord, read_record
+from grs_agents.runs.run_opening import Order
+from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.task_folder import open_task_folder
-from grs_agents.trace import Event, EventLog, Subscriber, read_events
-from grs_agents.views import attach_live_views
+from grs_agents.trace.events import Event
+from grs_agents.trace.log import EventLog, Subscriber, read_events
+from grs_agents.views.live_views import attach_live_views
 
 _REMEDY = "name a folder that `grs run` wrote"
 
@@ -91,7 +87,7 @@ class Run:
 
     def film(self, path: Path | str, seed: int | None = None) -> Path:
         """Film the oracle at the task of ``seed``, or the first, as .webp, .mp4 or .gif; returns the path."""
-        from grs_agents.views.film import make_rollout_shot, write_film
+        from grs_agents.views.film.rollout_film import make_rollout_shot, write_film
 
         write_film(make_rollout_shot(self.folder, seed), Path(path))
         add_hash(self.folder, Path(path))

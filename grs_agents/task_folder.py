@@ -14,11 +14,12 @@ from typing import cast
 
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.files import copy_folder
-from grs_agents.foreign import check_run_folder, read_bytes, read_json
-from grs_agents.library import Library
-from grs_agents.sim import TaskInstance, parse_instance_json
-from grs_agents.sim.arms import ROBOT_FOLDER
-from grs_agents.sim.instance import resolve_robot_path
+from grs_agents.foreign.files import read_bytes, read_json
+from grs_agents.foreign.run_folder import check_run_folder
+from grs_agents.library.library import Library
+from grs_agents.sim.arms.arm_files import ROBOT_FOLDER
+from grs_agents.sim.instance.robot_file import resolve_robot_path
+from grs_agents.sim.instance.task_instance import TaskInstance, parse_instance_json
 
 _REMEDY = "name a folder that `grs run` or `grs instances` wrote"
 _ASSETS = "assets"

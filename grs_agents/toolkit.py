@@ -15,10 +15,10 @@ from pydantic import BaseModel
 
 from grs_agents import content
 from grs_agents.base import Frozen
-from grs_agents.config import Limits
+from grs_agents.config.schema import Limits
 from grs_agents.errors import InputError
-from grs_agents.library import Library
-from grs_agents.sandbox import Sandbox
+from grs_agents.library.library import Library
+from grs_agents.sandbox.host.sandbox import Sandbox
 
 if TYPE_CHECKING:
     from langchain_core.tools import StructuredTool

@@ -14,10 +14,13 @@ from pydantic import ValidationError
 from grs_agents.base import Frozen
 from grs_agents.errors import GrsError, InputError
 from grs_agents.files import write_json
-from grs_agents.foreign import check_run_folder, read_json
-from grs_agents.sim import hash_instance, rollout
-from grs_agents.sim.instance import make_robot_path_relative
-from grs_agents.sim.variation import Variation, vary_instance
+from grs_agents.foreign.files import read_json
+from grs_agents.foreign.run_folder import check_run_folder
+from grs_agents.sim.instance.robot_file import make_robot_path_relative
+from grs_agents.sim.instance.task_instance import hash_instance
+from grs_agents.sim.rollouts import rollout
+from grs_agents.sim.variation.types import Variation
+from grs_agents.sim.variation.vary import vary_instance
 from grs_agents.task_folder import TaskFolder, open_task_folder
 from grs_agents.worker_pool import map_in_processes
 

@@ -26,7 +26,9 @@ Frame = dict[str, Any]
 
 def make(run: Path, folder: Path, episodes: int) -> None:
     """Write the same demonstrations in each format, and ``expected.npz``."""
-    from grs_agents.demos import FORMATS, DemoOrder, make_demonstrations, write_dataset
+    from grs_agents.demos.dataset import write_dataset
+    from grs_agents.demos.production import DemoOrder, make_demonstrations
+    from grs_agents.demos.types import FORMATS
     from grs_agents.task_folder import open_task_folder
 
     task, order = open_task_folder(run), DemoOrder(episodes=episodes, cameras=CAMERAS)

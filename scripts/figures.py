@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from grs_agents.files import write_json, write_text
-from grs_agents.runs import markdown_table
+from grs_agents.runs.experiments import markdown_table
 
 ROOT = Path(__file__).parent.parent
 PAGE, RESULTS = ROOT / "docs" / "evals.md", ROOT / "evals" / "results"

@@ -57,7 +57,8 @@ FIXED = (Picture("fixes", "3 Tests and fixes", ("decision", -1)),)
 def digest() -> str:
     """The SHA-256 of what the pictures show: the layout of the views, the state machine, the sample scene, rerun."""
     from grs_agents import content
-    from grs_agents.views.rerun import build_run_blueprint, node_positions
+    from grs_agents.views.rerun.state_machine_view import node_positions
+    from grs_agents.views.rerun.viewer_layout import build_run_blueprint
 
     sha = hashlib.sha256(f"{version('rerun-sdk')}\n".encode())
     sha.update(f"{node_positions(content.load_module('graphs', 'grs').build().nodes)}\n".encode())
@@ -107,7 +108,7 @@ def _viewer(trace: Path) -> Generator[Any]:
     """A viewer without a window, on this machine alone, that shows a recording."""
     from rerun.experimental import ViewerClient
 
-    from grs_agents.views.rerun import LOOPBACK, WebAddress, find_rerun_program, viewer_environment
+    from grs_agents.views.rerun.viewer import LOOPBACK, WebAddress, find_rerun_program, viewer_environment
 
     port = WebAddress.with_free_ports().data
     command = [str(find_rerun_program()), "--headless", "--bind", LOOPBACK, "--port", str(port), str(trace)]
@@ -159,8 +160,10 @@ def _still(viewer: Any) -> bytes:
 
 def moments_of(folder: Path) -> dict[str, list[float]]:
     """Where on the timeline ``replay`` each event of a run is, by kind, s."""
-    from grs_agents.trace import Rollout, read_events
-    from grs_agents.views.rerun import Clock, rollout_duration
+    from grs_agents.trace.events import Rollout
+    from grs_agents.trace.log import read_events
+    from grs_agents.views.rerun.recording import Clock
+    from grs_agents.views.rerun.rollout_view import rollout_duration
 
     clock, moments = Clock(), defaultdict[str, list[float]](list)
     for event in read_events(folder / "events.jsonl"):
@@ -173,10 +176,11 @@ def moments_of(folder: Path) -> dict[str, list[float]]:
 def main() -> int:
     """Make two runs and their pictures, and note what they show."""
     from grs_agents import content
-    from grs_agents.config import load_config
-    from grs_agents.runs import Order, execute_run
-    from grs_agents.views import attach_live_views
-    from grs_agents.views.film import make_rollout_shot, write_film
+    from grs_agents.config.load import load_config
+    from grs_agents.runs.execution import execute_run
+    from grs_agents.runs.run_opening import Order
+    from grs_agents.views.film.rollout_film import make_rollout_shot, write_film
+    from grs_agents.views.live_views import attach_live_views
 
     scene, config = content.sample_scenes()["groceries"], load_config()
     with tempfile.TemporaryDirectory() as temporary:

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, settings
 
 from evals.synthesis import Recipe, synthesise
 from grs_agents import content
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from tests.cli.command import grs
 
 pytest_plugins = ("tests.needs",)

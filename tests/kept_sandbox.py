@@ -7,9 +7,9 @@ from functools import cache
 from pathlib import Path
 
 from grs_agents import content
-from grs_agents.config import Config
-from grs_agents.runs import PRELOAD, TOOLS, open_sandbox
-from grs_agents.sandbox import Sandbox
+from grs_agents.config.schema import Config
+from grs_agents.runs.sandbox_setup import PRELOAD, TOOLS, open_sandbox
+from grs_agents.sandbox.host.sandbox import Sandbox
 
 
 def lend_sandbox(config: Config) -> AbstractContextManager[Sandbox]:

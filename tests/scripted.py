@@ -11,9 +11,9 @@ from langchain_core.messages import AIMessage, BaseMessage
 from langchain_core.outputs import ChatGeneration, ChatResult
 from pydantic import Field
 
-from grs_agents.agents import Agents
-from grs_agents.config import Config
-from grs_agents.trace import EventLog
+from grs_agents.agents.agent import Agents
+from grs_agents.config.schema import Config
+from grs_agents.trace.log import EventLog
 
 
 class ScriptedModel(BaseChatModel):

@@ -14,13 +14,13 @@ import pytest
 from typer.core import TyperGroup
 from typer.main import get_command
 
-from grs_agents.cli import app
-from grs_agents.config import ROLE_ALIASES, ROLES, Config
+from grs_agents.cli.commands import app
+from grs_agents.config.schema import ROLE_ALIASES, ROLES, Config
 from grs_agents.content import content_names
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.sim import Goal, Outcome, p
 from grs_agents.sim.instance import goal
-from grs_agents.trace import Event
+from grs_agents.trace.events import Event
 from tests.cli.command import grs
 
 ROOT = Path(__file__).parent.parent

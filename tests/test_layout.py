@@ -1,7 +1,6 @@
 """The layers: imports go down only, and sandboxed code stays light."""
 
 import ast
-import importlib
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -15,7 +14,7 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "grs_agents"
 
 FLOORS: tuple[frozenset[str], ...] = (
-    frozenset({"errors", "base", "lazy_exports", "version"}),
+    frozenset({"errors", "base", "version"}),
     frozenset(
         {
             "files",
@@ -123,65 +122,12 @@ def test_only_a_checkout_has_experiments_and_scripts() -> None:
     assert not climbing
 
 
-def exports_of(door: str) -> dict[str, str]:
-    """What a room offers: each name, and the module it is from."""
-    source = MODULES[door]
-    stub = source.with_suffix(".pyi")
-    exports: dict[str, str] = {}
-    for node in ast.parse((stub if stub.exists() else source).read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.ImportFrom):
-            module = ".".join(filter(None, (door, node.module))) if node.level else str(node.module)
-            for alias in node.names:
-                whole = f"{module}.{alias.name}"
-                exports[alias.asname or alias.name] = whole if whole in MODULES else module
-    return exports
-
-
-DOORS = {name: exports_of(name) for name, file in MODULES.items() if file.name == "__init__.py"}
-"""Every room of the package: what it offers, and from where."""
-
-
 def module_of(name: str) -> str | None:
-    """The module that an imported dotted name is or lies in, behind its door; None where it is not ours."""
+    """The module that an imported dotted name is or lies in; None where it is not ours."""
     if name in MODULES:
         return name
-    room, _, last = name.rpartition(".")
-    return DOORS.get(room, {}).get(last, room if room in MODULES else None)
-
-
-def room_of(module: str) -> str:
-    """The package that a module lies in, which may be itself."""
-    return module if module in DOORS else module.rpartition(".")[0]
-
-
-def around_the_door(name: str, own_room: str) -> bool:
-    """Whether an import takes a module of another room, where that room's door is the way in.
-
-    A room sees its own modules and those of the rooms that it lies in.
-    """
-    module = name if name in MODULES else name.rpartition(".")[0]
-    if module not in MODULES or module in DOORS:
-        return False
-    room = room_of(module)
-    offered = name in MODULES and name.rpartition(".")[2] in DOORS[room] and room != PACKAGE.name
-    return room != PACKAGE.name and not offered and not f"{own_room}.".startswith(f"{room}.")
-
-
-def test_rooms_are_entered_by_their_doors() -> None:
-    around: list[str] = []
-    for folder in (PACKAGE.name, "tools", "graphs", "evals", "scripts", "tests"):
-        for file in sorted((ROOT / folder).rglob("*.py")):
-            me = ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
-            own = room_of(me) if folder == PACKAGE.name else folder
-            around += [f"{me} imports {name}" for name in imports(file) if around_the_door(name, own)]
-    assert not around
-
-
-def test_doors_offer_what_is_there() -> None:
-    for room in sorted(DOORS):
-        door = importlib.import_module(room)
-        for name in getattr(door, "__all__", ()):
-            assert getattr(door, name) is not None, name
+    module = name.rpartition(".")[0]
+    return module if module in MODULES else None
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:
@@ -194,17 +140,6 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
     ]
     circles = networkx.strongly_connected_components(networkx.DiGraph(arrows))
     assert [sorted(circle) for circle in circles if len(circle) > 1] == []
-
-
-def test_no_exported_name_is_that_of_a_module_beside_it() -> None:
-    # ``from room import name`` would give the one or the other, whichever was imported last.
-    same = {
-        f"{door}.{name}"
-        for door, exports in DOORS.items()
-        for name, module in exports.items()
-        if f"{door}.{name}" in MODULES and module != f"{door}.{name}"
-    }
-    assert same == set()
 
 
 def test_private_names_stay_in_their_room() -> None:

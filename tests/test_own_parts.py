@@ -12,9 +12,10 @@ import pytest
 import trimesh
 
 from grs_agents import content
-from grs_agents.config import ModelConfig
-from grs_agents.models import make_chat_model
-from grs_agents.trace import Decision, NodeStarted, ProgramVersion, Prompt, read_events
+from grs_agents.config.schema import ModelConfig
+from grs_agents.models.factory import make_chat_model
+from grs_agents.trace.events import Decision, NodeStarted, ProgramVersion, Prompt
+from grs_agents.trace.log import read_events
 from tests.chat_server import chat_server
 from tests.cli.command import grs
 from tests.gantry import GANTRY

@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from grs_agents import content
-from grs_agents.runs import CHECKOUT_ONLY
+from grs_agents.runs.experiments import CHECKOUT_ONLY
 
 ROOT = Path(__file__).parent.parent
 CONTENT = ("graphs", "tools", "prompts", "assets", "evals")
@@ -84,7 +84,7 @@ def test_the_wheel_puts_one_name_into_site_packages(wheel: set[str]) -> None:
 
 def test_the_wheel_carries_licence_and_entry_point(wheel: set[str]) -> None:
     assert any(name.endswith("licenses/LICENSE") for name in wheel)
-    assert PROJECT["project"]["scripts"] == {"grs": "grs_agents.cli:main"}
+    assert PROJECT["project"]["scripts"] == {"grs": "grs_agents.cli.entry:main"}
 
 
 def test_the_sdist_can_be_built_and_tested_from(sdist: set[str]) -> None:

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from grs_agents import content
-from grs_agents.config import ModelConfig
+from grs_agents.config.schema import ModelConfig
 from grs_agents.errors import InputError
-from grs_agents.library import Library
-from grs_agents.models import make_chat_model
-from grs_agents.policies import load_policy
+from grs_agents.library.library import Library
+from grs_agents.models.factory import make_chat_model
+from grs_agents.policies.policy_registry import load_policy
 from grs_agents.toolkit import load_tool
 from tests.cli.command import grs
 

@@ -9,25 +9,21 @@ from langgraph.checkpoint.memory import InMemorySaver
 from langgraph.graph import START, StateGraph
 from langgraph.types import Command
 
-from grs_agents.agents import Agents, TaskDefinition
-from grs_agents.audit import StaticFinding
+from grs_agents.agents.agent import Agents
+from grs_agents.agents.types import TaskDefinition
+from grs_agents.audit.types import StaticFinding
 from grs_agents.base import Vec3
-from grs_agents.config import Config
+from grs_agents.config.schema import Config
 from grs_agents.errors import ConfigError, UnknownNameError
-from grs_agents.nodes import render_evidence
-from grs_agents.policies import (
-    POLICIES,
-    EarlierDecision,
-    RoutingContext,
-    RoutingDecision,
-    list_stable_failures,
-    load_policy,
-)
+from grs_agents.nodes.evidence import render_evidence
+from grs_agents.policies.policy_registry import POLICIES, load_policy
+from grs_agents.policies.types import EarlierDecision, RoutingContext, RoutingDecision, list_stable_failures
 from grs_agents.questions import parse_question
-from grs_agents.sandbox import TestCase, TestReport
+from grs_agents.sandbox.protocol.report import TestCase, TestReport
 from grs_agents.sim import ActionRecord, Episode, Outcome
-from grs_agents.sim.instance import ObjectMotion
-from grs_agents.trace import Prompt, read_events
+from grs_agents.sim.instance.episode import ObjectMotion
+from grs_agents.trace.events import Prompt
+from grs_agents.trace.log import read_events
 from tests.scripted import scripted
 
 TASK = TaskDefinition.model_validate({"task-name": "t", "task-description": "d", "assets-used": ["a"]})

@@ -5,12 +5,14 @@ from typing import Any, cast
 
 import pytest
 
-from grs_agents.agents import Agents, TaskDefinition
-from grs_agents.config import Limits
-from grs_agents.library import Library
-from grs_agents.nodes import render_evidence
-from grs_agents.policies import RoutingContext, load_policy
-from grs_agents.sandbox import Sandbox
+from grs_agents.agents.agent import Agents
+from grs_agents.agents.types import TaskDefinition
+from grs_agents.config.schema import Limits
+from grs_agents.library.library import Library
+from grs_agents.nodes.evidence import render_evidence
+from grs_agents.policies.policy_registry import load_policy
+from grs_agents.policies.types import RoutingContext
+from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.toolkit import ToolContext, load_tool
 from tests.tools.conftest import SIMULATION
 

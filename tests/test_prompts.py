@@ -5,9 +5,9 @@ import re
 import pytest
 
 from grs_agents import content
-from grs_agents.agents import PromptTemplate, read_prompt_template
-from grs_agents.config import PromptsConfig
-from grs_agents.models.offline import parse_prompt
+from grs_agents.agents.prompt_template import PromptTemplate, read_prompt_template
+from grs_agents.config.schema import PromptsConfig
+from grs_agents.models.offline.prompt_text import parse_prompt
 
 ROLES = content.content_names("prompts")
 

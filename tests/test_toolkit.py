@@ -6,10 +6,10 @@ import pytest
 
 import grs_agents
 from grs_agents import content
-from grs_agents.config import Limits
+from grs_agents.config.schema import Limits
 from grs_agents.errors import InputError, UnknownNameError
-from grs_agents.library import Library
-from grs_agents.sandbox import Sandbox
+from grs_agents.library.library import Library
+from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.toolkit import ToolContext, build_langchain_tools, json_tool_names, load_tool, open_library
 
 ADD = '''"""Add two numbers.

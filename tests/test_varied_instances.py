@@ -8,7 +8,7 @@ import pytest
 from grs_agents.errors import InputError
 from grs_agents.files import write_json
 from grs_agents.sim import hash_instance, instantiate
-from grs_agents.sim.variation import Variation
+from grs_agents.sim.variation.types import Variation
 from grs_agents.task_folder import open_task_folder
 from grs_agents.varied_instances import Manifest, make_varied_instances
 from tests.cli.command import grs

@@ -11,10 +11,15 @@ from typing import Annotated, Any, Final, Literal, get_args
 
 from pydantic import Field, ValidationError
 
-from grs_agents import sandbox
 from grs_agents.base import Frozen
-from grs_agents.config import Limits
-from grs_agents.sandbox import BatchResult, CallResult, Trace
+from grs_agents.config.schema import Limits
+from grs_agents.sandbox.harness.captured_error import CapturedError
+from grs_agents.sandbox.harness.channel import report_progress
+from grs_agents.sandbox.harness.suite_runner import load_program, seed_everything
+from grs_agents.sandbox.host.batch_calls import BatchResult, call_tool_for_each_item
+from grs_agents.sandbox.host.suite_discovery import parse_program
+from grs_agents.sandbox.protocol.report import CallResult
+from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, Trace, describe_error, describe_stack_dump
 from grs_agents.sim import (
     InstanceError,
     InstanceObject,
@@ -146,9 +151,9 @@ def _list_source_failures(request: Request) -> tuple[Failure, ...]:
     """Why the source need not run at all, for each seed; empty if it is Python with a task in it."""
     seeds = (*request.seeds, *request.seeds_drawn_once)
     try:
-        tree = sandbox.parse_program(request.simulation, sandbox.SIMULATION_FILE)
+        tree = parse_program(request.simulation, SIMULATION_FILE)
     except SyntaxError as error:
-        trace = sandbox.describe_error(error)
+        trace = describe_error(error)
         return tuple(Failure(seed=seed, outcome="error", **_trace_to_fields(trace)) for seed in seeds)
     if defines_task_class(tree):
         return ()
@@ -160,7 +165,7 @@ def _draw_instances_of_seeds(
     seeds: Sequence[int], request: Request, context: ToolContext, allocated: int = 0
 ) -> tuple[dict[int, TaskInstance | Failure], BatchResult]:
     """Draw each seed once, in a process that ran nothing before."""
-    batch = sandbox.call_tool_for_each_item(
+    batch = call_tool_for_each_item(
         context.sandbox,
         "instantiate",
         request.model_dump(mode="json") | {"limits": context.limits.model_dump(mode="json"), "allocated": allocated},
@@ -212,16 +217,16 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     ballast = _allocate_blocks(allocated)
     items: Sequence[str] = request["items"]
     task: Any = None
-    with sandbox.CapturedError() as loading:
-        sandbox.seed_everything(0)
-        task = sim.find_task_class(sandbox.load_program(request["simulation"]))
+    with CapturedError() as loading:
+        seed_everything(0)
+        task = sim.find_task_class(load_program(request["simulation"]))
     for item in items:
-        sandbox.report_progress({"item": item, "phase": "start"})
+        report_progress({"item": item, "phase": "start"})
         ballast += _allocate_blocks(allocated)
-        sandbox.seed_everything(int(item))
+        seed_everything(int(item))
         sim.reset_before_test()
         event: dict[str, Any] = {"instance": None}
-        with sandbox.CapturedError() as captured:
+        with CapturedError() as captured:
             if loading.error is not None:
                 raise loading.error
             instance = sim.instantiate(task(), int(item), library)
@@ -232,7 +237,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
             raise captured.error
         if captured.error is not None:
             event = _format_failure_fields(captured.error)
-        sandbox.report_progress({"item": item, "phase": "end", **event})
+        report_progress({"item": item, "phase": "end", **event})
     ballast.clear()  # until here it moves what a program allocates, so that no instance can depend on addresses
     return {}
 
@@ -244,7 +249,7 @@ def _allocate_blocks(blocks: int) -> list[object]:
 
 
 def _format_failure_fields(error: BaseException) -> dict[str, str]:
-    shown = _trace_to_fields(sandbox.describe_error(error))
+    shown = _trace_to_fields(describe_error(error))
     if isinstance(error, ValidationError | InvalidValueError):
         message = describe_first_error(error) if isinstance(error, ValidationError) else str(error)
         return {**shown, "message": message[:1000], "outcome": "invalid"}
@@ -283,7 +288,7 @@ def _validate_instance_json(seed: int, text: object, objects: int) -> TaskInstan
 
 
 def _make_failure_of_stopped_call(seed: int, call: CallResult, source: str) -> Failure:
-    trace = sandbox.describe_stack_dump(call.stack, {sandbox.SIMULATION_FILE: source}, call.error)
+    trace = describe_stack_dump(call.stack, {SIMULATION_FILE: source}, call.error)
     last = (call.error.strip().splitlines() or [call.outcome])[-1][:1000]
     outcome = _STOPPED.get(call.outcome, "crashed")
     return Failure(seed=seed, outcome=outcome, message=last, traceback=trace.text if trace else call.error[-8000:])

@@ -1,6 +1,7 @@
 """Match candidates by CLIP similarity of pictures (the paper's baseline); the weights are the user's own."""
 
-from grs_agents.perception.matching import MatchRequest, MatchResult, match_by_clip, open_clip_embedder
+from grs_agents.perception.matching.clip_matcher import match_by_clip, open_clip_embedder
+from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.toolkit import ToolContext
 
 Request, Result = MatchRequest, MatchResult

@@ -1,6 +1,7 @@
 """Match candidates by measured size, by how an asset lies in the points, and by its colours; no model is asked."""
 
-from grs_agents.perception.matching import MatchRequest, MatchResult, match_by_features
+from grs_agents.perception.matching.feature_matcher import match_by_features
+from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.toolkit import ToolContext
 
 Request, Result = MatchRequest, MatchResult

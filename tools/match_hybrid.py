@@ -1,6 +1,7 @@
 """Propose the five likeliest assets by size and colour, and ask the model to decide among them."""
 
-from grs_agents.perception.matching import MatchRequest, MatchResult, match_by_features_and_model
+from grs_agents.perception.matching.model_matcher import match_by_features_and_model
+from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.toolkit import ToolContext
 
 Request, Result = MatchRequest, MatchResult

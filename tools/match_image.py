@@ -1,6 +1,7 @@
 """Ask the model which asset a candidate's picture fits, without its description (the paper's 'image')."""
 
-from grs_agents.perception.matching import MatchRequest, MatchResult, match_by_model
+from grs_agents.perception.matching.model_matcher import match_by_model
+from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.toolkit import ToolContext
 
 Request, Result = MatchRequest, MatchResult

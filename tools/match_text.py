@@ -1,6 +1,7 @@
 """Ask the model which asset a candidate's description fits, without its picture (the paper's 'text')."""
 
-from grs_agents.perception.matching import MatchRequest, MatchResult, match_by_model
+from grs_agents.perception.matching.model_matcher import match_by_model
+from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.toolkit import ToolContext
 
 Request, Result = MatchRequest, MatchResult

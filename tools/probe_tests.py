@@ -4,10 +4,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from grs_agents import sandbox
 from grs_agents.base import Frozen
-from grs_agents.config import Limits
-from grs_agents.sandbox import BatchResult, discover_tests, parse_program
+from grs_agents.config.schema import Limits
+from grs_agents.sandbox.harness.channel import report_progress
+from grs_agents.sandbox.harness.suite_probe import run_suite_once
+from grs_agents.sandbox.host.batch_calls import BatchResult, call_tool_for_each_item
+from grs_agents.sandbox.host.suite_discovery import discover_tests, parse_program
+from grs_agents.sandbox.protocol.tracebacks import TESTS_FILE
 from grs_agents.sim import InstanceObject
 from grs_agents.toolkit import ToolContext, ToolRequest, list_folders_to_read, open_library
 
@@ -92,11 +95,11 @@ class Result(Frozen):
 
 def run(request: Request, context: ToolContext) -> Result:
     """Run them in the sandbox; whatever the programs do is in the result."""
-    tests = discover_tests(parse_program(request.tests, sandbox.TESTS_FILE)).ids
+    tests = discover_tests(parse_program(request.tests, TESTS_FILE)).ids
     asked = {**request.model_dump(mode="json"), "tests_run": tests, "limits": context.limits.model_dump(mode="json")}
     names = [one.name for one in request.runs]
     reads = list_folders_to_read(request.library_roots, request.robot)
-    batch = sandbox.call_tool_for_each_item(
+    batch = call_tool_for_each_item(
         context.sandbox, "probe_tests", asked, names, context.limits, lambda call: True, readable=reads
     )
     cpu = sum(call.cpu_seconds for call in batch.calls)
@@ -127,7 +130,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     bystanders = [sim.InstanceObject.model_validate(item) for item in request["bystanders"]]
     around = (request["robot"], limits, request["background"], bystanders)
     memory = sim.EpisodeMemory()
-    report, run_suite, finish = sandbox.report_progress, sandbox.run_suite_once, sim.Probe.finish_and_report
+    report, run_suite, finish = report_progress, run_suite_once, sim.Probe.finish_and_report
     for item in request["items"]:
         report({"item": item, "phase": "start"})
         one = asked[item]

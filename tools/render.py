@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import Field
 
 from grs_agents.base import Frozen, Pose, Vec3
-from grs_agents.config import Limits
+from grs_agents.config.schema import Limits
 from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes
-from grs_agents.library import Library
-from grs_agents.sandbox import CallResult
+from grs_agents.library.library import Library
+from grs_agents.sandbox.protocol.report import CallResult
 from grs_agents.toolkit import ToolContext, ToolRequest, list_folders_to_read, open_library
 
 if TYPE_CHECKING:
     from grs_agents.sim import Environment, InstanceTask, TaskInstance
-    from grs_agents.sim.rendering import Picture, View, VisibleScene
+    from grs_agents.sim.rendering.views import Picture, View, VisibleScene
 
 Box = tuple[int, int, int, int]
 MARK = (255, 0, 255)
@@ -92,31 +92,34 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
 
 def _draw_scene(asked: Request, limits: Limits) -> tuple[bytes, dict[int, Box]]:
     from grs_agents import sim
-    from grs_agents.sim import rendering
+    from grs_agents.sim.rendering.plain_pictures import render_views
+    from grs_agents.sim.rendering.views import View, encode_png
 
     instance = sim.TaskInstance.model_validate(asked.instance)
     library = open_library(asked.library_roots)
     sim.set_environment_defaults(library, instance.seed, instance.robot, limits)
     task = sim.InstanceTask(instance)
     env = sim.Environment(task=task, library=library, seed=instance.seed, robot=instance.robot)
-    view = rendering.View(asked.position, asked.target, height=asked.height, width=asked.width)
+    view = View(asked.position, asked.target, height=asked.height, width=asked.width)
     if asked.poses is not None:
         placed = [item.model_copy(update={"pose": asked.poses.get(item.id, item.pose)}) for item in instance.objects]
         instance = instance.model_copy(update={"objects": tuple(placed)})
     if asked.textured:
         picture = _draw_textured(instance, library, view)
     else:
-        picture = rendering.render_views(_prepare_visible_scene(asked, env, task, instance), [view])[0]
+        picture = render_views(_prepare_visible_scene(asked, env, task, instance), [view])[0]
     boxes = {number: box for number in asked.marked if (box := _outline_object(picture, number)) is not None}
-    return rendering.encode_png(picture.color), boxes
+    return encode_png(picture.color), boxes
 
 
 def _draw_textured(instance: "TaskInstance", library: Library, view: "View") -> "Picture":
-    from grs_agents.sim import rendering
+    from grs_agents.sim.rendering.lenses import lens_from_field_of_view, view_pose
+    from grs_agents.sim.rendering.stage import scene_props_from_instance
+    from grs_agents.sim.rendering.textured_pictures import render_from_camera
 
-    props = replace(rendering.scene_props_from_instance(instance), arm=None)
-    lens = rendering.lens_from_field_of_view(view.field_of_view, view.height, view.width)
-    return rendering.render_from_camera(props, library, lens, rendering.view_pose(view))
+    props = replace(scene_props_from_instance(instance), arm=None)
+    lens = lens_from_field_of_view(view.field_of_view, view.height, view.width)
+    return render_from_camera(props, library, lens, view_pose(view))
 
 
 def _prepare_visible_scene(
@@ -124,10 +127,10 @@ def _prepare_visible_scene(
 ) -> "VisibleScene":
     """What stands where the poses say, else after settling or the rollout."""
     from grs_agents import sim
-    from grs_agents.sim import rendering
+    from grs_agents.sim.rendering.views import VisibleScene
 
     if asked.poses is not None:
-        return rendering.VisibleScene(instance.objects, env.library, arm=env.arm, background=instance.background)
+        return VisibleScene(instance.objects, env.library, arm=env.arm, background=instance.background)
     env.reset()
     if asked.moment == "end":
         sim.run_oracle(env, task)

@@ -4,10 +4,11 @@ from typing import Any
 
 from pydantic import Field
 
-from grs_agents import sandbox
 from grs_agents.base import Frozen
-from grs_agents.config import Limits
-from grs_agents.sandbox import TestReport, TestRun
+from grs_agents.config.schema import Limits
+from grs_agents.sandbox.harness.suite_runner import run_tests_inside
+from grs_agents.sandbox.host.suite_run import TestRun, run_tests
+from grs_agents.sandbox.protocol.report import TestReport
 from grs_agents.sim import InstanceObject
 from grs_agents.toolkit import ToolContext, ToolRequest, list_folders_to_read, open_library
 
@@ -58,7 +59,7 @@ def run(request: Request, context: ToolContext) -> Result:
         },
     )
     reads = list_folders_to_read(request.library_roots, request.robot)
-    return Result(report=sandbox.run_tests(context.sandbox, "run_tests", programs, context.limits, reads))
+    return Result(report=run_tests(context.sandbox, "run_tests", programs, context.limits, reads))
 
 
 def inside(request: dict[str, Any]) -> dict[str, Any]:
@@ -73,4 +74,4 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     bystanders = [sim.InstanceObject.model_validate(item) for item in extra["bystanders"]]
     sim.set_environment_defaults(library, request["seed"], extra["robot"], limits, background, bystanders)
     sim.Environment.witness = sim.EpisodeReplay(sim.EpisodeMemory())  # most tests run the same episode
-    return sandbox.run_tests_inside(request)
+    return run_tests_inside(request)

@@ -8,22 +8,11 @@ from typing import Any
 import numpy as np
 
 from grs_agents.errors import ConfigError
-from grs_agents.perception import (
-    DEFAULT,
-    LOCAL,
-    Candidate,
-    Image,
-    Mask,
-    Proposal,
-    RGBDFrame,
-    Segmentation,
-    TableFrame,
-    load_model_config,
-    load_pretrained_model,
-    measure_candidates,
-    segment_from_proposals,
-    wrap_model_errors,
-)
+from grs_agents.perception.configuration import DEFAULT, Segmentation
+from grs_agents.perception.pretrained_models import LOCAL, load_model_config, load_pretrained_model, wrap_model_errors
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.segmentation.model_proposals import Proposal, segment_from_proposals
+from grs_agents.perception.types import Candidate, Image, Mask, RGBDFrame, TableFrame
 from grs_agents.toolkit import ToolContext
 
 KINDS = ("grounding-dino", "mm-grounding-dino", "owlv2", "owlvit")

@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grs_agents.perception import Candidate, RGBDFrame, TableFrame, measure_candidates, read_foreign_masks
+from grs_agents.perception.reading.foreign_scene import read_foreign_masks
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.types import Candidate, RGBDFrame, TableFrame
 from grs_agents.toolkit import ToolContext
 
 

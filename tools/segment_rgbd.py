@@ -2,15 +2,10 @@
 
 from dataclasses import dataclass
 
-from grs_agents.perception import (
-    DEFAULT,
-    Candidate,
-    RGBDFrame,
-    Segmentation,
-    TableFrame,
-    measure_candidates,
-    segment_objects_on_table,
-)
+from grs_agents.perception.configuration import DEFAULT, Segmentation
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
+from grs_agents.perception.types import Candidate, RGBDFrame, TableFrame
 from grs_agents.toolkit import ToolContext
 
 

@@ -8,21 +8,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.perception import (
-    DEFAULT,
-    AskAtPoints,
-    Candidate,
-    Image,
-    Mask,
-    Proposal,
-    RGBDFrame,
-    Segmentation,
-    TableFrame,
-    load_sam2,
-    measure_candidates,
-    segment_from_proposals,
-    wrap_model_errors,
-)
+from grs_agents.perception.configuration import DEFAULT, Segmentation
+from grs_agents.perception.pretrained_models import wrap_model_errors
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.segmentation.model_proposals import Proposal, segment_from_proposals
+from grs_agents.perception.segmentation.sam2_models import AskAtPoints, load_sam2
+from grs_agents.perception.types import Candidate, Image, Mask, RGBDFrame, TableFrame
 from grs_agents.toolkit import ToolContext
 
 Floats = npt.NDArray[np.float32]

@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from grs_agents.perception.shapes import MeshFile, ObjectShape, ObjectView, reconstruct_shape
+from grs_agents.perception.shapes.mesh_file import MeshFile
+from grs_agents.perception.shapes.reconstruction import reconstruct_shape
+from grs_agents.perception.shapes.types import ObjectShape, ObjectView
 from grs_agents.toolkit import ToolContext
 
 

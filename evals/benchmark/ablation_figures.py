@@ -9,7 +9,8 @@ import numpy as np
 from evals.benchmark.ablation_runs import Measured
 from evals.benchmark.rank_tests import kruskal_wallis, mann_whitney
 from grs_agents.files import write_text
-from grs_agents.runs import Experiment, markdown_table, terminal_table
+from grs_agents.runs.experiment_run import Experiment
+from grs_agents.runs.experiments import markdown_table, terminal_table
 
 PAPER: Final = {"llm_only": 0.47, "no_fix": 0.49, "no_router": 0.65, "grs": 0.71}
 """Table 2 of the paper: rewards without runs that ended in a runtime error, with Claude and GPT-4o."""

@@ -9,8 +9,10 @@ from evals.benchmark.ground_truth import LabelledScene, TrueObject
 from evals.benchmark.segmentation_metrics import MATCHED, overlaps
 from evals.benchmark.types import FrameFigures, ObjectFigures
 from grs_agents.errors import InputError
-from grs_agents.library import Library, build_posed_triangles
-from grs_agents.perception import Aabb, Candidate, TableFrame, find_table
+from grs_agents.library.library import Library
+from grs_agents.library.posed_meshes import build_posed_triangles
+from grs_agents.perception.table_finding import find_table
+from grs_agents.perception.types import Aabb, Candidate, TableFrame
 
 Floats = npt.NDArray[np.float64]
 

@@ -11,7 +11,8 @@ from evals.benchmark.ground_truth import read_labelled
 from evals.benchmark.scene_run import TWIN, TWIN_ASIDE
 from evals.benchmark.types import Result, SceneFigures, result_file, run_folder
 from grs_agents.files import write_bytes
-from grs_agents.perception import Camera, mask_outline_pixels
+from grs_agents.perception.image_geometry import mask_outline_pixels
+from grs_agents.perception.types import Camera
 
 Picture = npt.NDArray[np.uint8]
 _TILE = 480

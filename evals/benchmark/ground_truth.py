@@ -14,8 +14,11 @@ from pydantic import ValidationError
 from evals.benchmark.ground_truth_bop import bop_objects
 from grs_agents.base import Frozen, Quat, Vec3
 from grs_agents.errors import InputError
-from grs_agents.perception import Aabb, Array, Labels, Mask, RGBDFrame
-from grs_agents.perception.reading import is_bop_source, read_masks, read_scene, short_scene_name
+from grs_agents.perception.image_geometry import Labels
+from grs_agents.perception.reading.bop import is_bop_source
+from grs_agents.perception.reading.masks import read_masks
+from grs_agents.perception.reading.scene_source import read_scene, short_scene_name
+from grs_agents.perception.types import Aabb, Array, Mask, RGBDFrame
 
 FEWEST_PIXELS = 100
 LEAST_VISIBLE = 0.1

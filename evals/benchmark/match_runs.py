@@ -12,7 +12,8 @@ from evals.benchmark.types import Order
 from evals.benchmark.worker_processes import error_of, run_jobs, run_worker
 from grs_agents import content
 from grs_agents.errors import InputError
-from grs_agents.runs import Experiment, terminal_table
+from grs_agents.runs.experiment_run import Experiment
+from grs_agents.runs.experiments import terminal_table
 from grs_agents.terminal import print_escaped
 
 METHODS: dict[str, Method] = {

@@ -10,7 +10,8 @@ import numpy as np
 from evals.benchmark.contact_sheet import Picture, write_picture, write_words
 from evals.benchmark.match_types import Matching, ScoredAnswer
 from grs_agents.errors import GrsError
-from grs_agents.library import Library, render_asset_views
+from grs_agents.library.asset_rendering import render_asset_views
+from grs_agents.library.library import Library
 
 _TILE, _BAR, _ACROSS = 120, 34, 5
 _COLORS = {

@@ -5,7 +5,7 @@ from typing import Literal
 
 from evals.benchmark.types import Order
 from grs_agents.base import Frozen
-from grs_agents.perception import MatchEvidence
+from grs_agents.perception.types import MatchEvidence
 
 Outcome = Literal["right", "wrong asset", "missed", "false alarm", "rightly none"]
 

@@ -18,8 +18,10 @@ from evals.synthesis.scene import Recipe
 from grs_agents import content
 from grs_agents.errors import InputError
 from grs_agents.metrics import figures_table, metrics_table
-from grs_agents.perception.reading import is_bop_source, short_scene_name
-from grs_agents.runs import Experiment, terminal_table
+from grs_agents.perception.reading.bop import is_bop_source
+from grs_agents.perception.reading.scene_source import short_scene_name
+from grs_agents.runs.experiment_run import Experiment
+from grs_agents.runs.experiments import terminal_table
 
 _SHOWN = ("scene", "objects", "segments", "F1@.5", "IoU", "centre mm", "CPU s")
 """What of a row fits a terminal; the rest is in the files."""

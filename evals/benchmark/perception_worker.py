@@ -21,12 +21,17 @@ from evals.benchmark.segmentation_metrics import score_segmentation
 from evals.benchmark.twin_figures import run_figures, twin_figures
 from evals.benchmark.types import Order, Result, SceneFigures, dumped, result_file, run_folder
 from grs_agents import content
-from grs_agents.config import Limits, load_config
+from grs_agents.config.load import load_config
+from grs_agents.config.schema import Limits
 from grs_agents.errors import ConfigError, GrsError
 from grs_agents.files import write_bytes, write_json
-from grs_agents.library import Library
-from grs_agents.perception import DEFAULT, Candidate, RGBDFrame, TableFrame, find_objects, find_table, robot_pixel_mask
-from grs_agents.sandbox import Sandbox
+from grs_agents.library.library import Library
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.object_finding import find_objects
+from grs_agents.perception.robot_pixels import robot_pixel_mask
+from grs_agents.perception.table_finding import find_table
+from grs_agents.perception.types import Candidate, RGBDFrame, TableFrame
+from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.terminal import print_escaped
 from grs_agents.toolkit import Tool, ToolContext, load_tool
 

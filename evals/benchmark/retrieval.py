@@ -17,7 +17,7 @@ import numpy as np
 from evals.benchmark.worker_processes import error_of, run_worker
 from grs_agents.errors import GrsError, InputError
 from grs_agents.metrics import Figure
-from grs_agents.perception.matching import (
+from grs_agents.perception.matching.asset_index import (
     DIMENSIONS,
     WEIGHTS,
     AssetIndex,
@@ -25,8 +25,8 @@ from grs_agents.perception.matching import (
     embed_color_histogram,
     embed_sizes,
     embed_words,
-    histograms_from_rgb,
 )
+from grs_agents.perception.matching.color_histogram import histograms_from_rgb
 
 _KINDS, _WORDS, _TOLD, _COLORS = 300, 8000, 9, 400
 _MIXED = 6

@@ -9,13 +9,17 @@ from typing import Final
 
 import numpy as np
 
-from grs_agents.config import load_config
+from grs_agents.config.load import load_config
 from grs_agents.files import write_bytes
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.metrics import cpu_seconds
-from grs_agents.perception import Labels, Mask, SceneDescription, draw_twin, load_mask, read_scene_description
-from grs_agents.runs import Order, execute_run
-from grs_agents.sim.rendering import Picture, encode_png
+from grs_agents.perception.image_geometry import Labels
+from grs_agents.perception.picture_files import load_mask
+from grs_agents.perception.twin_picture import draw_twin
+from grs_agents.perception.types import Mask, SceneDescription, read_scene_description
+from grs_agents.runs.execution import execute_run
+from grs_agents.runs.run_opening import Order
+from grs_agents.sim.rendering.views import Picture, encode_png
 
 ASIDE: Final = 40.0
 """Degrees by which the second picture's camera is turned about the objects."""

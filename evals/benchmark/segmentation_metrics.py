@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.perception import Array, Labels
+from grs_agents.perception.image_geometry import Labels
+from grs_agents.perception.types import Array
 
 Counts = npt.NDArray[np.int64]
 MATCHED = 0.5

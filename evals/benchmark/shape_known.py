@@ -12,9 +12,14 @@ from evals.synthesis.scenery import random_scenery
 from evals.synthesis.sensors import SENSORS, SensorKind
 from evals.synthesis.sensors.common import noisy_rgb
 from grs_agents.base import Quat
-from grs_agents.library import Asset, Library, Triangles, build_posed_triangles
-from grs_agents.perception import Array, Camera, RGBDFrame, TableFrame, Tree, measure_candidates
-from grs_agents.perception.shapes import ObjectShape, ObjectView, make_object_view
+from grs_agents.library.asset import Asset
+from grs_agents.library.library import Library
+from grs_agents.library.posed_meshes import Triangles, build_posed_triangles
+from grs_agents.perception.asset_surfaces import Tree
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.shapes.types import ObjectShape, ObjectView
+from grs_agents.perception.shapes.view import make_object_view
+from grs_agents.perception.types import Array, Camera, RGBDFrame, TableFrame
 
 _PLACE = (0.5, 0.0)
 _TILTS = (25.0, 70.0)

@@ -14,11 +14,17 @@ from evals.benchmark.shape_known import photograph_known, shape_score
 from evals.benchmark.shape_pictures import join_rows, shape_row
 from grs_agents.base import Frozen
 from grs_agents.errors import InputError
-from grs_agents.library import Library, encode_png
-from grs_agents.perception import Image, find_table, measure_candidates, segment_objects_on_table
-from grs_agents.perception.proxies import mesh_to_obj_text
-from grs_agents.perception.reading import read_scene, short_scene_name
-from grs_agents.perception.shapes import ObjectShape, ObjectView, make_object_view, reconstruct_shape
+from grs_agents.library.library import Library
+from grs_agents.library.mesh_files import encode_png
+from grs_agents.perception.proxies.meshes import mesh_to_obj_text
+from grs_agents.perception.reading.scene_source import read_scene, short_scene_name
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
+from grs_agents.perception.shapes.reconstruction import reconstruct_shape
+from grs_agents.perception.shapes.types import ObjectShape, ObjectView
+from grs_agents.perception.shapes.view import make_object_view
+from grs_agents.perception.table_finding import find_table
+from grs_agents.perception.types import Image
 
 _ROWS = 60
 

@@ -12,11 +12,17 @@ from evals.benchmark.scene_run import SceneRun
 from evals.benchmark.segmentation_metrics import MOSTLY, overlaps
 from evals.benchmark.types import RunFigures
 from grs_agents.base import Pose
-from grs_agents.library import Library, matrix_from_quaternion
-from grs_agents.perception import Array, Labels, Mask, SceneObject, Tree, asset_surface_at_pose, find_asset_symmetry
-from grs_agents.sim.instance import InstanceObject
-from grs_agents.sim.motion import find_grasp
-from grs_agents.sim.world import Budget, Physics, build_world, object_prism_at_pose
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import matrix_from_quaternion
+from grs_agents.perception.asset_surfaces import Tree, asset_surface_at_pose, find_asset_symmetry
+from grs_agents.perception.image_geometry import Labels
+from grs_agents.perception.types import Array, Mask, SceneObject
+from grs_agents.sim.instance.task_instance import InstanceObject
+from grs_agents.sim.motion.grasp import find_grasp
+from grs_agents.sim.world.budget import Budget
+from grs_agents.sim.world.compilation import build_world
+from grs_agents.sim.world.footprints import object_prism_at_pose
+from grs_agents.sim.world.physics import Physics
 
 _FREE = (0.5, 0.0)
 """Metres: in front of the robot."""

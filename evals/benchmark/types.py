@@ -8,7 +8,7 @@ from pydantic import Field
 from evals.benchmark.segmentation_metrics import SegmentationScore
 from evals.synthesis.scene import Recipe
 from grs_agents.base import Frozen
-from grs_agents.perception import TwinReport
+from grs_agents.perception.types import TwinReport
 
 Corners = tuple[tuple[float, ...], ...]
 

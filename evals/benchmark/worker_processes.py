@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from grs_agents.runs import run_jobs_in_threads, show_progress
+from grs_agents.runs.experiment_run import run_jobs_in_threads, show_progress
 
 EVALS = Path(__file__).parent.parent
 _ONE_CORE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}

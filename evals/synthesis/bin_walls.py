@@ -8,7 +8,8 @@ import numpy.typing as npt
 from evals.synthesis.built_asset import build_asset, write_assets
 from evals.synthesis.colliders import open_box
 from grs_agents.base import Pose
-from grs_agents.library import Asset, Rgba
+from grs_agents.library.asset import Asset
+from grs_agents.library.shapes import Rgba
 
 WALLS = "bin/walls.urdf"
 _MARGIN = (0.01, 0.07)

@@ -9,8 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.files import write_bytes, write_json, write_text
-from grs_agents.library import COLORS, MANIFEST, Asset, Manifest, Rgba, Shape
-from grs_agents.library.formats import format_urdf_text
+from grs_agents.library.asset import MANIFEST, Asset, Manifest
+from grs_agents.library.colors import COLORS
+from grs_agents.library.formats.urdf import format_urdf_text
+from grs_agents.library.shapes import Rgba, Shape
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
-from grs_agents.perception import Camera
+from grs_agents.perception.types import Camera
 
 Floats = npt.NDArray[np.float64]
 MILLIMETRE = 0.001

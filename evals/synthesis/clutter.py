@@ -9,10 +9,11 @@ import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.errors import GrsError
-from grs_agents.library import Library, matrix_from_quaternion, quaternion_from_rpy
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import matrix_from_quaternion, quaternion_from_rpy
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.instance import InstanceObject
-from grs_agents.sim.world import World, build_world, reset_world_to_poses
+from grs_agents.sim.instance.task_instance import InstanceObject
+from grs_agents.sim.world.compilation import World, build_world, reset_world_to_poses
 
 Floats = npt.NDArray[np.float64]
 CENTER: Final = (0.5, 0.0)

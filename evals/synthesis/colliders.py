@@ -3,7 +3,7 @@
 import math
 
 from grs_agents.base import Vec3
-from grs_agents.library import Rgba, Shape, quaternion_from_rpy
+from grs_agents.library.shapes import Rgba, Shape, quaternion_from_rpy
 
 
 def box(size: Vec3, position: Vec3 = (0.0, 0.0, 0.0), yaw: float = 0.0, color: Rgba | None = None) -> Shape:

@@ -13,7 +13,8 @@ from evals.synthesis.colliders import box
 from evals.synthesis.meshes import Mesh, annulus, loft, prism, superellipse, wedges
 from evals.synthesis.polygons import convex_pieces
 from grs_agents.base import Vec3
-from grs_agents.library import Asset, Rgba, Shape, quaternion_from_rpy
+from grs_agents.library.asset import Asset
+from grs_agents.library.shapes import Rgba, Shape, quaternion_from_rpy
 
 Floats = npt.NDArray[np.float64]
 FOLDER = "distractor"

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from evals.synthesis.scenery import Light, Scenery, bilinear, dot_products
-from grs_agents.geometry import Buffer, barycentric_coordinates, rasterise_triangles
-from grs_agents.library import Triangles
-from grs_agents.perception import Camera
+from grs_agents.geometry.raster import Buffer, barycentric_coordinates, rasterise_triangles
+from grs_agents.library.posed_meshes import Triangles
+from grs_agents.perception.types import Camera
 
 Floats = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int32]

@@ -8,7 +8,7 @@ import numpy as np
 from evals.synthesis.colliders import box, cylinder, lifted, ring
 from evals.synthesis.meshes import Mesh, loft, superellipse, tube
 from grs_agents.base import Vec3
-from grs_agents.library import Shape
+from grs_agents.library.shapes import Shape
 
 _WALL = 0.0035
 

@@ -8,8 +8,9 @@ from evals.synthesis.colliders import box, stadium
 from evals.synthesis.label import Label, label_texture
 from evals.synthesis.meshes import Floats, loft, rectangle, superellipse
 from grs_agents.base import Vec3
-from grs_agents.library import Asset, Shape
-from grs_agents.library.formats import format_urdf_text
+from grs_agents.library.asset import Asset
+from grs_agents.library.formats.urdf import format_urdf_text
+from grs_agents.library.shapes import Shape
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,9 @@ from evals.synthesis.label import Label, Motif
 from evals.synthesis.mugs import mug_parts
 from evals.synthesis.packages import FORMS, Package, build_package
 from grs_agents.base import Vec3
-from grs_agents.library import Asset, Library, Rgba, Shape
+from grs_agents.library.asset import Asset
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import Rgba, Shape
 
 FOLDER = "absent"
 _WORDS = (

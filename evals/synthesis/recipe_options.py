@@ -3,7 +3,7 @@
 import argparse
 
 from evals.synthesis.scene import Recipe, recipes
-from grs_agents.runs import positive_int
+from grs_agents.runs.experiments import positive_int
 
 
 def add_recipe_options(parser: argparse.ArgumentParser) -> None:

@@ -7,13 +7,15 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from grs_agents.geometry import FloatArray
-from grs_agents.library import Library, Triangles, compute_smooth_normals, matrix_from_quaternion, quaternion_from_rpy
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.library.library import Library
+from grs_agents.library.posed_meshes import Triangles, compute_smooth_normals
+from grs_agents.library.shapes import matrix_from_quaternion, quaternion_from_rpy
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.arms import Arm
-from grs_agents.sim.instance import InstanceObject
-from grs_agents.sim.rendering import Props, Stage
-from grs_agents.sim.world import build_world, reset_world_to_poses
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.instance.task_instance import InstanceObject
+from grs_agents.sim.rendering.stage import Props, Stage
+from grs_agents.sim.world.compilation import build_world, reset_world_to_poses
 
 _TIPS = ((0.25, -0.35, 0.06), (0.70, 0.35, 0.50))
 """The tip is between these points (m, robot frame)."""

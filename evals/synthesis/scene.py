@@ -25,10 +25,11 @@ from evals.synthesis.sensors import SENSORS, SensorKind
 from evals.synthesis.sensors.common import noisy_rgb
 from grs_agents.base import Frozen, Vec3
 from grs_agents.files import write_bytes, write_json, write_text
-from grs_agents.library import Library, Triangles, build_posed_triangles
-from grs_agents.perception import Aabb, Camera
-from grs_agents.sim.arms import get_arm
-from grs_agents.sim.instance import InstanceObject
+from grs_agents.library.library import Library
+from grs_agents.library.posed_meshes import Triangles, build_posed_triangles
+from grs_agents.perception.types import Aabb, Camera
+from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.instance.task_instance import InstanceObject
 
 _SHINY = 0.15
 """Share of the things that mirror."""

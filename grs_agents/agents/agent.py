@@ -24,10 +24,14 @@ from grs_agents.agents.recorded import (
 )
 from grs_agents.agents.reply import ReplyError
 from grs_agents.agents.types import NoReply
-from grs_agents.config import Config, ModelConfig
-from grs_agents.foreign import read_picture, resolve_member_file
-from grs_agents.models import Answer, ReplyProblem, invoke_with_retries, is_offline, make_chat_model, make_retries
-from grs_agents.trace import EventLog, Note, Prompt, Reply, read_events
+from grs_agents.config.schema import Config, ModelConfig
+from grs_agents.foreign.pictures import read_picture
+from grs_agents.foreign.run_folder import resolve_member_file
+from grs_agents.models.answer import Answer, ReplyProblem
+from grs_agents.models.factory import is_offline, make_chat_model, make_retries
+from grs_agents.models.retry import invoke_with_retries
+from grs_agents.trace.events import Note, Prompt, Reply
+from grs_agents.trace.log import EventLog, read_events
 
 if TYPE_CHECKING:  # LangChain takes long to import, and a check of programs may ask nobody
     from langchain_core.language_models.chat_models import BaseChatModel

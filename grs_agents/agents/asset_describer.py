@@ -19,19 +19,16 @@ from grs_agents.agents.prompt_template import render_prompt_template
 from grs_agents.agents.reply import ReplyError, parse_json
 from grs_agents.agents.types import ModelReply
 from grs_agents.base import Frozen
-from grs_agents.config import ModelConfig
+from grs_agents.config.schema import ModelConfig
 from grs_agents.files import write_json
-from grs_agents.library import (
-    RANDOM_VIEW_SIZE,
-    RANDOM_VIEWS,
-    Asset,
-    AssetView,
-    Library,
-    composite_over_white,
-    main_color_names,
-    render_random_views,
-)
-from grs_agents.models import ReplyProblem, invoke_with_retries, make_retries
+from grs_agents.library.asset import Asset
+from grs_agents.library.asset_rendering import RANDOM_VIEW_SIZE, RANDOM_VIEWS, AssetView, render_random_views
+from grs_agents.library.colors import main_color_names
+from grs_agents.library.contact_sheets import composite_over_white
+from grs_agents.library.library import Library
+from grs_agents.models.answer import ReplyProblem
+from grs_agents.models.factory import make_retries
+from grs_agents.models.retry import invoke_with_retries
 
 PROMPT = "describe_asset"
 _REPLY_TOKENS = 120

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
-from grs_agents.config import BudgetConfig
+from grs_agents.config.schema import BudgetConfig
 from grs_agents.errors import GrsError
-from grs_agents.trace import Event, Reply, read_events
+from grs_agents.trace.events import Event, Reply
+from grs_agents.trace.log import read_events
 
 
 class BudgetReached(GrsError):

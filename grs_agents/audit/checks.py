@@ -4,18 +4,20 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 
-from grs_agents.agents import TaskDefinition
+from grs_agents.agents.types import TaskDefinition
 from grs_agents.audit.goal_checks import is_movable_object, list_goal_findings
 from grs_agents.audit.pose_changes import find_pose_changes, is_object_covered_in_photo
 from grs_agents.audit.scene_checks import list_scene_findings
 from grs_agents.audit.types import AuditReport, Finding
 from grs_agents.audit.visibility_checks import check_visibility
-from grs_agents.config import AuditConfig
-from grs_agents.library import Library
-from grs_agents.perception import SceneDescription, SceneObject
-from grs_agents.sim import Goal, Rollout, TaskInstance
-from grs_agents.sim.instance import Episode
-from grs_agents.sim.world import TIMESTEP
+from grs_agents.config.schema import AuditConfig
+from grs_agents.library.library import Library
+from grs_agents.perception.types import SceneDescription, SceneObject
+from grs_agents.sim.instance.episode import Episode
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.task_instance import TaskInstance
+from grs_agents.sim.rollouts import Rollout
+from grs_agents.sim.world.spec import TIMESTEP
 
 _VARYING = frozenset({"random", "randomly", "shuffled", "varying", "various", "anywhere"})
 """Words of a task that say that its seeds differ."""

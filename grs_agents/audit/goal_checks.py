@@ -9,11 +9,15 @@ import numpy as np
 
 from grs_agents.audit.least_moves import measure_least_move
 from grs_agents.audit.types import Finding
-from grs_agents.geometry import FloatArray, transforms
-from grs_agents.library import Library
-from grs_agents.perception import SceneDescription
-from grs_agents.sim import HAND_NOISE, Goal, InstanceObject, Rollout, TaskInstance
-from grs_agents.sim.world import load_object_model, margins_inside_outline, object_prism_at_pose
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.library.library import Library
+from grs_agents.perception.types import SceneDescription
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
+from grs_agents.sim.rollouts import HAND_NOISE, Rollout
+from grs_agents.sim.world.footprints import margins_inside_outline, object_prism_at_pose
+from grs_agents.sim.world.spec import load_object_model
 
 IDLE: Final = 0.05
 """Doing nothing earns at most this share of the reward: a rounded score, not an object that is at its goal already."""

@@ -15,18 +15,22 @@ import numpy as np
 
 from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.geometry import transforms
-from grs_agents.library import Library, color_name_from_rgb
-from grs_agents.perception import SceneDescription, SceneObject
-from grs_agents.sim import Goal, InstanceObject, Rollout, TaskInstance, Zone, utils
-from grs_agents.sim.world import (
+from grs_agents.library.colors import color_name_from_rgb
+from grs_agents.library.library import Library
+from grs_agents.perception.types import SceneDescription, SceneObject
+from grs_agents.sim.cliport import utils
+from grs_agents.sim.instance.goal import Goal, Zone
+from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
+from grs_agents.sim.rollouts import Rollout
+from grs_agents.sim.world.collision_volumes import measure_inner_size
+from grs_agents.sim.world.footprints import (
     Prism,
     distance_between_outlines,
-    load_object_model,
     margins_inside_outline,
-    measure_inner_size,
     object_prism_at_pose,
     rectangle_outline,
 )
+from grs_agents.sim.world.spec import load_object_model
 
 Json = dict[str, Any]
 _RESTING: Final = 0.015

@@ -6,17 +6,20 @@ from typing import Final
 
 import numpy as np
 
-from grs_agents.geometry import FloatArray, transforms
-from grs_agents.library import Library
-from grs_agents.sim import Goal, Rollout, TaskInstance, Zone
-from grs_agents.sim.world import (
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.library.library import Library
+from grs_agents.sim.instance.goal import Goal, Zone
+from grs_agents.sim.instance.task_instance import TaskInstance
+from grs_agents.sim.rollouts import Rollout
+from grs_agents.sim.world.footprints import (
     Prism,
     distance_between_outlines,
-    load_object_model,
     margins_inside_outline,
     object_prism_at_pose,
     rectangle_outline,
 )
+from grs_agents.sim.world.spec import load_object_model
 
 _TOLERANCE: Final = 0.01
 """Metres by which a pose goal may be missed anyway."""

@@ -8,9 +8,12 @@ from typing import Final, Literal
 from grs_agents.audit.goal_sentences import describe_task_in_words
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
-from grs_agents.library import Library
-from grs_agents.sim import Goal, InstanceObject, Rollout, TaskInstance
-from grs_agents.sim.world import load_object_model, object_prism_at_pose
+from grs_agents.library.library import Library
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
+from grs_agents.sim.rollouts import Rollout
+from grs_agents.sim.world.footprints import object_prism_at_pose
+from grs_agents.sim.world.spec import load_object_model
 
 MutantKind = Literal[
     "goal_dropped",

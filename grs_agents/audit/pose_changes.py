@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from grs_agents.audit.types import Change
 from grs_agents.base import Pose, Quat
 from grs_agents.geometry import transforms
-from grs_agents.library import Library, looks_unchanged_by_rotation
-from grs_agents.perception import SceneDescription, SceneObject
-from grs_agents.sim import InstanceObject, TaskInstance
-from grs_agents.sim.world import load_object_model
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import looks_unchanged_by_rotation
+from grs_agents.perception.types import SceneDescription, SceneObject
+from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
+from grs_agents.sim.world.spec import load_object_model
 
 SAME_PLACE = 0.03
 """An object within this many metres of its place in the photo has kept it."""

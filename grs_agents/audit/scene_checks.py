@@ -7,9 +7,10 @@ from typing import Final
 from grs_agents.audit.goal_checks import asset_with_id, pair_instances_with_rollouts
 from grs_agents.audit.pose_changes import find_pose_changes, is_tilted
 from grs_agents.audit.types import Finding, join_first_distinct
-from grs_agents.library import Library
-from grs_agents.perception import SceneDescription
-from grs_agents.sim import InstanceObject, Rollout, TaskInstance
+from grs_agents.library.library import Library
+from grs_agents.perception.types import SceneDescription
+from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
+from grs_agents.sim.rollouts import Rollout
 
 DEPTH: Final = 0.005
 """Metres that one object may reach into another before the scene settles: what a photo's depth leaves open."""

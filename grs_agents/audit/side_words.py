@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from grs_agents.perception import TableFrame
+from grs_agents.perception.types import TableFrame
 
 _ASIDE: Final = re.compile(r"\b(left|leftmost|right|rightmost)\b(?! (?:next|beside|on|in|into|where)\b)", re.IGNORECASE)
 _AHEAD: Final = re.compile(r"\b(behind|in front|front|back)\b", re.IGNORECASE)

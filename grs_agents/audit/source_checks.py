@@ -15,7 +15,7 @@ import numpy as np
 
 from grs_agents import sim
 from grs_agents.audit.types import ProgramKind, StaticFinding, StaticFindingKind
-from grs_agents.sandbox import parse_program
+from grs_agents.sandbox.host.suite_discovery import parse_program
 
 Node = TypeVar("Node", bound=ast.AST)
 _REFUSED_PACKAGES = frozenset({"ctypes", "multiprocessing", "requests", "socket", "subprocess"})

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from difflib import get_close_matches
 from pathlib import PurePosixPath
 
-from grs_agents.agents import TaskDefinition
+from grs_agents.agents.types import TaskDefinition
 from grs_agents.audit.source_checks import ProgramSource, check_source, read_source
 from grs_agents.audit.types import StaticFinding
-from grs_agents.library import Library
-from grs_agents.sandbox import discover_tests
-from grs_agents.sim import defines_task_class
+from grs_agents.library.library import Library
+from grs_agents.sandbox.host.suite_discovery import discover_tests
+from grs_agents.sim.cliport.task import defines_task_class
 
 _ASSET_NAME = re.compile(r"[\w.\-]+(?:/[\w.\-]+)+\.(?:urdf|xml)")
 

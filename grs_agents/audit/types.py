@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import Literal
 
 from grs_agents.base import Frozen, Vec3
-from grs_agents.sim import Rollout
+from grs_agents.sim.rollouts import Rollout
 
 
 class Finding(Frozen):

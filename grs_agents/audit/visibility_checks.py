@@ -9,11 +9,13 @@ import numpy as np
 from grs_agents.audit.goal_checks import asset_with_id, is_movable_object, pair_instances_with_rollouts
 from grs_agents.audit.types import Finding
 from grs_agents.base import Pose
-from grs_agents.geometry import FloatArray
-from grs_agents.library import Library
-from grs_agents.perception import SceneDescription
-from grs_agents.sim import InstanceObject, Rollout, TaskInstance
-from grs_agents.sim.world import Prism, find_prisms_at_pose, load_object_model, margins_inside_outline
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.library.library import Library
+from grs_agents.perception.types import SceneDescription
+from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
+from grs_agents.sim.rollouts import Rollout
+from grs_agents.sim.world.footprints import Prism, find_prisms_at_pose, margins_inside_outline
+from grs_agents.sim.world.spec import load_object_model
 
 SEEN: Final = 0.4
 """Share of a thing's area, seen from above, that nothing may cover both at the start and at the end."""

@@ -14,12 +14,13 @@ from grs_agents.batch.page import render_page
 from grs_agents.batch.results import BatchResults, write_results
 from grs_agents.batch.row import BatchRow, make_batch_row
 from grs_agents.batch.run_process import RunEnd, RunJob
-from grs_agents.config import ROLES, load_config
+from grs_agents.config.load import load_config
+from grs_agents.config.schema import ROLES
 from grs_agents.errors import InputError
 from grs_agents.files import write_json, write_text
-from grs_agents.foreign import path_exists, read_json
-from grs_agents.models import list_model_variables
-from grs_agents.perception import short_scene_name
+from grs_agents.foreign.files import path_exists, read_json
+from grs_agents.models.factory import list_model_variables
+from grs_agents.perception.reading.scene_source import short_scene_name
 from grs_agents.version import __version__
 
 _ORDER: Final = "batch.json"

@@ -7,7 +7,7 @@ from urllib.parse import quote
 
 from grs_agents.batch.results import BatchResults
 from grs_agents.batch.row import BatchRow
-from grs_agents.terminal import escape_control_chars
+from grs_agents.terminal.control_characters import escape_control_chars
 
 _PHOTO: Final = "scene/rgb.png"
 _REPORT: Final = "report.html"

@@ -13,7 +13,7 @@ from grs_agents.base import Frozen
 from grs_agents.batch.row import BatchRow
 from grs_agents.errors import InputError
 from grs_agents.files import write_bytes, write_json, write_text
-from grs_agents.foreign import read_bytes
+from grs_agents.foreign.files import read_bytes
 
 RESULTS: Final = "results.json"
 _REMEDY: Final = "name a folder that `grs batch` wrote"

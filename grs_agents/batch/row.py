@@ -6,9 +6,9 @@ from typing import Any
 from grs_agents.base import Frozen
 from grs_agents.batch.run_process import RunEnd, read_run_record_or_none
 from grs_agents.errors import GrsError
-from grs_agents.foreign import read_bytes, read_json
-from grs_agents.sim.instance import TaskInstance, parse_instance_json
-from grs_agents.trace import read_events
+from grs_agents.foreign.files import read_bytes, read_json
+from grs_agents.sim.instance.task_instance import TaskInstance, parse_instance_json
+from grs_agents.trace.log import read_events
 
 
 class BatchRow(Frozen):

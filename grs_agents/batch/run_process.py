@@ -14,8 +14,9 @@ from typing import IO, Final
 from grs_agents.content import list_content_options
 from grs_agents.errors import InputError
 from grs_agents.files import open_new_text
-from grs_agents.perception import is_known_scene, resolve_scene_path
-from grs_agents.runs import RunRecord, read_record
+from grs_agents.perception.reading.known_scene import is_known_scene
+from grs_agents.perception.reading.scene_source import resolve_scene_path
+from grs_agents.runs.record import RunRecord, read_record
 
 ENDED: Final = ("accepted", "rejected", "waiting")
 """What is not run again: verdicts, and what waits for a person."""

@@ -4,8 +4,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import is_folder, read_json
-from grs_agents.perception import check_scene_source, is_bop_source, resolve_scene_path
+from grs_agents.foreign.files import is_folder, read_json
+from grs_agents.perception.reading.bop import is_bop_source
+from grs_agents.perception.reading.scene_source import check_scene_source, resolve_scene_path
 
 _PREFIX = "bop:"
 _CAMERAS = "scene_camera.json"

@@ -58,7 +58,7 @@ def import_assets(
     The rest goes on. Exit status 1 if one was refused.
     """
     from grs_agents.cli.assets_import import PREFIX, import_objaverse, import_source
-    from grs_agents.library.importing import ImportOptions
+    from grs_agents.library.importing.types import ImportOptions
 
     options = ImportOptions(unit=unit, up=up, license=license_ or "unknown", faces=faces)
     if source.startswith(PREFIX):

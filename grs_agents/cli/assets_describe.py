@@ -10,17 +10,18 @@ import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from grs_agents import terminal
-from grs_agents.agents import describe_assets, replace_asset_description, select_assets_to_describe
+from grs_agents.agents.asset_describer import describe_assets, replace_asset_description, select_assets_to_describe
 from grs_agents.cli.assets_import import select_assets, user_library_root
-from grs_agents.config import Config
+from grs_agents.config.schema import Config
 from grs_agents.errors import ConfigError, GrsError, InputError
-from grs_agents.library import Asset, Library, read_manifest
-from grs_agents.library.importing import update_manifest_entries
-from grs_agents.models import make_chat_model
+from grs_agents.library.asset import Asset, read_manifest
+from grs_agents.library.importing.journal import update_manifest_entries
+from grs_agents.library.library import Library
+from grs_agents.models.factory import make_chat_model
 from grs_agents.terminal import print_escaped, print_json
 
 if TYPE_CHECKING:
-    from grs_agents.perception.matching import AssetIndex
+    from grs_agents.perception.matching.asset_index import AssetIndex
 
 ROLE = "describe"
 
@@ -87,7 +88,8 @@ def _confirm_model_cost() -> None:
 
 def update_asset_index(folder: Path, again: bool, as_json: bool) -> int:
     """Bring an index in a folder up to date with the library; 1 if an asset could not be looked at."""
-    from grs_agents.perception.matching import AssetIndex, matchable_assets
+    from grs_agents.perception.matching.asset_index import AssetIndex
+    from grs_agents.perception.matching.feature_matcher import matchable_assets
 
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is no folder", "name a new folder, or one that holds an index")
@@ -113,7 +115,8 @@ def update_asset_index(folder: Path, again: bool, as_json: bool) -> int:
 
 def _embed_assets_into_index(index: "AssetIndex", assets: Sequence[Asset], library: Library) -> dict[str, str]:
     """Add the vectors of each asset, and return why an asset has none, by its name."""
-    from grs_agents.perception.matching import Vectors, embed_object, load_appearance
+    from grs_agents.perception.matching.asset_appearance import load_appearance
+    from grs_agents.perception.matching.asset_index import Vectors, embed_object
 
     vectors: dict[str, Vectors] = {}
     broken: dict[str, str] = {}

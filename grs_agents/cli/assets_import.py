@@ -12,21 +12,19 @@ from rich.text import Text
 from grs_agents import content, terminal
 from grs_agents.errors import InputError
 from grs_agents.files import resolve_output_file, write_bytes
-from grs_agents.library import Asset, Library
-from grs_agents.library.importing import (
-    ImportOptions,
-    ImportOutcome,
-    ImportRun,
-    ImportSource,
+from grs_agents.library.asset import Asset
+from grs_agents.library.importing.archives import ImportSource, open_import_source
+from grs_agents.library.importing.asset_discovery import slugify_name
+from grs_agents.library.importing.importer import ImportRun
+from grs_agents.library.importing.objaverse import (
     ObjaverseEntry,
-    SourceFolder,
-    SourceItem,
     download_objects,
     load_objaverse_package,
-    open_import_source,
     search_objaverse,
-    slugify_name,
 )
+from grs_agents.library.importing.source_folder import SourceFolder
+from grs_agents.library.importing.types import ImportOptions, ImportOutcome, SourceItem
+from grs_agents.library.library import Library
 from grs_agents.terminal import VERBOSITY, print_escaped, print_json
 
 DEFAULT = Path("grs-content")
@@ -167,7 +165,8 @@ def write_contact_sheets(
     library: Path | None, names: Sequence[str], shipped: bool, out: Path, views: int, as_json: bool
 ) -> int:
     """Write a contact sheet; 1 where an asset cannot be drawn."""
-    from grs_agents.library import MAX_ASSETS, draw_contact_sheet, encode_png
+    from grs_agents.library.contact_sheets import MAX_ASSETS, draw_contact_sheet
+    from grs_agents.library.mesh_files import encode_png
 
     known, assets = select_assets(library, names, shipped)
     sheets = [assets[start : start + MAX_ASSETS] for start in range(0, len(assets), MAX_ASSETS)]
@@ -191,7 +190,7 @@ def write_contact_sheets(
 
 def verify_library(library: Path | None, names: Sequence[str], shipped: bool, as_json: bool) -> int:
     """Check assets; 1 where one is broken."""
-    from grs_agents.library.importing import verify_asset
+    from grs_agents.library.importing.drop_testing import verify_asset
 
     known, assets = select_assets(library, names, shipped)
     verdicts = [verify_asset(known, asset) for asset in assets]

@@ -7,12 +7,13 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents import terminal
-from grs_agents.audit import AuditReport
-from grs_agents.config import EffectiveConfig
-from grs_agents.runs import CheckResult, check_user_program, open_check_order
-from grs_agents.sandbox import TestReport
+from grs_agents.audit.types import AuditReport
+from grs_agents.config.load import EffectiveConfig
+from grs_agents.runs.program_check import CheckResult, check_user_program, open_check_order
+from grs_agents.sandbox.protocol.report import TestReport
 from grs_agents.terminal import print_json
-from grs_agents.views import attach_live_views, show_activity_status
+from grs_agents.views.live_views import attach_live_views
+from grs_agents.views.terminal import show_activity_status
 
 
 def check_program(

@@ -389,7 +389,7 @@ def demos(
     them. Begun again after an interruption, the same command goes on. Exit status 1: fewer episodes came about.
     """
     from grs_agents.cli.demos import parse_cameras, parse_size, write_demonstrations
-    from grs_agents.demos import DemoOrder
+    from grs_agents.demos.production import DemoOrder
 
     variation = build_variation_from_options(jitter, yaw, mass, friction, light, texture, distractors)
     order = DemoOrder(
@@ -413,7 +413,7 @@ def grade(
     The grade is one number, told with the moves, clutter, tolerance and successes that it is made of.
     """
     from grs_agents.cli.grade import print_grade
-    from grs_agents.grading import GradeOrder
+    from grs_agents.grading.trials import GradeOrder
 
     order = GradeOrder(episodes=episodes, demonstrations=demonstrations, trials=trials, seed=seed or 0)
     sys.exit(print_grade(run, order, workers, json))
@@ -458,7 +458,7 @@ def graph(
     json: Json = False,
 ) -> None:
     """Print a graph as a mermaid diagram."""
-    from grs_agents.runs import compile_graph
+    from grs_agents.runs.graph_loading import compile_graph
 
     drawn = compile_graph(name).get_graph()
     print_json(drawn.to_json()) if json else print_escaped(drawn.draw_mermaid())
@@ -476,7 +476,7 @@ def serve_tools(
     json: Annotated[bool, typer.Option("--json", help="Print the tools with their schemas instead.")] = False,
 ) -> None:
     """Serve GRS to agents over the Model Context Protocol."""
-    from grs_agents.serving import list_mcp_tools, serve_mcp
+    from grs_agents.serving.mcp_server import list_mcp_tools, serve_mcp
 
     chosen = load_effective_config(config, settings, unsafe=unsafe)
     print_json(list_mcp_tools(chosen)) if json else serve_mcp(chosen, port)
@@ -497,7 +497,7 @@ def list_available_content(
 ) -> None:
     """List graphs, tools, prompts, assets, evals, policies and models."""
     from grs_agents.cli.listing import list_content
-    from grs_agents.trace import event_schema
+    from grs_agents.trace.events import event_schema
 
     print_json(event_schema()) if schema else list_content(json)
 
@@ -525,6 +525,6 @@ def run_named_experiment(
 
     Words after the name are passed on to it, --help included: grs eval NAME --help.
     """
-    from grs_agents.runs import load_experiment
+    from grs_agents.runs.experiments import load_experiment
 
     sys.exit(load_experiment(name).main(context.args))

@@ -43,7 +43,8 @@ def complete_cassette(incomplete: str) -> list[str]:
 
 def complete_setting(incomplete: str) -> list[str]:
     """Configuration keys, each with its ``=``."""
-    from grs_agents.config import Config, flatten_tree
+    from grs_agents.config.load import flatten_tree
+    from grs_agents.config.schema import Config
 
     keys = flatten_tree(Config().model_dump(mode="json"))
     return _filter_by_start([f"{key}=" for key in keys], incomplete)

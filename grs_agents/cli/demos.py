@@ -7,18 +7,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.text import Text
 
 from grs_agents import terminal
-from grs_agents.demos import (
-    FORMATS,
-    AttemptStore,
-    DatasetSummary,
-    DemoOrder,
-    Format,
-    check_format_requirements,
-    make_demonstrations,
-    write_dataset,
-)
+from grs_agents.demos.attempt_store import AttemptStore
+from grs_agents.demos.dataset import check_format_requirements, write_dataset
+from grs_agents.demos.production import DemoOrder, make_demonstrations
+from grs_agents.demos.types import FORMATS, DatasetSummary, Format
 from grs_agents.errors import InputError, UnknownNameError
-from grs_agents.sim.rendering import CAMERAS, LARGEST_PICTURE
+from grs_agents.sim.rendering.scene_cameras import CAMERAS
+from grs_agents.sim.rendering.stage import LARGEST_PICTURE
 from grs_agents.task_folder import open_task_folder
 from grs_agents.terminal import print_json
 

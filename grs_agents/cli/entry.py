@@ -16,7 +16,7 @@ from typing import Any, NoReturn, TextIO, cast
 from grs_agents import interrupts
 from grs_agents.errors import GrsError, InputError, suggest_name
 from grs_agents.files import check_path_name, convert_system_error
-from grs_agents.runs import defer_unused_imports
+from grs_agents.runs.deferred_imports import defer_unused_imports
 from grs_agents.terminal import VERBOSITY, EscapingFormatter, print_escaped
 
 _FEWEST_FILES = 256

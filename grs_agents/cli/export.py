@@ -3,7 +3,7 @@
 import shlex
 from pathlib import Path
 
-from grs_agents.export import export_mjcf
+from grs_agents.export.mjcf_folder import export_mjcf
 from grs_agents.task_folder import open_task_folder
 from grs_agents.terminal import print_escaped, print_json
 

@@ -6,10 +6,11 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents import terminal
-from grs_agents.grading import Grade, GradeOrder, grade_task
+from grs_agents.grading.grade import Grade, grade_task
+from grs_agents.grading.trials import GradeOrder
 from grs_agents.task_folder import open_task_folder
 from grs_agents.terminal import print_json
-from grs_agents.views import show_activity_status
+from grs_agents.views.terminal import show_activity_status
 
 
 def print_grade(run: Path, order: GradeOrder, workers: int, as_json: bool) -> int:

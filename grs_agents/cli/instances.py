@@ -9,7 +9,7 @@ from rich.text import Text
 from grs_agents import terminal
 from grs_agents.errors import InputError
 from grs_agents.files import refuse_link
-from grs_agents.sim.variation import Variation
+from grs_agents.sim.variation.types import Variation
 from grs_agents.terminal import print_escaped, print_json
 from grs_agents.varied_instances import Manifest, make_varied_instances
 

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents import content, terminal
-from grs_agents.config import EffectiveConfig, flatten_tree
+from grs_agents.config.load import EffectiveConfig, flatten_tree
 from grs_agents.python_parsing import parse_python
 from grs_agents.terminal import print_json
 
@@ -32,8 +32,8 @@ def list_content(as_json: bool) -> None:
 
 def _collect_content_descriptions() -> dict[str, dict[str, str]]:
     """By kind, each name with what it is."""
-    from grs_agents.library import Library
-    from grs_agents.policies import POLICIES
+    from grs_agents.library.library import Library
+    from grs_agents.policies.policy_registry import POLICIES
 
     listed: dict[str, dict[str, str]] = {kind: _read_file_summaries(kind) for kind in content.KINDS if kind != "assets"}
     listed["assets"] = {asset.name: asset.description for asset in Library().assets()}
@@ -64,7 +64,7 @@ def list_config(effective: EffectiveConfig, as_json: bool) -> None:
 
 def _describe_model_providers() -> dict[str, str]:
     """What a model's name may begin with, and whose client then asks it."""
-    from grs_agents.models import OFFLINE, PROVIDERS
+    from grs_agents.models.factory import OFFLINE, PROVIDERS
 
     clients = {
         f"{name}:NAME": f"{provider.model_class} of {provider.module}; {provider.install_command}"

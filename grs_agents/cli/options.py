@@ -14,8 +14,8 @@ from grs_agents.errors import ConfigError, InputError
 from grs_agents.terminal import VERBOSITY
 
 if TYPE_CHECKING:
-    from grs_agents.config import EffectiveConfig
-    from grs_agents.sim.variation import Variation
+    from grs_agents.config.load import EffectiveConfig
+    from grs_agents.sim.variation.types import Variation
 
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="A TOML configuration file.", metavar="FILE")]
 _SET = typer.Option(
@@ -102,7 +102,7 @@ def build_variation_from_options(
     jitter: float, yaw: float, mass: float, friction: float, light: bool, texture: bool, distractors: int
 ) -> "Variation":
     """The variation that these options make; ``yaw`` is in degrees."""
-    from grs_agents.sim.variation import Variation
+    from grs_agents.sim.variation.types import Variation
 
     return Variation(
         jitter=jitter,
@@ -119,7 +119,7 @@ def load_effective_config(
     file: Path | None, settings: list[str] | None, seed: int | None = None, unsafe: bool = False
 ) -> "EffectiveConfig":
     """The configuration that these options make; ``--seed N`` is ``--set seed=N``."""
-    from grs_agents.config import load_config
+    from grs_agents.config.load import load_config
 
     return load_config(file, [*(settings or []), *([] if seed is None else [f"seed={seed}"])], unsafe=unsafe)
 
@@ -132,11 +132,11 @@ def add_model_setting(settings: list[str] | None, models: list[str] | None) -> l
 def find_unnamed_scene(resumed: Path | None, cassette: str | None) -> Path:
     """The scene of the run that is resumed, or of a recorded one, for a command that names none."""
     if resumed is not None:
-        from grs_agents.runs import read_record
+        from grs_agents.runs.record import read_record
 
         return Path(read_record(resumed).source)
     if cassette is not None:
-        from grs_agents.agents import read_cassette
+        from grs_agents.agents.recorded import read_cassette
 
         return Path(read_cassette(cassette).scene)
     remedy = "name one, such as groceries; --cassette FILE and --resume --out DIR have their own"
@@ -145,8 +145,8 @@ def find_unnamed_scene(resumed: Path | None, cassette: str | None) -> Path:
 
 def build_recording_settings(record: Path | None, cassette: str | None) -> list[str]:
     """The settings that ``--record`` and ``--cassette`` make: a run is repeated with those it was recorded with."""
-    from grs_agents.agents import read_cassette
-    from grs_agents.runs import select_cassette_settings
+    from grs_agents.agents.recorded import read_cassette
+    from grs_agents.runs.recording import select_cassette_settings
 
     values: dict[str, object] = {}
     if cassette is not None:

@@ -10,16 +10,17 @@ from typing import Any, cast
 from grs_agents.cli.show import make_recording
 from grs_agents.errors import InputError
 from grs_agents.files import STANDARD_OUTPUT, check_output_path, refuse_link, write_file_or_stdout
-from grs_agents.library import Library
-from grs_agents.models import PROVIDERS
-from grs_agents.runs import add_hash, read_record
+from grs_agents.library.library import Library
+from grs_agents.models.factory import PROVIDERS
+from grs_agents.runs.hashes import add_hash
+from grs_agents.runs.record import read_record
 from grs_agents.terminal import print_escaped, print_json
-from grs_agents.trace import read_events
+from grs_agents.trace.log import read_events
 
 
 def send_otel_spans(folder: Path, as_json: bool) -> None:
     """Send a run as OpenTelemetry spans to where the ``OTEL_*`` variables say."""
-    from grs_agents.views import SpanView, make_otlp_provider
+    from grs_agents.views.telemetry import SpanView, make_otlp_provider
 
     read_record(folder)
     events = read_events(folder / "events.jsonl")
@@ -35,8 +36,10 @@ def send_otel_spans(folder: Path, as_json: bool) -> None:
 
 def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) -> Path:
     """Write a run as one HTML page, ``report.html`` in its folder if nothing else is named."""
-    from grs_agents.views import Sources, render_html_report
-    from grs_agents.views.common import decode_in_worker, library_with_run_assets
+    from grs_agents.views.common.foreign_decoding import decode_in_worker
+    from grs_agents.views.common.scene_objects import library_with_run_assets
+    from grs_agents.views.report.page import render_html_report
+    from grs_agents.views.report.pictures import Sources
 
     record, out = read_record(folder), out or folder / "report.html"
     check_output_path(out)
@@ -50,8 +53,8 @@ def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) ->
 
 def write_run_as_file(folder: Path, out: Path | None, seed: int | None, large: bool, as_json: bool) -> None:
     """Write a run as what the ending of ``out`` says and tell where; standard output is the page's alone."""
-    from grs_agents.views import show_activity_status
-    from grs_agents.views.film import HIGH_DEFINITION, SUFFIXES, make_rollout_shot, write_film
+    from grs_agents.views.film.rollout_film import HIGH_DEFINITION, SUFFIXES, make_rollout_shot, write_film
+    from grs_agents.views.terminal import show_activity_status
 
     kind = "" if out is None else out.suffix.lower()
     with show_activity_status("writing the report") as show:
@@ -80,8 +83,8 @@ def write_run_as_file(folder: Path, out: Path | None, seed: int | None, large: b
 
 def share_run_as_zip(folder: Path, out: Path | None, as_json: bool) -> None:
     """Pack a run into a zip file without keys and home folders, and say what was removed and left out."""
-    from grs_agents.runs import make_scrubber, pack_run_as_zip
-    from grs_agents.views import show_activity_status
+    from grs_agents.runs.sharing import make_scrubber, pack_run_as_zip
+    from grs_agents.views.terminal import show_activity_status
 
     record = read_record(folder)
     path = out or refuse_link(folder.resolve().with_suffix(".zip"))

@@ -9,10 +9,11 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents import terminal
-from grs_agents.config import flatten_tree
+from grs_agents.config.load import flatten_tree
 from grs_agents.errors import GrsError, InputError
-from grs_agents.foreign import read_json, read_text
-from grs_agents.runs import RUNS, RunRecord, read_record
+from grs_agents.foreign.files import read_json, read_text
+from grs_agents.runs.record import RunRecord, read_record
+from grs_agents.runs.run_opening import RUNS
 from grs_agents.terminal import print_escaped, print_json
 
 LATEST: Final = "latest"

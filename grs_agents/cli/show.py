@@ -6,15 +6,16 @@ from pathlib import Path
 
 from grs_agents import terminal
 from grs_agents.errors import InputError
-from grs_agents.library import Library
-from grs_agents.runs import read_record
+from grs_agents.library.library import Library
+from grs_agents.runs.record import read_record
 from grs_agents.terminal import print_escaped, print_json
-from grs_agents.trace import read_events
+from grs_agents.trace.log import read_events
 
 
 def show_run(folder: Path, as_json: bool) -> None:
     """Print the steps of a run."""
-    from grs_agents.views import group_events_into_steps, step_to_dict, steps_tree, summary_table
+    from grs_agents.views.common.event_steps import group_events_into_steps
+    from grs_agents.views.terminal import step_to_dict, steps_tree, summary_table
 
     record = read_record(folder).model_dump(mode="json")
     rows = group_events_into_steps(read_events(folder / "events.jsonl"))
@@ -28,13 +29,9 @@ def show_run(folder: Path, as_json: bool) -> None:
 
 def show_step(folder: Path, number: int | None, as_json: bool) -> None:
     """Print one step in full; without a ``number`` the last one that went wrong."""
-    from grs_agents.views import (
-        find_last_failed_step,
-        find_step_by_number,
-        group_events_into_steps,
-        iter_step_sections,
-        step_to_dict,
-    )
+    from grs_agents.views.common.event_steps import group_events_into_steps
+    from grs_agents.views.common.step_text import find_last_failed_step, find_step_by_number, iter_step_sections
+    from grs_agents.views.terminal import step_to_dict
 
     read_record(folder)
     rows = group_events_into_steps(read_events(folder / "events.jsonl"))
@@ -56,8 +53,8 @@ def show_step(folder: Path, number: int | None, as_json: bool) -> None:
 def make_recording(folder: Path, file: Path) -> Path:
     """Write the recording of a run into ``file``, made of its events as far as it has come.
     Raises InputError: there is no event."""
-    from grs_agents.views.common import decode_in_worker
-    from grs_agents.views.rerun import record_run
+    from grs_agents.views.common.foreign_decoding import decode_in_worker
+    from grs_agents.views.rerun.rerun_view import record_run
 
     read_record(folder)
     with decode_in_worker(folder):
@@ -69,8 +66,8 @@ def make_recording(folder: Path, file: Path) -> Path:
 
 def play_in_window(folder: Path, seed: int | None) -> int:
     """Play a rollout of a run in MuJoCo's window."""
-    from grs_agents.views.common import decode_in_worker
-    from grs_agents.views.film import make_rollout_shot, play_in_mujoco_window
+    from grs_agents.views.common.foreign_decoding import decode_in_worker
+    from grs_agents.views.film.rollout_film import make_rollout_shot, play_in_mujoco_window
 
     read_record(folder)
     with decode_in_worker(folder):
@@ -81,7 +78,7 @@ def play_in_window(folder: Path, seed: int | None) -> int:
 def open_run_viewer(folder: Path, beside: Path | None, web: bool, as_json: bool) -> int:
     """Open the viewer on a recording of a run, or of two side by side. It is made of the events: the ``trace.rrd`` in
     the folder may lack the last of them, or be somebody else's."""
-    from grs_agents.views import show_activity_status
+    from grs_agents.views.terminal import show_activity_status
 
     read_record(folder)
     with tempfile.TemporaryDirectory() as temporary:
@@ -89,8 +86,8 @@ def open_run_viewer(folder: Path, beside: Path | None, web: bool, as_json: bool)
             with show_activity_status("making the recording"):
                 recording = make_recording(folder, Path(temporary) / "trace.rrd")
             return _open_viewer_and_wait(recording, web, as_json)
-        from grs_agents.views.common import decode_in_worker
-        from grs_agents.views.rerun import record_comparison
+        from grs_agents.views.common.foreign_decoding import decode_in_worker
+        from grs_agents.views.rerun.rerun_view import record_comparison
 
         read_record(beside)
         runs = [(folder, Library()), (beside, Library())]
@@ -101,7 +98,7 @@ def open_run_viewer(folder: Path, beside: Path | None, web: bool, as_json: bool)
 
 def _open_viewer_and_wait(recording: Path, web: bool, as_json: bool) -> int:
     """Wait for the viewer of ``recording`` to be closed."""
-    from grs_agents.views import WebAddress, open_viewer
+    from grs_agents.views.rerun.viewer import WebAddress, open_viewer
 
     address = WebAddress.with_free_ports() if web else None
     with open_viewer(recording, address) as process:

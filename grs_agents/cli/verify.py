@@ -5,10 +5,10 @@ from pathlib import Path
 from rich.text import Text
 
 from grs_agents import terminal
-from grs_agents.config import Config
-from grs_agents.runs import Verification, verify_run
+from grs_agents.config.schema import Config
+from grs_agents.runs.verification import Verification, verify_run
 from grs_agents.terminal import print_json
-from grs_agents.views import show_activity_status
+from grs_agents.views.terminal import show_activity_status
 
 
 def verify_run_folder(folder: Path, local: Config, as_json: bool) -> int:

@@ -1,5 +1,3 @@
 """Configuration: one TOML file, ``--set`` and the environment become one frozen ``Config``."""
 
-from grs_agents.lazy_exports import attach_lazy_exports
-
-__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)
+from grs_agents.config.schema import Limits as Limits

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from grs_agents.config.schema import ROLE_ALIASES, ROLES, Config, ModelChoice
 from grs_agents.errors import ConfigError, InputError, UnknownNameError
-from grs_agents.foreign import read_text
+from grs_agents.foreign.files import read_text
 
 Tree = dict[str, Any]
 ENVIRONMENT_PREFIX = "GRS_"

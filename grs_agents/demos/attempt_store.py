@@ -18,7 +18,9 @@ from pydantic import ValidationError
 from grs_agents.demos.types import CameraModel, Demonstration, Dropped
 from grs_agents.errors import InputError
 from grs_agents.files import write_bytes, write_json
-from grs_agents.foreign import BoundedReader, check_zip_compression, open_zip, read_json, read_npy_stream
+from grs_agents.foreign.arrays import read_npy_stream
+from grs_agents.foreign.bounded_streams import BoundedReader, check_zip_compression, open_zip
+from grs_agents.foreign.files import read_json
 
 _ORDER: Final = "order.json"
 _ARRAYS: Final = ("joint_positions", "joint_velocities", "tip", "suction", "objects", "actions", "rewards")

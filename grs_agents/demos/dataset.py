@@ -18,8 +18,8 @@ from grs_agents.demos.robomimic import FILE, write_robomimic
 from grs_agents.demos.types import DatasetCard, DatasetSummary, Demonstration, Format, installed_versions
 from grs_agents.errors import ConfigError, GrsError, InputError
 from grs_agents.files import write_json, write_text
-from grs_agents.sim import TaskInstance
-from grs_agents.sim.instance import make_robot_path_relative
+from grs_agents.sim.instance.robot_file import make_robot_path_relative
+from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.task_folder import DATASET_FILE, TaskFolder
 
 Writer = Callable[[Iterable[Demonstration], DatasetCard, Path], None]

@@ -6,8 +6,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry import FloatArray
-from grs_agents.sim import Environment, Task, run_oracle
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.sim.cliport.environment import Environment
+from grs_agents.sim.cliport.task import Task
+from grs_agents.sim.rollouts import run_oracle
 
 Flags = npt.NDArray[np.bool_]
 _EARLY: Final = 8

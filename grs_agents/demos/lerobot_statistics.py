@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry import FloatArray
+from grs_agents.geometry.transforms import FloatArray
 
 Statistics = dict[str, FloatArray]
 """``min``, ``max``, ``mean``, ``std``, quantiles ``q01`` to ``q99``, and ``count`` (1,)."""

@@ -15,11 +15,13 @@ from grs_agents.demos.expert_path import Flags, path_to_actions, record_expert
 from grs_agents.demos.replay import Replayer
 from grs_agents.demos.types import Demonstration, Dropped, installed_versions
 from grs_agents.errors import GrsError, InputError
-from grs_agents.geometry import FloatArray
-from grs_agents.sim import SimulationError, TaskInstance, hash_instance
-from grs_agents.sim.motion import CONTROL_RATE
-from grs_agents.sim.rendering import Backend
-from grs_agents.sim.variation import Variation, vary_instance
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance.task_instance import TaskInstance, hash_instance
+from grs_agents.sim.motion.joint_controller import CONTROL_RATE
+from grs_agents.sim.rendering.scene_cameras import Backend
+from grs_agents.sim.variation.types import Variation
+from grs_agents.sim.variation.vary import vary_instance
 from grs_agents.task_folder import TaskFolder
 
 _PACES: Final = (1.0, 0.7)

@@ -7,14 +7,18 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.demos.types import CameraModel, Demonstration, Floats, Row
-from grs_agents.envs import JointPositionControl, Photographer, StateReader, TaskEpisode
-from grs_agents.geometry import FloatArray, pose_matrix, transforms
-from grs_agents.library import Library
-from grs_agents.sim import hash_instance
-from grs_agents.sim.arms import get_arm
-from grs_agents.sim.motion import CONTROL_RATE
-from grs_agents.sim.rendering import Backend
-from grs_agents.sim.world import Physics
+from grs_agents.envs.controls import JointPositionControl
+from grs_agents.envs.pictures import Photographer
+from grs_agents.envs.state import StateReader
+from grs_agents.envs.task_episode import TaskEpisode
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray, pose_matrix
+from grs_agents.library.library import Library
+from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.instance.task_instance import hash_instance
+from grs_agents.sim.motion.joint_controller import CONTROL_RATE
+from grs_agents.sim.rendering.scene_cameras import Backend
+from grs_agents.sim.world.physics import Physics
 
 _WAIT: Final = 50
 """Control periods (2 s) that the scene is given to come to rest after the last action."""

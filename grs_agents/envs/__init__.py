@@ -1,10 +1,34 @@
 """Environments of a task as data: ``gymnasium.make("grs_agents.envs:GRS-v0", run=...)`` (extra ``gym``)."""
 
-from typing import Any, cast
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, cast
 
-from grs_agents.lazy_exports import attach_lazy_exports
+if TYPE_CHECKING:
+    from grs_agents.envs.controls import JointPositionControl
+    from grs_agents.envs.gym_environment import GrsEnv
+    from grs_agents.envs.lerobot import make_env
+    from grs_agents.envs.pictures import Photographer
+    from grs_agents.envs.state import StateReader
+    from grs_agents.envs.task_episode import SOLVED, TaskEpisode
 
-__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)
+_HOMES = {
+    "GrsEnv": "gym_environment",
+    "JointPositionControl": "controls",
+    "Photographer": "pictures",
+    "SOLVED": "task_episode",
+    "StateReader": "state",
+    "TaskEpisode": "task_episode",
+    "make_env": "lerobot",
+}
+"""The module of each export: gymnasium is an extra, and most users of a task need no environment."""
+__all__ = ["SOLVED", "GrsEnv", "JointPositionControl", "Photographer", "StateReader", "TaskEpisode", "make_env"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import an export when it is first used."""
+    if name in _HOMES:
+        return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def _register_gym_environment() -> None:

@@ -8,10 +8,10 @@ import numpy as np
 from grs_agents.base import Pose
 from grs_agents.envs.task_episode import TaskEpisode
 from grs_agents.errors import InputError, UnknownNameError
-from grs_agents.geometry import FloatArray
-from grs_agents.sim import TaskInstance
-from grs_agents.sim.arms import Arm
-from grs_agents.sim.motion import CONTROL_RATE, JointController
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.instance.task_instance import TaskInstance
+from grs_agents.sim.motion.joint_controller import CONTROL_RATE, JointController
 
 ControlName = Literal["pick_place", "push", "ee_delta", "joint_position"]
 CONTROLS: Final[tuple[ControlName, ...]] = get_args(ControlName)

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 from grs_agents.base import Pose
 from grs_agents.envs.task_episode import TaskEpisode
-from grs_agents.sim import Environment, Goal
+from grs_agents.sim.cliport.environment import Environment
+from grs_agents.sim.instance.goal import Goal
 
 
 @dataclass(frozen=True)

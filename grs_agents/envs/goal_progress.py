@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from grs_agents.envs.goal_places import Place, find_goal_places_per_object
 from grs_agents.envs.task_episode import TaskEpisode
-from grs_agents.geometry import FloatArray, transforms
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 
 _LEVEL: Final = np.array([1.0, 1.0, 0.0])
 _NEARER: Final = 5.0

@@ -12,11 +12,13 @@ from grs_agents.envs.pictures import FARTHEST, Photographer
 from grs_agents.envs.state import StateReader
 from grs_agents.envs.task_episode import TaskEpisode
 from grs_agents.errors import InputError, UnknownNameError
-from grs_agents.sim import SimulationError, TaskInstance
-from grs_agents.sim.arms import get_arm
-from grs_agents.sim.motion import CONTROL_RATE
-from grs_agents.sim.rendering import Backend
-from grs_agents.sim.variation import Variation, vary_instance
+from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance.task_instance import TaskInstance
+from grs_agents.sim.motion.joint_controller import CONTROL_RATE
+from grs_agents.sim.rendering.scene_cameras import Backend
+from grs_agents.sim.variation.types import Variation
+from grs_agents.sim.variation.vary import vary_instance
 from grs_agents.task_folder import TaskFolder, find_dataset_folder, open_task_folder
 
 try:

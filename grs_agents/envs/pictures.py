@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from grs_agents.envs.task_episode import TaskEpisode
 from grs_agents.errors import UnknownNameError
-from grs_agents.sim import TaskInstance
-from grs_agents.sim.rendering import CAMERAS, Backend, SceneCameras
+from grs_agents.sim.instance.task_instance import TaskInstance
+from grs_agents.sim.rendering.scene_cameras import CAMERAS, Backend, SceneCameras
 
 Modality = Literal["rgb", "depth", "masks"]
 MODALITIES: Final[tuple[Modality, ...]] = get_args(Modality)

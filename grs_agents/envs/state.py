@@ -7,8 +7,8 @@ import numpy.typing as npt
 
 from grs_agents.envs.goal_progress import GoalProgress, Progress
 from grs_agents.envs.task_episode import TaskEpisode
-from grs_agents.geometry import FloatArray
-from grs_agents.sim.arms import Arm
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.sim.arms.arm import Arm
 
 Floats = npt.NDArray[np.float32]
 _FARTHEST: Final = 3.0

@@ -4,11 +4,13 @@ from typing import Final
 
 import numpy as np
 
-from grs_agents.geometry import FloatArray
-from grs_agents.library import Library
-from grs_agents.sim import Environment, InstanceTask, TaskInstance
-from grs_agents.sim.goals import StrictScorer
-from grs_agents.sim.world import Physics
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.library.library import Library
+from grs_agents.sim.cliport.environment import Environment
+from grs_agents.sim.goals.strict_score import StrictScorer
+from grs_agents.sim.instance.task_instance import TaskInstance
+from grs_agents.sim.rollouts import InstanceTask
+from grs_agents.sim.world.physics import Physics
 
 SOLVED: Final = 0.985
 """Strict score from which on a task is solved."""

@@ -14,10 +14,10 @@ from grs_agents.errors import InputError
 from grs_agents.export.mjcf_scene import MjcfScene, build_mjcf_scene
 from grs_agents.export.readme import Words, write_readme_text
 from grs_agents.files import unwritable_error, write_bytes, write_text
-from grs_agents.foreign import read_bytes, read_json
+from grs_agents.foreign.files import read_bytes, read_json
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim import SimulationError
-from grs_agents.sim.instance import hash_instance
+from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance.task_instance import hash_instance
 from grs_agents.task_folder import TaskFolder
 
 SCENE, README, INSTANCE, ASSETS = "scene.xml", "README.md", "instance.json", "assets"

@@ -8,12 +8,16 @@ import numpy as np
 
 from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.geometry import transforms
-from grs_agents.library import Library, ObjectModel
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import ObjectModel
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim import Environment, Goal, InstanceTask, TaskInstance
-from grs_agents.sim.arms import CUP_RADIUS
-from grs_agents.sim.instance import InstanceCamera
-from grs_agents.sim.world import HOLDING_FORCE, WorldSpec, instance_to_spec
+from grs_agents.sim.arms.arm_parts import CUP_RADIUS
+from grs_agents.sim.cliport.environment import Environment
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.task_instance import InstanceCamera, TaskInstance
+from grs_agents.sim.rollouts import InstanceTask
+from grs_agents.sim.world.spec import WorldSpec, instance_to_spec
+from grs_agents.sim.world.suction import HOLDING_FORCE
 
 _BEYOND: Final = 0.25
 """How far (rad or m) commands may lead the joints' limits: what makes a fast arm keep up is commanded ahead of it."""

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from grs_agents.export.mjcf_scene import GoalSite, MjcfScene
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim import Goal, InstanceObject
-from grs_agents.sim.instance import hash_instance
-from grs_agents.sim.world import HOLDING_FORCE, PEELING_MOMENT
-from grs_agents.terminal import escape_control_chars
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.task_instance import InstanceObject, hash_instance
+from grs_agents.sim.world.suction import HOLDING_FORCE, PEELING_MOMENT
+from grs_agents.terminal.control_characters import escape_control_chars
 from grs_agents.version import __version__
 
 _OPEN: Final = """\

@@ -1,7 +1,3 @@
 """Reads what somebody else may have written: files, JSON, run folders, arrays and pictures, all within bounds.
 Arrays and pictures need NumPy and OpenCV; import them from ``grs_agents.foreign.arrays`` and
 ``grs_agents.foreign.pictures``."""
-
-from grs_agents.lazy_exports import attach_lazy_exports
-
-__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)

@@ -7,16 +7,13 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Frozen
-from grs_agents.library import Library, ObjectModel
-from grs_agents.sim import Goal, TaskInstance
-from grs_agents.sim.instance import POSITION_TOLERANCE
-from grs_agents.sim.world import (
-    Prism,
-    collider_prisms_at_pose,
-    distance_between_outlines,
-    load_object_model,
-    measure_inner_size,
-)
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import ObjectModel
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.task_instance import POSITION_TOLERANCE, TaskInstance
+from grs_agents.sim.world.collision_volumes import measure_inner_size
+from grs_agents.sim.world.footprints import Prism, collider_prisms_at_pose, distance_between_outlines
+from grs_agents.sim.world.spec import load_object_model
 
 _WORKSPACE: Final = 0.5
 """Square metres of the table that objects stand on, 0.5 by 1 m."""

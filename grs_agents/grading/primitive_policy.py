@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry import FloatArray
+from grs_agents.geometry.transforms import FloatArray
 
 IntArray = npt.NDArray[np.int_]
 _SPREAD: Final = 0.2

@@ -12,13 +12,17 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.errors import GrsError
-from grs_agents.geometry import FloatArray, transforms
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.grading.primitive_policy import Demonstration, PrimitivePolicy
-from grs_agents.library import Library
-from grs_agents.sim import Environment, Episode, Goal, InstanceTask, TaskInstance
-from grs_agents.sim.instance import make_stop_from_error
-from grs_agents.sim.motion import find_grasp
-from grs_agents.sim.world import object_prism_at_pose, rest_heights_at_offsets
+from grs_agents.library.library import Library
+from grs_agents.sim.cliport.environment import Environment
+from grs_agents.sim.instance.episode import Episode, make_stop_from_error
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.task_instance import TaskInstance
+from grs_agents.sim.motion.grasp import find_grasp
+from grs_agents.sim.rollouts import InstanceTask
+from grs_agents.sim.world.footprints import object_prism_at_pose, rest_heights_at_offsets
 
 SOLVED: Final = 0.99
 """Strict and published score from which on an episode is a success."""

@@ -19,8 +19,11 @@ from grs_agents.grading.primitive_task import (
     evaluate_policy,
     random_decision,
 )
-from grs_agents.sim import Environment, InstanceTask, TaskInstance, run_oracle
-from grs_agents.sim.variation import Variation, vary_instance
+from grs_agents.sim.cliport.environment import Environment
+from grs_agents.sim.instance.task_instance import TaskInstance
+from grs_agents.sim.rollouts import InstanceTask, run_oracle
+from grs_agents.sim.variation.types import Variation
+from grs_agents.sim.variation.vary import vary_instance
 from grs_agents.task_folder import TaskFolder, open_task_folder
 from grs_agents.worker_pool import map_in_processes
 

@@ -1,5 +1,3 @@
 """The 3D asset library: what an object is, what its URDF says, and where its files lie."""
 
-from grs_agents.lazy_exports import attach_lazy_exports
-
-__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)
+from grs_agents.library.library import Library as Library

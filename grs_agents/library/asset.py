@@ -9,7 +9,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, mode
 
 from grs_agents.base import Frozen, Vec3
 from grs_agents.errors import InputError
-from grs_agents.foreign import read_json
+from grs_agents.foreign.files import read_json
 
 Provenance = Literal["measured", "catalogue", "estimate", "default"]
 """By a scale; by the source of the asset; by a model or from volume and material; by nothing but custom."""

@@ -4,10 +4,12 @@ from pathlib import Path, PurePosixPath
 
 from grs_agents import content
 from grs_agents.errors import InputError, UnknownNameError
-from grs_agents.foreign import read_text, resolve_member_file
+from grs_agents.foreign.files import read_text
+from grs_agents.foreign.run_folder import resolve_member_file
 from grs_agents.library.asset import Asset, read_manifest
 from grs_agents.library.colors import color_name_from_rgb
-from grs_agents.library.formats import read_mjcf, read_urdf
+from grs_agents.library.formats.mjcf import read_mjcf
+from grs_agents.library.formats.urdf import read_urdf
 from grs_agents.library.shapes import ObjectModel
 from grs_agents.library.urdf_templates import Value, Values, fill_template
 

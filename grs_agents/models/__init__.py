@@ -1,5 +1,1 @@
 """Chat models: one seam for intelligence, from the embedded ``offline`` model to any provider."""
-
-from grs_agents.lazy_exports import attach_lazy_exports
-
-__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)

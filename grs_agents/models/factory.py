@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 from pydantic import ValidationError
 
 from grs_agents import content
-from grs_agents.config import ModelChoice, ModelConfig
+from grs_agents.config.schema import ModelChoice, ModelConfig
 from grs_agents.errors import ConfigError
 from grs_agents.models.key_redaction import redact_keys, register_key_variable
 from grs_agents.models.reply_limits import limit_and_record_http_client
@@ -286,7 +286,7 @@ def make_retries(choice: ModelChoice) -> Retries:
 
 def _make_single_model(choice: ModelChoice, seed: int) -> "BaseChatModel":
     if is_offline(choice.model):
-        from grs_agents.models.offline import make_offline_model
+        from grs_agents.models.offline.chat import make_offline_model
 
         return make_offline_model(choice.model, seed)
     name, colon, model = choice.model.partition(":")

@@ -2,19 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 
-from grs_agents.agents import Agents, Description, NoReply, roles
+from grs_agents.agents import roles
+from grs_agents.agents.agent import Agents
+from grs_agents.agents.types import Description, NoReply
 from grs_agents.nodes.describing import describe_measurements_for_model
 from grs_agents.nodes.services import Services
-from grs_agents.perception import (
-    DEFAULT,
-    CandidateRecord,
-    MatchEvidence,
-    Shown,
-    TableFrame,
-    load_mask,
-    outlined_segment_file_name,
-)
-from grs_agents.perception.matching import Ask, MatchResult, Segment
+from grs_agents.perception.annotated_pictures import outlined_segment_file_name
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.matching.types import Ask, MatchResult, Segment
+from grs_agents.perception.picture_files import load_mask
+from grs_agents.perception.types import CandidateRecord, MatchEvidence, Shown, TableFrame
 from grs_agents.state import RunState
 
 

@@ -3,24 +3,22 @@
 import hashlib
 from collections.abc import Iterator, Sequence
 
-from grs_agents.agents import NoReply, WordsJudgement, roles
-from grs_agents.audit import (
-    AuditReport,
-    Finding,
-    audit_task,
-    check_program,
-    check_report_of_unforeseen_seeds,
-    describe_task_in_words,
-    explain_ambiguous_sides,
-    pair_instances_with_rollouts,
-)
-from grs_agents.config import AuditConfig, Config
-from grs_agents.models import is_offline
+from grs_agents.agents import roles
+from grs_agents.agents.types import NoReply, WordsJudgement
+from grs_agents.audit.checks import audit_task, check_report_of_unforeseen_seeds
+from grs_agents.audit.goal_checks import pair_instances_with_rollouts
+from grs_agents.audit.goal_sentences import describe_task_in_words
+from grs_agents.audit.seed_and_override_checks import check_program
+from grs_agents.audit.side_words import explain_ambiguous_sides
+from grs_agents.audit.types import AuditReport, Finding
+from grs_agents.config.schema import AuditConfig, Config
+from grs_agents.models.factory import is_offline
 from grs_agents.nodes.services import Services
 from grs_agents.nodes.task_instances import AuditedPrograms, SolvedInstances, solve_task_instances
 from grs_agents.nodes.test_probing import probe_tests
-from grs_agents.sim import Rollout, TaskInstance
-from grs_agents.trace import Note
+from grs_agents.sim.instance.task_instance import TaskInstance
+from grs_agents.sim.rollouts import Rollout
+from grs_agents.trace.events import Note
 
 _WORDS_BOUND = "the judge must agree"
 _WORDS_REMEDY = (

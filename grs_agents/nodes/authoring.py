@@ -8,15 +8,16 @@ import hashlib
 from typing import Any, Literal, TypeAlias
 
 from grs_agents import content
-from grs_agents.agents import NoReply, TaskDefinition, ToolCalling, examples, roles
+from grs_agents.agents import examples, roles
+from grs_agents.agents.types import NoReply, TaskDefinition, ToolCalling
 from grs_agents.files import write_json, write_text
 from grs_agents.nodes.fix_history import ProgramName
 from grs_agents.nodes.scene_prompt import fixture_assets_for_prompt, scene_for_prompt
 from grs_agents.nodes.services import Services, Update, logged_node
-from grs_agents.perception import SceneDescription
-from grs_agents.sim import api_reference
+from grs_agents.perception.types import SceneDescription
+from grs_agents.sim.cliport.api_documentation import api_reference
 from grs_agents.state import RunState
-from grs_agents.trace import ProgramVersion, TaskDefined
+from grs_agents.trace.events import ProgramVersion, TaskDefined
 
 Json: TypeAlias = dict[str, Any]
 PROGRAM_FILES: dict[ProgramName, str] = {"simulation": "simulation.py", "tests": "test_simulation.py"}

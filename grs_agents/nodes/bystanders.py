@@ -5,19 +5,18 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.nodes.services import Services
-from grs_agents.perception import SceneDescription, SceneObject, types
-from grs_agents.perception.settling import PlacedObject, to_instance_objects
-from grs_agents.sim import (
-    Environment,
-    InstanceObject,
-    InstanceTask,
-    TaskInstance,
-    explain_unpickable_objects,
-    find_objects_overlapping_robot,
-)
-from grs_agents.sim.world import FIRST_BYSTANDER, TIMESTEP, object_prism_at_pose
+from grs_agents.perception import types
+from grs_agents.perception.settling.settling import PlacedObject, to_instance_objects
+from grs_agents.perception.types import SceneDescription, SceneObject
+from grs_agents.sim.cliport.environment import Environment
+from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
+from grs_agents.sim.pick_trials import explain_unpickable_objects, find_objects_overlapping_robot
+from grs_agents.sim.rollouts import InstanceTask
+from grs_agents.sim.world.bystanders import FIRST_BYSTANDER
+from grs_agents.sim.world.footprints import object_prism_at_pose
+from grs_agents.sim.world.spec import TIMESTEP
 
 _MARGIN: Final = 0.15
 """So near to the workspace the arm sweeps over things, and containers at its edge reach over to them, metres."""

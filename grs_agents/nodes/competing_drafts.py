@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from grs_agents.agents import NoReply
+from grs_agents.agents.types import NoReply
 from grs_agents.base import Frozen
 from grs_agents.files import write_text
 from grs_agents.nodes.auditing import audit_instances
@@ -10,7 +10,7 @@ from grs_agents.nodes.authoring import save_program_version, scene_from_state, t
 from grs_agents.nodes.services import Services, Update, logged_node
 from grs_agents.nodes.task_instances import AuditedPrograms
 from grs_agents.state import RunState
-from grs_agents.trace import Note
+from grs_agents.trace.events import Note
 
 Author = Literal["simulation", "rival"]
 

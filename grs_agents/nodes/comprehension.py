@@ -9,10 +9,10 @@ from typing import Literal
 
 import numpy as np
 
-from grs_agents.agents import Description
+from grs_agents.agents.types import Description
 from grs_agents.errors import GrsError, InputError
-from grs_agents.foreign import find_member_file
-from grs_agents.library import write_background_asset
+from grs_agents.foreign.run_folder import find_member_file
+from grs_agents.library.background_asset import write_background_asset
 from grs_agents.nodes.asset_matching import run_match_tool
 from grs_agents.nodes.bystanders import prepare_scene_for_tasks
 from grs_agents.nodes.describing import describe_segments
@@ -25,14 +25,30 @@ from grs_agents.nodes.scene_object_building import (
 )
 from grs_agents.nodes.scene_settling import SettledScene, settle_scene
 from grs_agents.nodes.services import Photo, Services, Update, logged_node
-from grs_agents.perception import (
-    NAMED,
+from grs_agents.perception.annotated_pictures import NAMED, draw_object_names
+from grs_agents.perception.background_reconstruction import reconstruct_background
+from grs_agents.perception.coverage import describe_coverage, measure_coverage, raised_pixel_mask
+from grs_agents.perception.depth_alignment import describe_depth_shift
+from grs_agents.perception.depth_noise import measure_depth_noise, smooth_depth_noise
+from grs_agents.perception.object_finding import find_objects
+from grs_agents.perception.picture_files import load_mask, round_depth_as_saved, save_candidates, save_frame, write_png
+from grs_agents.perception.reading.foreign_scene import read_foreign_scene
+from grs_agents.perception.reading.known_scene import copy_scene_from_run, is_known_scene
+from grs_agents.perception.reading.photo_without_depth import DepthEstimate, Estimator
+from grs_agents.perception.registration.scene_registration import add_residual_candidates, register_objects
+from grs_agents.perception.robot_pixels import render_robot_depth, require_joints_within_limits, robot_pixel_mask
+from grs_agents.perception.segmentation.candidates import center_objects_in_workspace
+from grs_agents.perception.stray_light import measure_stray_light, remove_stray_light
+from grs_agents.perception.table_color import measure_table_color
+from grs_agents.perception.table_finding import describe_table_doubts
+from grs_agents.perception.table_finding import find_table as table_in
+from grs_agents.perception.table_texture import write_table_texture
+from grs_agents.perception.twin_picture import save_twin_picture
+from grs_agents.perception.types import (
     Candidate,
     CandidateRecord,
     Coverage,
-    DepthEstimate,
     DroppedCandidate,
-    Estimator,
     Image,
     Mask,
     MatchEvidence,
@@ -40,40 +56,11 @@ from grs_agents.perception import (
     SceneDescription,
     SceneObject,
     TableFrame,
-    add_residual_candidates,
-    center_objects_in_workspace,
-    copy_scene_from_run,
-    describe_coverage,
-    describe_depth_shift,
-    describe_table_doubts,
-    draw_object_names,
-    find_objects,
-    is_known_scene,
-    load_mask,
-    measure_coverage,
-    measure_depth_noise,
-    measure_stray_light,
-    measure_table_color,
-    raised_pixel_mask,
-    read_foreign_scene,
-    reconstruct_background,
-    register_objects,
-    remove_stray_light,
-    render_robot_depth,
-    require_joints_within_limits,
-    robot_pixel_mask,
-    round_depth_as_saved,
-    save_candidates,
-    save_frame,
-    save_twin_picture,
-    smooth_depth_noise,
-    write_png,
-    write_table_texture,
 )
-from grs_agents.perception import find_table as table_in
-from grs_agents.sim.world import compute_arm_spheres_at_home
+from grs_agents.sim.world.compilation import compute_arm_spheres_at_home
 from grs_agents.state import RunState
-from grs_agents.trace import Note, SceneStage, read_events
+from grs_agents.trace.events import Note, SceneStage
+from grs_agents.trace.log import read_events
 
 LEFT_OUT, ROBOT, BLUR = "scene/left_out.png", "scene/robot.png", "scene/blur.png"
 

@@ -13,24 +13,25 @@ from langgraph.graph import END, START, StateGraph
 from langgraph.types import Send
 
 from grs_agents import interrupts
-from grs_agents.agents import Agents, Description, NoReply, roles
-from grs_agents.models import is_offline
+from grs_agents.agents import roles
+from grs_agents.agents.agent import Agents
+from grs_agents.agents.types import Description, NoReply
+from grs_agents.models.factory import is_offline
 from grs_agents.nodes.services import Photo, Services
-from grs_agents.perception import (
-    ADJOINING,
-    Candidate,
-    CandidateRecord,
-    DroppedCandidate,
-    gap_between_boxes,
-    group_pieces_of_one_object,
-    load_mask,
-    merge_pieces,
+from grs_agents.perception.annotated_pictures import (
     outlined_segment_file_name,
-    save_candidates_after_earlier,
     segment_sheet_file_names,
     write_outlines,
     write_segment_sheet,
 )
+from grs_agents.perception.picture_files import load_mask, save_candidates_after_earlier
+from grs_agents.perception.segmentation.described_pieces import (
+    ADJOINING,
+    gap_between_boxes,
+    group_pieces_of_one_object,
+    merge_pieces,
+)
+from grs_agents.perception.types import Candidate, CandidateRecord, DroppedCandidate
 
 ONE_SEGMENT = """\
 1. The segment, cut out; what is around it is dimmed and is no part of it.

@@ -13,15 +13,15 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from grs_agents.audit import AuditReport
+from grs_agents.audit.types import AuditReport
 from grs_agents.errors import InputError
 from grs_agents.files import unwritable_error, write_json
-from grs_agents.foreign import read_json
+from grs_agents.foreign.files import read_json
 from grs_agents.nodes.services import Services
 from grs_agents.nodes.task_instances import log_rollouts
-from grs_agents.sandbox import TestReport
+from grs_agents.sandbox.protocol.report import TestReport
 from grs_agents.state import RunState
-from grs_agents.trace import Note
+from grs_agents.trace.events import Note
 from grs_agents.version import __version__
 
 FOLDER: Final = ".judged"

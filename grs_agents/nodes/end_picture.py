@@ -6,13 +6,15 @@ from pathlib import Path
 import cv2
 
 from grs_agents.files import write_bytes
-from grs_agents.foreign import read_picture
-from grs_agents.models import is_offline
+from grs_agents.foreign.pictures import read_picture
+from grs_agents.models.factory import is_offline
 from grs_agents.nodes.services import Services
 from grs_agents.nodes.task_instances import instantiate_program_for_seeds
-from grs_agents.perception import SceneDescription
-from grs_agents.sim import Episode, Rollout, TaskInstance, parse_instance_json
-from grs_agents.sim.instance import resolve_robot_path
+from grs_agents.perception.types import SceneDescription
+from grs_agents.sim.instance.episode import Episode
+from grs_agents.sim.instance.robot_file import resolve_robot_path
+from grs_agents.sim.instance.task_instance import TaskInstance, parse_instance_json
+from grs_agents.sim.rollouts import Rollout
 from grs_agents.state import RunState
 
 MARKED = 3

@@ -6,12 +6,12 @@ The text is made of lines under headings ``== ...``. An episode that several tes
 import re
 from collections.abc import Iterator, Sequence
 
-from grs_agents.audit import AuditReport, StaticFinding
+from grs_agents.audit.types import AuditReport, StaticFinding
 from grs_agents.base import Vec3
-from grs_agents.policies import read_episode
-from grs_agents.sandbox import OUTCOME_MEANINGS, SIMULATION_FILE, TESTS_FILE, TestCase, TestReport
-from grs_agents.sim import Episode
-from grs_agents.sim.instance import GoalOutcome, ObjectMotion
+from grs_agents.policies.types import read_episode
+from grs_agents.sandbox.protocol.report import OUTCOME_MEANINGS, TestCase, TestReport
+from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE
+from grs_agents.sim.instance.episode import Episode, GoalOutcome, ObjectMotion
 from grs_agents.state import RunState
 
 EPISODES, ROWS, CLAUSES = 3, 24, 6

@@ -11,12 +11,13 @@ from collections.abc import Sequence
 from itertools import takewhile
 from typing import Any, Final, Literal, cast
 
-from grs_agents.agents import Verdict
-from grs_agents.audit import AuditReport, find_changed_assertions
+from grs_agents.agents.types import Verdict
+from grs_agents.audit.assertion_changes import find_changed_assertions
+from grs_agents.audit.types import AuditReport
 from grs_agents.base import Frozen
 from grs_agents.nodes.services import Update
-from grs_agents.policies import list_stable_failures, read_episode
-from grs_agents.sandbox import TestReport
+from grs_agents.policies.types import list_stable_failures, read_episode
+from grs_agents.sandbox.protocol.report import TestReport
 from grs_agents.state import RunState
 
 ProgramName = Literal["simulation", "tests"]

@@ -2,7 +2,9 @@
 
 from typing import Any
 
-from grs_agents.agents import JudgedPrograms, NoReply, roles
+from grs_agents.agents import roles
+from grs_agents.agents.roles import JudgedPrograms
+from grs_agents.agents.types import NoReply
 from grs_agents.nodes.authoring import (
     find_equal_version,
     images_from_state,
@@ -24,9 +26,9 @@ from grs_agents.nodes.fix_history import (
 )
 from grs_agents.nodes.scene_prompt import fixture_assets_for_prompt, scene_for_prompt
 from grs_agents.nodes.services import Services, Update, logged_node
-from grs_agents.sim import api_reference
+from grs_agents.sim.cliport.api_documentation import api_reference
 from grs_agents.state import RunState
-from grs_agents.trace import Note
+from grs_agents.trace.events import Note
 
 
 def collect_evidence_for_fixer(state: RunState, services: Services, role: str) -> JudgedPrograms:

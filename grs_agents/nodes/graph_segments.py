@@ -32,7 +32,7 @@ from grs_agents.nodes.judging import (
     run_tests,
 )
 from grs_agents.nodes.services import Services
-from grs_agents.nodes.tool_author import generate_sim_with_tools
+from grs_agents.nodes.tool_author.author import generate_sim_with_tools
 from grs_agents.state import RunState
 
 RunGraph: TypeAlias = StateGraph[RunState, Services, RunState, RunState]

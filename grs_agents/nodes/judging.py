@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from typing import Any, Literal, cast
 
-from grs_agents.agents import TaskDefinition, Verdict
-from grs_agents.audit import AuditReport, StaticFinding, check_programs
+from grs_agents.agents.types import TaskDefinition, Verdict
+from grs_agents.audit.static_checks import check_programs
+from grs_agents.audit.types import AuditReport, StaticFinding
 from grs_agents.files import write_json, write_text
 from grs_agents.nodes.auditing import audit_programs
 from grs_agents.nodes.authoring import PROGRAM_FILES, task_from_state, write_task_file
@@ -27,12 +28,12 @@ from grs_agents.nodes.fixing import collect_evidence_for_fixer
 from grs_agents.nodes.rejection import explain_rejection
 from grs_agents.nodes.services import Services, Update, logged_node
 from grs_agents.nodes.task_instances import AuditedPrograms, play_first_seed
-from grs_agents.perception import SceneDescription
-from grs_agents.policies import EarlierDecision, RoutingContext, RoutingDecision, list_stable_failures
-from grs_agents.sandbox import TestReport
-from grs_agents.sim import Rollout
+from grs_agents.perception.types import SceneDescription
+from grs_agents.policies.types import EarlierDecision, RoutingContext, RoutingDecision, list_stable_failures
+from grs_agents.sandbox.protocol.report import TestReport
+from grs_agents.sim.rollouts import Rollout
 from grs_agents.state import RunState
-from grs_agents.trace import Decision, Finding, Note, TestsRun
+from grs_agents.trace.events import Decision, Finding, Note, TestsRun
 
 _RAN = ("passed", "failed", "error", "no_assertion", "skipped", "expected_failure")
 """Outcomes of tests that ran to their end."""

@@ -4,11 +4,13 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from grs_agents.audit import AuditReport
-from grs_agents.perception import SceneDescription
-from grs_agents.policies import read_episode
-from grs_agents.sandbox import SIMULATION_FILE, TESTS_FILE, TestCase, TestReport
-from grs_agents.sim import Episode, Rollout
+from grs_agents.audit.types import AuditReport
+from grs_agents.perception.types import SceneDescription
+from grs_agents.policies.types import read_episode
+from grs_agents.sandbox.protocol.report import TestCase, TestReport
+from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE
+from grs_agents.sim.instance.episode import Episode
+from grs_agents.sim.rollouts import Rollout
 
 _LONGEST = 400
 """Characters of a reason: it is a headline, and audit.json and the report of the tests hold the rest."""

@@ -8,10 +8,21 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from grs_agents.agents import Description
+from grs_agents.agents.types import Description
 from grs_agents.base import Quat
 from grs_agents.nodes.services import Photo, Services
-from grs_agents.perception import (
+from grs_agents.perception.matching.confidence import confidence_of_fitting_asset
+from grs_agents.perception.proxies.primitive_proxy import Proxy, primitive_proxy
+from grs_agents.perception.proxies.proxy_writer import write_proxy
+from grs_agents.perception.registration.size_check import (
+    deviation_from_measured_box,
+    is_match_certain,
+    upright_box_from_aabb,
+)
+from grs_agents.perception.segmentation.candidates import fit_asset_to_box
+from grs_agents.perception.shapes.mesh_file import MeshFile, fit_mesh_file
+from grs_agents.perception.shapes.view import make_object_view
+from grs_agents.perception.types import (
     CandidateRecord,
     DroppedCandidate,
     Mask,
@@ -19,15 +30,8 @@ from grs_agents.perception import (
     SceneObject,
     Solid,
     UprightBox,
-    deviation_from_measured_box,
-    fit_asset_to_box,
-    is_match_certain,
     is_reachable_position,
-    upright_box_from_aabb,
 )
-from grs_agents.perception.matching import confidence_of_fitting_asset
-from grs_agents.perception.proxies import Proxy, primitive_proxy, write_proxy
-from grs_agents.perception.shapes import MeshFile, fit_mesh_file, make_object_view
 
 QUIET = 0.0005  # no depth camera has less noise, m
 

@@ -6,10 +6,13 @@ from typing import Any
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.library import Asset, Library, matrix_from_quaternion
-from grs_agents.perception import SceneDescription, SceneObject, types
-from grs_agents.perception.proxies import inside_colliders_mask
-from grs_agents.sim.world import measure_inner_size
+from grs_agents.library.asset import Asset
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import matrix_from_quaternion
+from grs_agents.perception import types
+from grs_agents.perception.proxies.meshes import inside_colliders_mask
+from grs_agents.perception.types import SceneDescription, SceneObject
+from grs_agents.sim.world.collision_volumes import measure_inner_size
 
 WORKSPACE = {"x": list(types.X), "y": list(types.Y), "radius": types.FARTHEST}
 """Where the arm works: metres in the robot frame, radius from its base."""

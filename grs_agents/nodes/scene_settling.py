@@ -7,14 +7,27 @@ from functools import partial
 import numpy as np
 
 from grs_agents.errors import GrsError
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.nodes.scene_object_building import (
     describe_size_mismatch,
     reconstruct_proxy,
     replace_by_proxy,
 )
 from grs_agents.nodes.services import Photo, Services
-from grs_agents.perception import (
+from grs_agents.perception.picture_files import load_mask
+from grs_agents.perception.registration.scene_registration import registered_object_fields
+from grs_agents.perception.registration.size_check import enclosing_aabb
+from grs_agents.perception.settling.collision_repair import KnownObject, repair_collisions
+from grs_agents.perception.settling.proxy_placement import (
+    UnknownObject,
+    extend_box_to_support,
+    place_with_cleared_colliders,
+    settle_with_stable_colliders,
+)
+from grs_agents.perception.settling.segment_reconciliation import Reconciled, Segment, reconcile_segments
+from grs_agents.perception.settling.settling import Placed, PlacedObject
+from grs_agents.perception.settling.support_relations import body_from_asset, find_spatial_relations
+from grs_agents.perception.types import (
     CandidateRecord,
     DroppedCandidate,
     Mask,
@@ -23,27 +36,9 @@ from grs_agents.perception import (
     SceneObject,
     TableFrame,
     TwinReport,
-    body_from_asset,
-    enclosing_aabb,
-    find_spatial_relations,
     is_reachable_position,
-    load_mask,
-    registered_object_fields,
 )
-from grs_agents.perception.settling import (
-    KnownObject,
-    Placed,
-    PlacedObject,
-    Reconciled,
-    Segment,
-    UnknownObject,
-    extend_box_to_support,
-    place_with_cleared_colliders,
-    reconcile_segments,
-    repair_collisions,
-    settle_with_stable_colliders,
-)
-from grs_agents.sim.instance import SimulationError
+from grs_agents.sim.instance.episode import SimulationError
 
 
 @dataclass(frozen=True)

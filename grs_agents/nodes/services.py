@@ -12,18 +12,21 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from pydantic import ValidationError
 
-from grs_agents.agents import Agents
-from grs_agents.config import Config
+from grs_agents.agents.agent import Agents
+from grs_agents.config.schema import Config
 from grs_agents.errors import ConfigError, InputError
-from grs_agents.library import Library
-from grs_agents.perception import Camera, RGBDFrame, TableFrame, load_frame
-from grs_agents.policies import Policy
+from grs_agents.library.library import Library
+from grs_agents.perception.picture_files import load_frame
+from grs_agents.perception.types import Camera, RGBDFrame, TableFrame
+from grs_agents.policies.types import Policy
 from grs_agents.questions import parse_question
-from grs_agents.sandbox import Sandbox
-from grs_agents.sim.arms import ROBOT_FOLDER, ROBOTS, copy_arm_files, get_arm
+from grs_agents.sandbox.host.sandbox import Sandbox
+from grs_agents.sim.arms.arm_files import ROBOT_FOLDER, copy_arm_files
+from grs_agents.sim.arms.registry import ROBOTS, get_arm
 from grs_agents.state import RunState
 from grs_agents.toolkit import ToolContext, load_tool
-from grs_agents.trace import EventLog, NodeEnded, NodeStarted, Note, summarise_value
+from grs_agents.trace.events import NodeEnded, NodeStarted, Note, summarise_value
+from grs_agents.trace.log import EventLog
 
 if TYPE_CHECKING:  # LangGraph takes long to import, and a check of programs runs no graph
     from langgraph.runtime import Runtime

@@ -8,18 +8,21 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from grs_agents.agents import TaskDefinition
+from grs_agents.agents.types import TaskDefinition
 from grs_agents.errors import GrsError
 from grs_agents.files import write_json
-from grs_agents.geometry import matrix_to_quaternion, to_vec3
+from grs_agents.geometry.transforms import matrix_to_quaternion, to_vec3
 from grs_agents.nodes.bystanders import program_tool_settings
 from grs_agents.nodes.services import Services
-from grs_agents.perception import SceneDescription
-from grs_agents.sandbox import TestReport
-from grs_agents.sim import HAND_NOISE, Rollout, TaskInstance, describe_first_error, place_bystanders
-from grs_agents.sim.instance import InstanceCamera, InstanceLight, InstanceTable, make_robot_path_relative
-from grs_agents.sim.world import fill_in_masses_and_frictions
-from grs_agents.trace import Rollout as RolloutEvent
+from grs_agents.perception.types import SceneDescription
+from grs_agents.sandbox.protocol.report import TestReport
+from grs_agents.sim.instance.faults import describe_first_error
+from grs_agents.sim.instance.robot_file import make_robot_path_relative
+from grs_agents.sim.instance.task_instance import InstanceCamera, InstanceLight, InstanceTable, TaskInstance
+from grs_agents.sim.rollouts import HAND_NOISE, Rollout
+from grs_agents.sim.world.bystanders import place_bystanders
+from grs_agents.sim.world.spec import fill_in_masses_and_frictions
+from grs_agents.trace.events import Rollout as RolloutEvent
 
 NOISY_TRIALS = 4
 """Episodes with the least noise of the hand, shared out among different instances. Where one of them fails, one more

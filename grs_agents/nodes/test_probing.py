@@ -3,18 +3,17 @@
 import hashlib
 from typing import Any
 
-from grs_agents.audit import (
+from grs_agents.audit.mutants import Mutant, make_instance_mutants
+from grs_agents.audit.seed_and_override_checks import find_expectations_taken_from_program
+from grs_agents.audit.test_quality import (
     RUNS,
-    Finding,
-    Mutant,
     check_tests_exercise_program,
     check_tests_fail_on_mutants,
     check_tests_pass_repeatedly,
-    find_expectations_taken_from_program,
     find_runtime_accesses_of_program,
     find_test_integrity_faults,
-    make_instance_mutants,
 )
+from grs_agents.audit.types import Finding
 from grs_agents.nodes.bystanders import program_tool_settings
 from grs_agents.nodes.services import Services
 from grs_agents.nodes.task_instances import AuditedPrograms, SolvedInstances

@@ -5,7 +5,7 @@ angles radians, areas shares of the picture, unless a comment says otherwise."""
 import math
 from dataclasses import dataclass, field
 
-from grs_agents.perception.segmentation import Measuring, Segmentation
+from grs_agents.perception.segmentation.configuration import Measuring, Segmentation
 
 
 @dataclass(frozen=True)

@@ -23,13 +23,10 @@ from grs_agents.perception.image_geometry import (
     pixels_in_mask,
     share_of_borders,
 )
-from grs_agents.perception.segmentation import (
-    find_enclosed_floors,
-    find_low_things,
-    foreground_pixel_mask,
-    is_sensor_noise,
-    smooth_frame_depth,
-)
+from grs_agents.perception.segmentation.enclosed_floors import find_enclosed_floors
+from grs_agents.perception.segmentation.low_things import find_low_things
+from grs_agents.perception.segmentation.patch_cutting import foreground_pixel_mask, smooth_frame_depth
+from grs_agents.perception.segmentation.segmentation import is_sensor_noise
 from grs_agents.perception.table_finding import pixels_to_robot_frame, robot_frame_point_map
 from grs_agents.perception.types import Aabb, Array, Coverage, Mask, RGBDFrame, TableFrame, UnownedRegion
 from grs_agents.perception.working_resolution import downscale_frame, downscale_mask, repeat_cells

@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from grs_agents.perception.bin_walls import SeenWalls, find_bin_walls
+from grs_agents.perception.bin_walls.bin_walls import find_bin_walls
+from grs_agents.perception.bin_walls.seen_walls import SeenWalls
 from grs_agents.perception.scenery import SortedCandidates, separate_scenery_from_objects, unite_mask_with_candidates
-from grs_agents.perception.segmentation import fit_masks_to_color
+from grs_agents.perception.segmentation.color_borders import fit_masks_to_color
 from grs_agents.perception.types import Candidate, Mask, RGBDFrame, TableFrame
 
 

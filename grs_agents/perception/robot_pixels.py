@@ -6,11 +6,12 @@ import cv2
 import numpy as np
 
 from grs_agents.errors import InputError
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.types import Array, Mask, RGBDFrame
-from grs_agents.sim.arms import get_arm
-from grs_agents.sim.rendering import VisibleScene, render_along_rays
+from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.rendering.plain_pictures import render_along_rays
+from grs_agents.sim.rendering.views import VisibleScene
 
 CONFIG = DEFAULT.robot
 

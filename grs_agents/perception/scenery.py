@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from grs_agents.perception.bin_walls import SeenWalls
+from grs_agents.perception.bin_walls.seen_walls import SeenWalls
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.coverage import measure_coverage, raised_pixel_mask
-from grs_agents.perception.segmentation import is_segment_entering_view
+from grs_agents.perception.segmentation.segmentation import is_segment_entering_view
 from grs_agents.perception.table_finding import robot_frame_point_map
 from grs_agents.perception.types import Array, Camera, Candidate, Mask, RGBDFrame, TableFrame, X, Y
 from grs_agents.perception.working_resolution import downscale_frame, downscale_mask, repeat_cells

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from grs_agents.files import write_bytes
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
-from grs_agents.sim.world import TABLE_CENTER, TABLE_SIDE
+from grs_agents.sim.world.appearance import TABLE_CENTER, TABLE_SIDE
 
 Floats = npt.NDArray[np.float32]
 TEXTURE: Final = "table/photo.png"

@@ -6,12 +6,16 @@ import numpy as np
 
 from grs_agents.errors import InputError
 from grs_agents.files import write_bytes
-from grs_agents.geometry import rotation_about_axis
-from grs_agents.library import Lens, Library
+from grs_agents.geometry.transforms import rotation_about_axis
+from grs_agents.library.asset_rendering import Lens
+from grs_agents.library.library import Library
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.settling import PlacedObject, to_instance_objects
+from grs_agents.perception.settling.settling import PlacedObject, to_instance_objects
 from grs_agents.perception.types import Array, SceneDescription
-from grs_agents.sim.rendering import Picture, Props, encode_png, render_from_camera, resize_lens
+from grs_agents.sim.rendering.lenses import resize_lens
+from grs_agents.sim.rendering.stage import Props
+from grs_agents.sim.rendering.textured_pictures import render_from_camera
+from grs_agents.sim.rendering.views import Picture, encode_png
 
 TWIN = "scene/twin.png"
 

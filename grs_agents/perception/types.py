@@ -12,8 +12,9 @@ from pydantic import AfterValidator, Field, ValidationError, field_validator, mo
 from grs_agents.base import Frozen, Pose, Quat, Vec3
 from grs_agents.errors import InputError
 from grs_agents.files import write_json
-from grs_agents.foreign import is_relative_subpath, read_json
-from grs_agents.sim.instance import InstanceTable, TextureName
+from grs_agents.foreign.files import read_json
+from grs_agents.foreign.run_folder import is_relative_subpath
+from grs_agents.sim.instance.task_instance import InstanceTable, TextureName
 
 FARTHEST_CAMERA = 10.0  # a camera that sees the robot's table is at most this far from the robot, in metres
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]

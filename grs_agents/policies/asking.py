@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 
-from grs_agents.agents import JudgedPrograms, NoReply, RouterReply, Verdict, roles
+from grs_agents.agents import roles
+from grs_agents.agents.roles import JudgedPrograms
+from grs_agents.agents.types import NoReply, RouterReply, Verdict
 from grs_agents.policies.rules import Rules
 from grs_agents.policies.types import RoutingContext, RoutingDecision
 from grs_agents.questions import ask_person, first_word

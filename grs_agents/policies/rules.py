@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import cached_property
 
-from grs_agents.agents import Verdict
+from grs_agents.agents.types import Verdict
 from grs_agents.policies.task_word_checks import read_task_words
 from grs_agents.policies.types import (
     Cause,
@@ -16,8 +16,8 @@ from grs_agents.policies.types import (
     list_stable_failures,
     read_episode,
 )
-from grs_agents.sandbox import TestCase
-from grs_agents.sim import Episode
+from grs_agents.sandbox.protocol.report import TestCase
+from grs_agents.sim.instance.episode import Episode
 
 _BROKEN_SOURCE = (
     *("syntax", "import", "unknown_name", "unknown_asset", "wrong_arguments", "endless_loop"),

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal
 
-from grs_agents.agents import TaskDefinition
-from grs_agents.sim.instance import ObjectMotion
+from grs_agents.agents.types import TaskDefinition
+from grs_agents.sim.instance.episode import ObjectMotion
 
 _CLAUSE_ENDS = re.compile(r"[.;!?]|\bthen\b")
 _PHRASE_ENDS = re.compile(r"[,:]|\b(?:and|so|where|with|from|while|which|that|next|beside|in this order)\b")

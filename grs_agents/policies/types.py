@@ -6,11 +6,12 @@ from typing import Literal, Protocol
 
 from pydantic import ValidationError
 
-from grs_agents.agents import Agents, TaskDefinition, Verdict
-from grs_agents.audit import StaticFinding
+from grs_agents.agents.agent import Agents
+from grs_agents.agents.types import TaskDefinition, Verdict
+from grs_agents.audit.types import StaticFinding
 from grs_agents.base import Frozen
-from grs_agents.sandbox import TestReport
-from grs_agents.sim import Episode
+from grs_agents.sandbox.protocol.report import TestReport
+from grs_agents.sim.instance.episode import Episode
 
 Cause = Literal["tests_error", "wrong_expectation", "wrong_program", "cannot_tell"]
 """Why something fails: the tests are in error; they expect what the task does not say; the program does not do what

@@ -9,8 +9,8 @@ from typing import Any, get_type_hints
 from pydantic import TypeAdapter, ValidationError
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import resolve_member_file
-from grs_agents.perception import Camera, CandidateRecord, SceneDescription, SceneObject, TableFrame
+from grs_agents.foreign.run_folder import resolve_member_file
+from grs_agents.perception.types import Camera, CandidateRecord, SceneDescription, SceneObject, TableFrame
 from grs_agents.state import RunState
 
 FILE = "checkpoint.sqlite"

@@ -13,13 +13,16 @@ from langgraph.errors import GraphInterrupt
 from langgraph.runtime import Runtime
 
 from grs_agents import interrupts
-from grs_agents.agents import Agents, BudgetReached
-from grs_agents.config import Config
+from grs_agents.agents.agent import Agents
+from grs_agents.agents.budget import BudgetReached
+from grs_agents.config.schema import Config
 from grs_agents.errors import ConfigError, GrsError, InputError, OutputError
 from grs_agents.files import convert_system_error, unwritable_error
-from grs_agents.foreign import path_exists
-from grs_agents.nodes import Services, conclude_with_best_version, forget_judgements
-from grs_agents.policies import load_policy
+from grs_agents.foreign.files import path_exists
+from grs_agents.nodes.earlier_judgements import forget_judgements
+from grs_agents.nodes.judging import conclude_with_best_version
+from grs_agents.nodes.services import Services
+from grs_agents.policies.policy_registry import load_policy
 from grs_agents.questions import Question, parse_question
 from grs_agents.runs.checkpoint import FILE, MOST_VALUE, check_checkpoint_file, check_restored_state
 from grs_agents.runs.graph_loading import compile_graph, explain_graph_error
@@ -28,9 +31,10 @@ from grs_agents.runs.record import EXIT_STATUS, RunRecord, count_run_results, se
 from grs_agents.runs.recording import add_recording_comparison, write_cassette
 from grs_agents.runs.run_opening import RUNS, Order, open_run, remove_run_folder
 from grs_agents.runs.sandbox_setup import open_sandbox
-from grs_agents.sandbox import Sandbox
+from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.state import RunState
-from grs_agents.trace import Event, EventLog, Note, RunEnded, RunStarted, read_events
+from grs_agents.trace.events import Event, Note, RunEnded, RunStarted
+from grs_agents.trace.log import EventLog, read_events
 
 if TYPE_CHECKING:
     from langgraph.checkpoint.base import BaseCheckpointSaver

@@ -15,7 +15,8 @@ from rich.console import RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from grs_agents.base import Frozen
-from grs_agents.config import Config, flatten_tree, load_config
+from grs_agents.config.load import flatten_tree, load_config
+from grs_agents.config.schema import Config
 from grs_agents.files import write_json
 from grs_agents.metrics import Figure, figures_table, metrics_table, metrics_to_dicts
 from grs_agents.runs.kept_rows import open_stored_rows

@@ -16,9 +16,9 @@ from pydantic import Field, ValidationError
 from grs_agents.base import Frozen
 from grs_agents.errors import InputError
 from grs_agents.files import write_text
-from grs_agents.foreign import read_bytes, read_json
-from grs_agents.library import Library
-from grs_agents.sim import TaskInstance
+from grs_agents.foreign.files import read_bytes, read_json
+from grs_agents.library.library import Library
+from grs_agents.sim.instance.task_instance import TaskInstance
 
 FILE = "hashes.json"
 MADE_LATER = frozenset({".rrd", ".html", ".htm", ".zip", ".mp4", ".gif", ".webp"})

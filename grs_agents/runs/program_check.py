@@ -9,20 +9,30 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from grs_agents.agents import Agents, TaskDefinition
-from grs_agents.audit import AuditReport
-from grs_agents.config import Config, EffectiveConfig, RecordedConfig, change_config
+from grs_agents.agents.agent import Agents
+from grs_agents.agents.types import TaskDefinition
+from grs_agents.audit.types import AuditReport
+from grs_agents.config.load import EffectiveConfig, change_config
+from grs_agents.config.recorded import RecordedConfig
+from grs_agents.config.schema import Config
 from grs_agents.errors import InputError
-from grs_agents.foreign import check_run_folder, read_json, read_text
-from grs_agents.nodes import AuditedPrograms, Services, audit_programs, explain_rejection, program_tool_settings
-from grs_agents.perception import read_scene_description, resolve_scene_path
-from grs_agents.policies import load_policy
+from grs_agents.foreign.files import read_json, read_text
+from grs_agents.foreign.run_folder import check_run_folder
+from grs_agents.nodes.auditing import audit_programs
+from grs_agents.nodes.bystanders import program_tool_settings
+from grs_agents.nodes.rejection import explain_rejection
+from grs_agents.nodes.services import Services
+from grs_agents.nodes.task_instances import AuditedPrograms
+from grs_agents.perception.reading.scene_source import resolve_scene_path
+from grs_agents.perception.types import read_scene_description
+from grs_agents.policies.policy_registry import load_policy
 from grs_agents.runs.record import read_record
 from grs_agents.runs.run_opening import Order
 from grs_agents.runs.sandbox_setup import open_sandbox
-from grs_agents.sandbox import TestReport
-from grs_agents.sim.arms import check_foreign_robot, find_arm_file
-from grs_agents.trace import EventLog
+from grs_agents.sandbox.protocol.report import TestReport
+from grs_agents.sim.arms.arm_files import find_arm_file
+from grs_agents.sim.arms.foreign_robot import check_foreign_robot
+from grs_agents.trace.log import EventLog
 
 if TYPE_CHECKING:
     from grs_agents.runs.execution import Views

@@ -1,7 +1,7 @@
 """The sandbox of a run, as its configuration wants it."""
 
-from grs_agents.config import Config
-from grs_agents.sandbox import Sandbox
+from grs_agents.config.schema import Config
+from grs_agents.sandbox.host.sandbox import Sandbox
 
 PRELOAD = ("grs_agents.sim:prepare_process", "grs_agents.toolkit", "unittest", "numpy.testing", "numpy.ma")
 TOOLS = ("run_tests", "probe_tests", "instantiate", "rollout", "render")

@@ -13,9 +13,10 @@ from pathlib import Path
 
 from grs_agents.errors import GrsError, InputError
 from grs_agents.files import unwritable_error, write_bytes, write_file_or_stdout
-from grs_agents.foreign import read_bytes, read_npz_strings
+from grs_agents.foreign.arrays import read_npz_strings
+from grs_agents.foreign.files import read_bytes
 from grs_agents.runs.hashes import update_hashes_in_copy
-from grs_agents.terminal import escape_control_chars
+from grs_agents.terminal.control_characters import escape_control_chars
 
 REMOVED = "[removed]"
 _NAMES = re.compile(r"KEY|TOKEN|SECRET|PASSW|CREDENTIAL", re.IGNORECASE)

@@ -1,9 +1,15 @@
-"""Where generated code runs: a process without rights or reach, whose every failure comes back as a value.
+"""A sandbox for generated code: a process without network, keys or files, which is stopped when it takes too long."""
 
-The room knows nothing of simulations: its callers name the tools, what a worker imports ahead of time, and
-the hooks that a test run calls.
-"""
+from typing import TYPE_CHECKING, Any
 
-from grs_agents.lazy_exports import attach_lazy_exports
+if TYPE_CHECKING:
+    from grs_agents.sandbox.host.sandbox import Sandbox as Sandbox
 
-__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)
+
+def __getattr__(name: str) -> Any:
+    """Import the host's side on demand: the worker imports this package too and has no use for it."""
+    if name == "Sandbox":
+        from grs_agents.sandbox.host.sandbox import Sandbox
+
+        return Sandbox
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

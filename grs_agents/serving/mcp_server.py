@@ -6,6 +6,7 @@ It talks on stdio, or over HTTP on 127.0.0.1 alone. Programs run in the sandbox,
 import asyncio
 import json
 import os
+import signal
 import tempfile
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager, suppress
@@ -19,33 +20,27 @@ from pydantic import Field, ValidationError
 
 from grs_agents import content, interrupts
 from grs_agents.api import Run, RunStream
-from grs_agents.config import EffectiveConfig, change_config
+from grs_agents.config.load import EffectiveConfig, change_config
 from grs_agents.errors import GrsError, InputError
 from grs_agents.files import check_path_name, convert_system_error, write_text
-from grs_agents.foreign import is_folder, list_folder_names, read_bytes, read_text, resolve_member_file
-from grs_agents.perception import resolve_scene_path
-from grs_agents.runs import (
-    RUNS,
-    Order,
-    check_user_program,
-    load_graph,
-    open_check_order,
-    open_sandbox,
-    read_record,
-)
-from grs_agents.sandbox import Sandbox
-from grs_agents.sim import TaskInstance
+from grs_agents.foreign.files import is_folder, list_folder_names, read_bytes, read_text
+from grs_agents.foreign.run_folder import resolve_member_file
+from grs_agents.perception.reading.scene_source import resolve_scene_path
+from grs_agents.runs.graph_loading import load_graph
+from grs_agents.runs.program_check import check_user_program, open_check_order
+from grs_agents.runs.record import read_record
+from grs_agents.runs.run_opening import RUNS, Order
+from grs_agents.runs.sandbox_setup import open_sandbox
+from grs_agents.sandbox.host.sandbox import Sandbox
+from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.task_folder import open_task_folder
-from grs_agents.terminal import escape_control_chars
+from grs_agents.terminal.control_characters import escape_control_chars
 from grs_agents.toolkit import ToolContext, load_tool, open_library
 from grs_agents.version import __version__
-from grs_agents.views import (
-    attach_live_views,
-    find_step_by_number,
-    group_events_into_steps,
-    iter_step_sections,
-    step_to_dict,
-)
+from grs_agents.views.common.event_steps import group_events_into_steps
+from grs_agents.views.common.step_text import find_step_by_number, iter_step_sections
+from grs_agents.views.live_views import attach_live_views
+from grs_agents.views.terminal import step_to_dict
 
 if TYPE_CHECKING:
     from mcp.server.mcpserver import MCPServer
@@ -235,8 +230,25 @@ def build_mcp_server(chosen: EffectiveConfig) -> "MCPServer":
                 os.dup2(nothing.fileno(), 0)
             os.dup2(2, 1)  # only replies go to the client
             lower, out = self._lowlevel_server, anyio.wrap_file(os.fdopen(replies, "w", encoding="utf-8"))
-            async with stdio_server(cast(Any, _read_lines(requests)), out) as (read, write):
-                await lower.run(read, write, lower.create_initialization_options())
+            serving, signals = asyncio.current_task(), list[int]()
+
+            def end_serving(number: int) -> None:
+                signals.append(number)
+                interrupts.request_interrupt()
+                cast("asyncio.Task[None]", serving).cancel()
+
+            # An exception raised inside the event loop would reach whatever callback runs then, and be logged by it.
+            for number in (signal.SIGINT, signal.SIGTERM):
+                if signal.getsignal(number) is not signal.SIG_IGN:
+                    with suppress(NotImplementedError):  # Windows
+                        asyncio.get_running_loop().add_signal_handler(number, end_serving, number)
+            try:
+                async with stdio_server(cast(Any, _read_lines(requests)), out) as (read, write):
+                    await lower.run(read, write, lower.create_initialization_options())
+            except asyncio.CancelledError:
+                if signals:
+                    raise KeyboardInterrupt from None
+                raise
 
         async def call_tool(self, name: str, arguments: dict[str, Any], context: Any = None) -> Any:
             try:

@@ -1,55 +1,46 @@
 """The simulation runtime: CLIPort's ``Task`` and ``Environment`` on MuJoCo, goals, an oracle, and tasks as data."""
 
-from grs_agents.sim.arms import NEAREST, REACH
-from grs_agents.sim.cliport import Environment, Task, api_reference, defines_task_class, find_task_class, utils
+from grs_agents.sim.arms.ur5e import NEAREST, REACH
 from grs_agents.sim.cliport import pybullet as p
-from grs_agents.sim.expert import Oracle
-from grs_agents.sim.goals import Overlap, Support
-from grs_agents.sim.instance import (
+from grs_agents.sim.cliport import utils
+from grs_agents.sim.cliport.api_documentation import api_reference
+from grs_agents.sim.cliport.environment import Environment
+from grs_agents.sim.cliport.task import Task, defines_task_class, find_task_class
+from grs_agents.sim.expert.oracle import Oracle
+from grs_agents.sim.goals.contacts import Overlap, Support
+from grs_agents.sim.instance.episode import (
     ActionRecord,
     Episode,
-    Goal,
     GoalOutcome,
-    InstanceError,
-    InstanceObject,
-    InstanceTie,
     InvalidValueError,
     NoFreeSpaceError,
     ObjectLimitError,
     ObjectMotion,
     Outcome,
-    Relation,
     SimulationBudgetError,
     SimulationError,
-    TaskInstance,
     UnsupportedError,
     VertexLimitError,
-    Zone,
-    aligned,
     clear_last_episode,
-    describe_first_error,
-    hash_instance,
-    in_zone,
-    inside,
     last_episode,
-    near,
-    on,
+)
+from grs_agents.sim.instance.faults import describe_first_error
+from grs_agents.sim.instance.goal import Goal, Relation, Zone, aligned, in_zone, inside, near, on, stacked, upright
+from grs_agents.sim.instance.task_instance import (
+    InstanceError,
+    InstanceObject,
+    InstanceTie,
+    TaskInstance,
+    hash_instance,
     parse_instance_json,
-    stacked,
-    upright,
 )
 from grs_agents.sim.instantiation import instantiate
 from grs_agents.sim.pick_trials import explain_unpickable_objects, find_objects_overlapping_robot
 from grs_agents.sim.probing import EpisodeMemory, EpisodeReplay, Probe
 from grs_agents.sim.rollouts import HAND_NOISE, InstanceTask, NoisyTrial, Rollout, rollout, run_oracle
-from grs_agents.sim.world import (
-    describe_reached_limit,
-    latest_limit_error,
-    place_bystanders,
-    prepare_process,
-    reset_before_test,
-    set_environment_defaults,
-)
+from grs_agents.sim.world.budget import describe_reached_limit, latest_limit_error, reset_before_test
+from grs_agents.sim.world.bystanders import place_bystanders
+from grs_agents.sim.world.templates import prepare_process, set_environment_defaults
 
 __all__ = [
     "HAND_NOISE",

@@ -2,9 +2,14 @@
 
 from pydantic import ValidationError
 
-from grs_agents.library import Library
-from grs_agents.sim.cliport import Environment, Task, end_effectors, parse_max_steps
-from grs_agents.sim.instance import Goal, InvalidValueError, TaskInstance, describe_first_error
+from grs_agents.library.library import Library
+from grs_agents.sim.cliport import end_effectors
+from grs_agents.sim.cliport.environment import Environment, parse_max_steps
+from grs_agents.sim.cliport.task import Task
+from grs_agents.sim.instance.episode import InvalidValueError
+from grs_agents.sim.instance.faults import describe_first_error
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.task_instance import TaskInstance
 
 
 def instantiate(task: Task, seed: int, library: Library | None = None) -> TaskInstance:

@@ -5,12 +5,12 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.geometry import transforms
-from grs_agents.sim.cliport import Environment
-from grs_agents.sim.expert import Oracle
-from grs_agents.sim.goals import SceneView, carried_object_ids
-from grs_agents.sim.instance import Stop
-from grs_agents.sim.motion import PickPlace
-from grs_agents.sim.world import margins_inside_outline
+from grs_agents.sim.cliport.environment import Environment
+from grs_agents.sim.expert.oracle import Oracle
+from grs_agents.sim.goals.scene_view import SceneView, carried_object_ids
+from grs_agents.sim.instance.episode import Stop
+from grs_agents.sim.motion.pick_place import PickPlace
+from grs_agents.sim.world.footprints import margins_inside_outline
 
 _LIFT: Final = 0.1
 """Metres: on the way up what is too heavy, or held beside its middle, tips off the cup."""

@@ -12,12 +12,14 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.cliport import Environment, Task
-from grs_agents.sim.expert import Oracle
-from grs_agents.sim.goals import StrictScorer
-from grs_agents.sim.instance import SimulationError, Stop, TaskInstance, set_last_recorder
+from grs_agents.sim.cliport.environment import Environment
+from grs_agents.sim.cliport.task import Task
+from grs_agents.sim.expert.oracle import Oracle
+from grs_agents.sim.goals.strict_score import StrictScorer
+from grs_agents.sim.instance.episode import SimulationError, Stop, set_last_recorder
+from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.sim.instantiation import describe_instance
-from grs_agents.sim.motion import PickPlaceResult
+from grs_agents.sim.motion.pick_place import PickPlaceResult
 
 _TRUSTED: Final = tuple(
     kind for kind in (*Environment.__mro__, *Task.__mro__, *Oracle.__mro__) if kind.__module__.startswith("grs_agents.")

@@ -9,22 +9,19 @@ import numpy as np
 
 from grs_agents.base import Frozen, Pose
 from grs_agents.errors import GrsError
-from grs_agents.library import Library
-from grs_agents.sim.cliport import Environment, Task, end_effectors
-from grs_agents.sim.expert import Oracle
-from grs_agents.sim.goals import (
-    Overlap,
-    SceneView,
-    Support,
-    enclosing_object_ids,
-    gap_between_objects,
-    measure_overlaps,
-    measure_supports,
-    supporting_object_ids,
-)
-from grs_agents.sim.instance import Episode, Goal, TaskInstance, make_stop_from_error
-from grs_agents.sim.motion import ReachTest
-from grs_agents.sim.world import Recording
+from grs_agents.library.library import Library
+from grs_agents.sim.cliport import end_effectors
+from grs_agents.sim.cliport.environment import Environment
+from grs_agents.sim.cliport.task import Task
+from grs_agents.sim.expert.oracle import Oracle
+from grs_agents.sim.goals.contacts import Overlap, Support, measure_overlaps, measure_supports
+from grs_agents.sim.goals.relation_rules import gap_between_objects
+from grs_agents.sim.goals.scene_view import SceneView, enclosing_object_ids, supporting_object_ids
+from grs_agents.sim.instance.episode import Episode, make_stop_from_error
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.task_instance import TaskInstance
+from grs_agents.sim.motion.placement import ReachTest
+from grs_agents.sim.world.recording import Recording
 
 LEAST_IDLE: Final = 2.0
 """Simulated seconds: what falls into place by itself must be seen even if the robot stopped at once."""

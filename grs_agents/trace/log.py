@@ -16,8 +16,8 @@ from pydantic import ValidationError
 
 from grs_agents.errors import InputError
 from grs_agents.files import flush_written_files, make_folder, unwritable_error
-from grs_agents.foreign import MOST_JSON_BYTES, check_json_limits, read_bytes
-from grs_agents.terminal import escape_control_chars
+from grs_agents.foreign.files import MOST_JSON_BYTES, check_json_limits, read_bytes
+from grs_agents.terminal.control_characters import escape_control_chars
 from grs_agents.trace.events import EVENT, VERSION, Event
 
 Subscriber = Callable[[Event], None]

@@ -5,9 +5,10 @@ from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from grs_agents.library import Library
-from grs_agents.trace import Event, EventLog, NodeEnded, RunEnded
-from grs_agents.views.rerun import open_live_viewer
+from grs_agents.library.library import Library
+from grs_agents.trace.events import Event, NodeEnded, RunEnded
+from grs_agents.trace.log import EventLog
+from grs_agents.views.rerun.viewer import open_live_viewer
 from grs_agents.views.terminal import Progress
 
 
@@ -17,7 +18,7 @@ def attach_live_views(
 ) -> Generator[None]:
     """Let recording and progress follow the log, with a viewer's window and OpenTelemetry spans if asked for.
     All are closed whatever happens."""
-    from grs_agents.views.rerun import RerunView
+    from grs_agents.views.rerun.rerun_view import RerunView
     from grs_agents.views.telemetry import SpanView, make_otlp_provider
 
     live = open_live_viewer()[1] if view else None

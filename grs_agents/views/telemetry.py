@@ -6,9 +6,19 @@ import importlib
 import json
 from typing import Any
 
-from grs_agents import trace
 from grs_agents.errors import ConfigError
-from grs_agents.views.common import summarise_event
+from grs_agents.trace.events import (
+    Event,
+    NodeEnded,
+    NodeStarted,
+    Prompt,
+    Reply,
+    Rollout,
+    RunEnded,
+    RunStarted,
+    TestsRun,
+)
+from grs_agents.views.common.event_steps import summarise_event
 
 _PROVIDERS = {
     **dict.fromkeys(("google", "google_genai"), "gcp.gemini"),
@@ -47,29 +57,29 @@ class SpanView:
         self._tracer = provider.get_tracer(_SCOPE)
         self._run: Any = None
         self._node: Any = None
-        self._prompts: dict[str, trace.Prompt] = {}
+        self._prompts: dict[str, Prompt] = {}
         self._last = 0
 
-    def __call__(self, event: trace.Event) -> None:
+    def __call__(self, event: Event) -> None:
         """Take in one event."""
         self._last = round(event.time * 1e9)
         match event:
-            case trace.RunStarted():
+            case RunStarted():
                 self._end_open_spans()
                 shown = {"gen_ai.conversation.id": event.run_id, "grs.graph": event.graph, "grs.seed": event.seed}
                 self._run = self._start_span(f"invoke_agent {event.graph}", None, _make_agent_attributes("grs") | shown)
-            case trace.NodeStarted():
+            case NodeStarted():
                 self._end_span(self._node)
                 shown = _make_agent_attributes(event.node) | {"grs.visit": event.visit, "grs.attempt": event.attempt}
                 self._node = self._start_span(f"invoke_agent {event.node}", self._run, shown)
-            case trace.NodeEnded():
+            case NodeEnded():
                 self._end_span(self._node, event.error)
                 self._node = None
-            case trace.Prompt():
+            case Prompt():
                 self._prompts[event.call] = event
-            case trace.Reply():
+            case Reply():
                 self._record_model_call(event)
-            case trace.RunEnded():
+            case RunEnded():
                 self._end_run(event)
             case _:
                 self._record_other_event(event)
@@ -102,14 +112,14 @@ class SpanView:
         self._end_span(self._run)
         self._node = self._run = None
 
-    def _end_run(self, event: trace.RunEnded) -> None:
+    def _end_run(self, event: RunEnded) -> None:
         if self._run is not None:
             self._run.set_attributes({"grs.status": event.status, "grs.reason": event.reason})
         self._end_span(self._node)
         self._end_span(self._run, event.reason if event.status == "failed" else "")
         self._node = self._run = None
 
-    def _record_model_call(self, event: trace.Reply) -> None:
+    def _record_model_call(self, event: Reply) -> None:
         """A model call: one span from its prompt to its reply."""
         asked = self._prompts.pop(event.call, None)
         provider, _, name = event.model.partition(":")
@@ -133,14 +143,14 @@ class SpanView:
         span = self._start_span(f"chat {name or provider}", self._node or self._run, attributes, begin, "CLIENT")
         self._end_span(span, event.error)
 
-    def _record_other_event(self, event: trace.Event) -> None:
+    def _record_other_event(self, event: Event) -> None:
         """Whatever else happens is an event of the node's span; a rollout and a test run are tools."""
         span = self._node or self._run
         if span is None:
             return
-        if isinstance(event, trace.TestsRun | trace.Rollout):
-            tool = "run_tests" if isinstance(event, trace.TestsRun) else "rollout"
-            seconds = float(event.report.get("seconds") or 0) if isinstance(event, trace.TestsRun) else 0.0
+        if isinstance(event, TestsRun | Rollout):
+            tool = "run_tests" if isinstance(event, TestsRun) else "rollout"
+            seconds = float(event.report.get("seconds") or 0) if isinstance(event, TestsRun) else 0.0
             said = summarise_event(event)
             named = {"gen_ai.operation.name": "execute_tool", "gen_ai.tool.name": tool, "grs.result": said}
             begin = self._last - round(seconds * 1e9)
@@ -170,7 +180,7 @@ _FIELDS: dict[str, set[str]] = {
 """The fields of an event that go into its span event; of any other kind, its phrase."""
 
 
-def _span_event_attributes(event: trace.Event) -> dict[str, Any]:
+def _span_event_attributes(event: Event) -> dict[str, Any]:
     if fields := _FIELDS.get(event.kind):
         return event.model_dump(include=fields)
     text = summarise_event(event)

@@ -12,8 +12,9 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents import terminal
-from grs_agents.trace import Event, NodeEnded, ProgramVersion, Reply, RunEnded, RunStarted
-from grs_agents.views.common import Status, Step, Steps, format_event_line, to_terminal_line
+from grs_agents.trace.events import Event, NodeEnded, ProgramVersion, Reply, RunEnded, RunStarted
+from grs_agents.views.common.event_steps import Status, Step, Steps, format_event_line
+from grs_agents.views.common.safe_text import to_terminal_line
 
 MARKS: dict[Status, tuple[str, str]] = {
     "running": ("▶", "yellow"),

@@ -6,7 +6,7 @@ Origins and dimensions are the published ones, since programs compute offsets fr
 from evals.synthesis.built_asset import BuiltAsset, build_asset, opaque
 from evals.synthesis.colliders import box, cylinder
 from grs_agents.base import Vec3
-from grs_agents.library import Rgba, Shape, merge_bounds, shape_bounds
+from grs_agents.library.shapes import Rgba, Shape, merge_bounds, shape_bounds
 from scripts.assets.toys import toy_asset
 
 _WOOD: tuple[Rgba, ...] = ((0.86, 0.68, 0.47, 1.0), (0.64, 0.46, 0.30, 1.0), (0.40, 0.27, 0.18, 1.0))

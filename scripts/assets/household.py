@@ -7,7 +7,8 @@ from evals.synthesis.colliders import box, cylinder, lifted, open_box, ring
 from evals.synthesis.meshes import Mesh, loft, superellipse
 from evals.synthesis.mugs import mug_parts
 from grs_agents.base import Vec3
-from grs_agents.library import Asset, Rgba, Shape, merge_bounds, shape_bounds
+from grs_agents.library.asset import Asset
+from grs_agents.library.shapes import Rgba, Shape, merge_bounds, shape_bounds
 
 _CUBE = 0.04
 _CUBE_COLORS = ("red", "green", "blue", "yellow", "orange", "purple", "cyan", "brown", "gray", "white")

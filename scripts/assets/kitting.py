@@ -8,7 +8,8 @@ which the URDF reader takes for the colliders of whatever collides as ``NN.obj``
 from evals.synthesis.built_asset import BuiltAsset
 from evals.synthesis.meshes import annulus, prism, wedges
 from evals.synthesis.polygons import Floats, convex_pieces
-from grs_agents.library import Asset, Rgba
+from grs_agents.library.asset import Asset
+from grs_agents.library.shapes import Rgba
 from scripts.assets.outlines import Outline, outlines
 from scripts.assets.templates import build_template
 

@@ -2,7 +2,8 @@
 
 from evals.synthesis.built_asset import BuiltAsset
 from grs_agents.base import Vec3
-from grs_agents.library import STROKE_LENGTH, STROKE_WIDTH, Rgba, Value
+from grs_agents.library.shapes import Rgba
+from grs_agents.library.urdf_templates import STROKE_LENGTH, STROKE_WIDTH, Value
 from scripts.assets.templates import Part, mark_template
 
 _GREEN: Rgba = (0.20, 0.62, 0.25, 1.0)

@@ -4,7 +4,10 @@ from collections.abc import Sequence
 
 from evals.synthesis.built_asset import BuiltAsset
 from grs_agents.base import Vec3
-from grs_agents.library import WALL, Asset, Rgba, Value, color_name_from_rgb
+from grs_agents.library.asset import Asset
+from grs_agents.library.colors import color_name_from_rgb
+from grs_agents.library.shapes import Rgba
+from grs_agents.library.urdf_templates import WALL, Value
 
 Part = tuple[str, str]
 """Where a shape is (the words of ``<origin xyz>``) and what it is (its element)."""

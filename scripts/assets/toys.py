@@ -6,7 +6,8 @@ from evals.synthesis.built_asset import BuiltAsset, build_asset, opaque
 from evals.synthesis.colliders import box, cylinder, ring
 from evals.synthesis.meshes import annulus
 from grs_agents.base import Vec3
-from grs_agents.library import Asset, Shape
+from grs_agents.library.asset import Asset
+from grs_agents.library.shapes import Shape
 from scripts.assets.outlines import ROUND, regular_polygon
 
 _BLOCKS = (

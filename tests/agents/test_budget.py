@@ -4,9 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.agents import Agents, BudgetReached, JudgedPrograms, NoReply, TaskDefinition, roles
-from grs_agents.config import BudgetConfig, Config, ModelConfig
-from grs_agents.trace import EventLog, Note, Reply, RunStarted, read_events
+from grs_agents.agents import roles
+from grs_agents.agents.agent import Agents
+from grs_agents.agents.budget import BudgetReached
+from grs_agents.agents.roles import JudgedPrograms
+from grs_agents.agents.types import NoReply, TaskDefinition
+from grs_agents.config.schema import BudgetConfig, Config, ModelConfig
+from grs_agents.trace.events import Note, Reply, RunStarted
+from grs_agents.trace.log import EventLog, read_events
 from tests.scripted import scripted
 
 TASK = TaskDefinition.model_validate({"task-name": "t", "task-description": "d", "assets-used": ["a"]})

@@ -2,7 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.agents import Example, TaskDefinition, read_examples, select_nearest_examples
+from grs_agents.agents.examples import Example, read_examples, select_nearest_examples
+from grs_agents.agents.types import TaskDefinition
 from grs_agents.content import content_root
 from grs_agents.errors import InputError
 

@@ -5,8 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from langchain_core.messages import AIMessage, BaseMessage, HumanMessage
 
-from grs_agents.agents import Cassette, RecordedReplies, collect_exchanges, digest_prompt
-from grs_agents.trace import Prompt, Reply
+from grs_agents.agents.recorded import Cassette, RecordedReplies, collect_exchanges, digest_prompt
+from grs_agents.trace.events import Prompt, Reply
 
 
 def asked(text: str, picture: str = "AAAA", *more: BaseMessage) -> list[BaseMessage]:

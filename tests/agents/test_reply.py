@@ -7,17 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.agents import (
-    Match,
+from grs_agents.agents.reply import (
     ReplyError,
-    SegmentReply,
-    TaskDefinition,
     extract_python_program,
     extract_test_program,
     parse_json,
     parse_json_rows,
     parse_verdict,
 )
+from grs_agents.agents.types import Match, SegmentReply, TaskDefinition
 
 ANSWER = '{"match": "no_asset", "reason": "answer"}'
 DRAFT = '```json\n{"match": "no_object", "reason": "draft"}\n```'

@@ -8,18 +8,14 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from grs_agents.audit import (
-    AuditReport,
-    TaskInWords,
-    audit_task,
-    check_program,
-    check_tests_fail_on_mutants,
-    describe_task_in_words,
-    find_expectations_taken_from_program,
-    make_instance_mutants,
-)
-from grs_agents.config import AuditConfig
-from grs_agents.library import Library
+from grs_agents.audit.checks import audit_task
+from grs_agents.audit.goal_sentences import TaskInWords, describe_task_in_words
+from grs_agents.audit.mutants import make_instance_mutants
+from grs_agents.audit.seed_and_override_checks import check_program, find_expectations_taken_from_program
+from grs_agents.audit.test_quality import check_tests_fail_on_mutants
+from grs_agents.audit.types import AuditReport
+from grs_agents.config.schema import AuditConfig
+from grs_agents.library.library import Library
 from grs_agents.sim import (
     HAND_NOISE,
     Environment,
@@ -33,7 +29,7 @@ from grs_agents.sim import (
     rollout,
     stacked,
 )
-from grs_agents.sim.instance import InstanceTable
+from grs_agents.sim.instance.task_instance import InstanceTable
 from tests.models.roles import judge as judge_words
 
 Start = tuple[tuple[float, float, float], tuple[float, float, float, float]]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from grs_agents.audit import explain_ambiguous_sides
-from grs_agents.perception import TableFrame
+from grs_agents.audit.side_words import explain_ambiguous_sides
+from grs_agents.perception.types import TableFrame
 
 
 def frame_seen_from(azimuth: float) -> TableFrame:

@@ -14,7 +14,9 @@ from typing import Any
 
 import pytest
 
-from grs_agents.batch import BatchResults, RunJob, read_results, run_jobs
+from grs_agents.batch.jobs import run_jobs
+from grs_agents.batch.results import BatchResults, read_results
+from grs_agents.batch.run_process import RunJob
 from tests.cli.command import grs
 
 
@@ -255,7 +257,7 @@ def test_a_lost_worker_of_a_cluster_costs_its_own_run(tmp_path: Path, small_scen
 def test_the_key_of_the_judge_goes_along_to_a_cluster(
     small_scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from grs_agents.batch import BatchOrder, run_batch
+    from grs_agents.batch.batch import BatchOrder, run_batch
 
     variables: list[str] = []
 

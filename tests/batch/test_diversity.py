@@ -2,14 +2,10 @@
 
 from pathlib import Path
 
-from grs_agents.batch import (
-    BatchOrder,
-    BatchResults,
-    BatchRow,
-    describe_diversity,
-    find_scenes_given_up,
-    mark_repeated_tasks,
-)
+from grs_agents.batch.batch import BatchOrder, find_scenes_given_up
+from grs_agents.batch.diversity import describe_diversity, mark_repeated_tasks
+from grs_agents.batch.results import BatchResults
+from grs_agents.batch.row import BatchRow
 
 
 def row(run: str, task: str, goals: tuple[str, ...], scene: str = "s", status: str = "accepted") -> BatchRow:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.batch import list_scenes
+from grs_agents.batch.scene_list import list_scenes
 from grs_agents.errors import InputError
 
 

@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.batch import BatchRow, select_rows
+from grs_agents.batch.row import BatchRow
+from grs_agents.batch.selection import select_rows
 from grs_agents.errors import InputError
 
 ROWS = [

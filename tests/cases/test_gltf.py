@@ -5,8 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.library import Library
-from grs_agents.library.importing import ImportOptions, SourceFolder, read_mesh
+from grs_agents.library.importing.mesh_reader import read_mesh
+from grs_agents.library.importing.source_folder import SourceFolder
+from grs_agents.library.importing.types import ImportOptions
+from grs_agents.library.library import Library
 from tests.cases.public_cases import copy_case
 from tests.cli.command import grs
 from tests.needs import require

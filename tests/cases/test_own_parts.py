@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.runs import read_record
+from grs_agents.runs.record import read_record
 from tests.cases.public_cases import copy_case
 from tests.cli.command import Done, grs
 from tests.needs import needs

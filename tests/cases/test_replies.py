@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.agents import SegmentReply, extract_python_program, parse_json_rows
+from grs_agents.agents.reply import extract_python_program, parse_json_rows
+from grs_agents.agents.types import SegmentReply
 from tests.cases.public_cases import copy_case
 
 PROGRAM = "import numpy as np\nfrom grs_agents.sim import Task\n\n\nclass Wanted(Task):\n    pass\n"

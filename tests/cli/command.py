@@ -11,8 +11,8 @@ from unittest.mock import patch
 import typer.main
 
 from grs_agents import content
-from grs_agents.cli import main
-from grs_agents.runs import open_sandbox
+from grs_agents.cli.entry import main
+from grs_agents.runs.sandbox_setup import open_sandbox
 from tests.kept_sandbox import lend_sandbox
 
 _build_command = cache(typer.main.get_command)

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents import trace
-from grs_agents.foreign import read_npz
-from grs_agents.library.importing import ImportOptions
-from grs_agents.sandbox import READING
+from grs_agents.foreign.arrays import read_npz
+from grs_agents.library.importing.types import ImportOptions
+from grs_agents.sandbox.host.foreign_reader import READING
+from grs_agents.trace.events import EVENT, Rollout
 from scripts.check_portable import write_example
 from tests import bombs
 from tests.cli.command import grs
@@ -89,7 +89,9 @@ def test_a_photo_is_decoded_in_a_worker(sample_scene: Path, tmp_path: Path, kind
 
 
 def test_a_photo_read_in_a_worker_is_the_same(sample_scene: Path, tmp_path: Path) -> None:
-    from grs_agents.perception import read_foreign_masks, read_foreign_scene, read_masks, read_scene
+    from grs_agents.perception.reading.foreign_scene import read_foreign_masks, read_foreign_scene
+    from grs_agents.perception.reading.masks import read_masks
+    from grs_agents.perception.reading.scene_source import read_scene
 
     copy = Path(shutil.copytree(sample_scene, tmp_path / "scene"))
     shutil.copy(copy / "labels.png", copy / "masks.png")
@@ -115,7 +117,7 @@ def test_a_link_in_a_scene_to_anything_else_is_refused(
     sample_scene: Path, tmp_path: Path, link: str, target: str, words: str
 ) -> None:
     from grs_agents.errors import InputError
-    from grs_agents.perception import read_foreign_masks, read_foreign_scene
+    from grs_agents.perception.reading.foreign_scene import read_foreign_masks, read_foreign_scene
 
     copy = Path(shutil.copytree(sample_scene, tmp_path / "scene"))
     (copy / link).unlink(missing_ok=True)
@@ -130,8 +132,8 @@ def test_a_link_in_a_scene_to_anything_else_is_refused(
 def test_links_that_no_reader_needs_open_nothing_to_the_worker(
     sample_scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from grs_agents.perception import read_foreign_scene
-    from grs_agents.sandbox import ForeignReader
+    from grs_agents.perception.reading.foreign_scene import read_foreign_scene
+    from grs_agents.sandbox.host.foreign_reader import ForeignReader
 
     copy = Path(shutil.copytree(sample_scene, tmp_path / "scene"))
     blob = tmp_path / "blobs" / ("0123456789abcdef" * 4)
@@ -153,7 +155,7 @@ def test_links_that_no_reader_needs_open_nothing_to_the_worker(
 
 def test_what_a_worker_reads_costs_no_more_than_its_limits(tmp_path: Path) -> None:
     from grs_agents.errors import InputError
-    from grs_agents.sandbox import ForeignReader
+    from grs_agents.sandbox.host.foreign_reader import ForeignReader
 
     bombs.png(tmp_path / "a.png", 8_000, 8_000)
     worker = "grs_agents.views.common.decoding_worker"
@@ -168,7 +170,7 @@ def test_without_a_backend_bounds_and_an_empty_environment_are_left(
     sample_scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from grs_agents.errors import InputError
-    from grs_agents.perception import read_foreign_scene
+    from grs_agents.perception.reading.foreign_scene import read_foreign_scene
 
     def lacks(backend: str) -> list[tuple[str, str]]:
         return [] if backend == "none" else [("it is not there", "install it")]
@@ -281,6 +283,6 @@ def test_a_recording_of_a_strangers_run_unpacks_to_no_more_than_it_may(run: Path
 
 def test_names_in_a_log_are_cut() -> None:
     line = json.dumps({"kind": "rollout", "seed": 0, "reward": 1.0, "outcome": "o" * 1_000_000, "moved": ["m" * 1000]})
-    event = trace.EVENT.validate_json(line)
-    assert isinstance(event, trace.Rollout)
+    event = EVENT.validate_json(line)
+    assert isinstance(event, Rollout)
     assert len(event.outcome) == len(event.moved[0]) == 200

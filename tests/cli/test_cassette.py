@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import pytest
 
 from grs_agents import content
-from grs_agents.agents import read_cassette
-from grs_agents.trace import Prompt, Reply, read_events
+from grs_agents.agents.recorded import read_cassette
+from grs_agents.trace.events import Prompt, Reply
+from grs_agents.trace.log import read_events
 from tests.cli.command import grs
 from tests.cli.conftest import ScriptedServer, serve_script
 

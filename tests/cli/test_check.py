@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from grs_agents.errors import InputError
-from grs_agents.runs import write_hashes
+from grs_agents.runs.hashes import write_hashes
 from tests.cli.command import grs
 from tests.gantry import GANTRY
 

@@ -13,10 +13,11 @@ import pytest
 
 from grs_agents import content
 from grs_agents.api import Run
-from grs_agents.config import Config, RecordedConfig
+from grs_agents.config.recorded import RecordedConfig
+from grs_agents.config.schema import Config
 from grs_agents.errors import ConfigError
-from grs_agents.runs import RunRecord
-from grs_agents.trace import EventLog
+from grs_agents.runs.record import RunRecord
+from grs_agents.trace.log import EventLog
 from tests.cli.command import Done, grs
 from tests.cli.mutations import KINDS, mutate
 from tests.views.conftest import Script

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.runs import make_scrubber, write_hashes
+from grs_agents.runs.hashes import write_hashes
+from grs_agents.runs.sharing import make_scrubber
 from tests import bombs
 from tests.cli.command import grs
 from tests.cli.test_foreign_folder import assert_refused, made, run

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.cli import main
+from grs_agents.cli.entry import main
 from tests.cli.command import grs
 from tests.cli.test_bad_input import copy_scene, set_camera
 from tests.cli.test_foreign_folder import EVIL, assert_refused, made, run

@@ -13,7 +13,8 @@ from typing import Any
 
 import pytest
 
-from grs_agents.trace import Decision, Prompt, Reply, read_events
+from grs_agents.trace.events import Decision, Prompt, Reply
+from grs_agents.trace.log import read_events
 from tests.cli.command import grs
 
 KEY = "sk-0123456789-of-mine"

@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from grs_agents.trace import Reply, read_events
+from grs_agents.trace.events import Reply
+from grs_agents.trace.log import read_events
 from tests.chat_server import Answer, Json, chat_server, completion
 from tests.cli.command import grs
 from tests.cli.conftest import ScriptedServer

@@ -7,8 +7,8 @@ from typing import Literal
 
 import pytest
 
-from grs_agents.config import RecordedConfig
-from grs_agents.runs import RunRecord
+from grs_agents.config.recorded import RecordedConfig
+from grs_agents.runs.record import RunRecord
 from tests.cli.command import grs
 
 STATUSES: dict[str, Literal["accepted", "rejected", "failed"]] = {

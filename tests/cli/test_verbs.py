@@ -10,9 +10,11 @@ from unittest.mock import patch
 import pytest
 
 from grs_agents import content
-from grs_agents.config import Config, RecordedConfig
-from grs_agents.perception.proxies import primitive_proxy, write_proxy
-from grs_agents.runs import RunRecord
+from grs_agents.config.recorded import RecordedConfig
+from grs_agents.config.schema import Config
+from grs_agents.perception.proxies.primitive_proxy import primitive_proxy
+from grs_agents.perception.proxies.proxy_writer import write_proxy
+from grs_agents.runs.record import RunRecord
 from grs_agents.sim import find_task_class, instantiate
 from tests.cli.command import Done, grs
 

@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 
 from grs_agents import content
-from grs_agents.config import Config, RecordedConfig
-from grs_agents.library import Library, Shape
-from grs_agents.runs import RunRecord, write_hashes
-from grs_agents.trace import EventLog
+from grs_agents.config.recorded import RecordedConfig
+from grs_agents.config.schema import Config
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import Shape
+from grs_agents.runs.hashes import write_hashes
+from grs_agents.runs.record import RunRecord
+from grs_agents.trace.log import EventLog
 from tests.cli.command import Done, grs
 from tests.views.conftest import Script
 

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.config import Config, EffectiveConfig, load_config
+from grs_agents.config.load import EffectiveConfig, load_config
+from grs_agents.config.schema import Config
 from grs_agents.errors import ConfigError, UnknownNameError
 
 

@@ -3,7 +3,8 @@
 import pytest
 from pydantic import ValidationError
 
-from grs_agents.config import ROLE_ALIASES, ROLES, Config, ModelConfig, PromptsConfig, load_config
+from grs_agents.config.load import load_config
+from grs_agents.config.schema import ROLE_ALIASES, ROLES, Config, ModelConfig, PromptsConfig
 from grs_agents.errors import ConfigError
 
 

@@ -4,15 +4,9 @@ from typing import Any
 
 import pytest
 
-from grs_agents.config import (
-    Config,
-    EffectiveConfig,
-    RecordedConfig,
-    flatten_tree,
-    list_local_settings,
-    load_config,
-    portable_settings,
-)
+from grs_agents.config.load import EffectiveConfig, flatten_tree, load_config
+from grs_agents.config.recorded import RecordedConfig, list_local_settings, portable_settings
+from grs_agents.config.schema import Config
 from grs_agents.errors import ConfigError
 
 LOCAL = load_config(None, (), {})

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from grs_agents.demos import DemoOrder
+from grs_agents.demos.production import DemoOrder
 from grs_agents.sim import Goal, InstanceObject, TaskInstance
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)

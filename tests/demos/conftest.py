@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.demos import Demonstration, make_demonstrations
+from grs_agents.demos.production import make_demonstrations
+from grs_agents.demos.types import Demonstration
 from grs_agents.task_folder import open_task_folder
 from tests.demos.block_tasks import ORDER, two_blocks, write_instances
 

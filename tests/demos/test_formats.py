@@ -7,7 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from grs_agents.demos import AttemptStore, Demonstration, Format, make_demonstrations, write_dataset
+from grs_agents.demos.attempt_store import AttemptStore
+from grs_agents.demos.dataset import write_dataset
+from grs_agents.demos.production import make_demonstrations
+from grs_agents.demos.types import Demonstration, Format
 from grs_agents.envs import GrsEnv
 from grs_agents.errors import InputError
 from grs_agents.task_folder import open_task_folder

@@ -4,10 +4,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.demos import AttemptStore, DatasetSummary, Demonstration, make_demonstrations, write_dataset
+from grs_agents.demos.attempt_store import AttemptStore
+from grs_agents.demos.dataset import write_dataset
+from grs_agents.demos.production import make_demonstrations
+from grs_agents.demos.types import DatasetSummary, Demonstration
 from grs_agents.errors import GrsError, InputError
 from grs_agents.sim import hash_instance, parse_instance_json
-from grs_agents.sim.variation import Variation
+from grs_agents.sim.variation.types import Variation
 from grs_agents.task_folder import open_task_folder
 from tests.demos.block_tasks import ORDER, two_blocks, write_instances
 from tests.needs import needs

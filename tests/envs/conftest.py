@@ -6,7 +6,7 @@ import pytest
 
 from grs_agents.base import Pose
 from grs_agents.sim import Goal, InstanceObject, TaskInstance
-from grs_agents.sim.instance import InstanceCamera
+from grs_agents.sim.instance.task_instance import InstanceCamera
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 LOOKING_DOWN = (1.0, 0.0, 0.0, 0.0)

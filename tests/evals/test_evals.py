@@ -9,7 +9,7 @@ import pytest
 
 from grs_agents import content
 from grs_agents.errors import InputError
-from grs_agents.runs import CHECKOUT_ONLY, load_experiment
+from grs_agents.runs.experiments import CHECKOUT_ONLY, load_experiment
 
 OPTIONS = ("--out", "--config", "--set", "--json")
 

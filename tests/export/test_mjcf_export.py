@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 
 from grs_agents.errors import InputError, UnknownNameError
-from grs_agents.export import MjcfFolder, export_mjcf
-from grs_agents.library import Library
+from grs_agents.export.mjcf_folder import MjcfFolder, export_mjcf
+from grs_agents.library.library import Library
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.instance import hash_instance
-from grs_agents.sim.world import compile_world, instance_to_spec, reset_world_to_poses
+from grs_agents.sim.instance.task_instance import hash_instance
+from grs_agents.sim.world.compilation import compile_world, reset_world_to_poses
+from grs_agents.sim.world.spec import instance_to_spec
 from grs_agents.task_folder import open_task_folder
 from scripts.check_portable import LENS, follow, plan_commands, write_example
 from tests.bombs import png

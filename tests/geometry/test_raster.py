@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.geometry import barycentric_coordinates, rasterise_triangles
+from grs_agents.geometry.raster import barycentric_coordinates, rasterise_triangles
 
 NUMBERS = st.floats(-1, 1)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from grs_agents.geometry import icosphere
+from grs_agents.geometry.spheres import icosphere
 
 
 @pytest.mark.parametrize("subdivisions", range(4))

@@ -5,20 +5,18 @@ import pytest
 
 from grs_agents.errors import InputError
 from grs_agents.files import write_json
-from grs_agents.grading import (
+from grs_agents.grading.grade import grade_task, noise_at_half_success
+from grs_agents.grading.primitive_policy import Demonstration, PrimitivePolicy
+from grs_agents.grading.primitive_task import (
     Decision,
-    Demonstration,
-    GradeOrder,
-    PrimitivePolicy,
     PrimitiveTask,
     decide,
     demonstrate,
     evaluate_policy,
-    grade_task,
-    noise_at_half_success,
     random_decision,
 )
-from grs_agents.library import Library
+from grs_agents.grading.trials import GradeOrder
+from grs_agents.library.library import Library
 from grs_agents.sim import instantiate
 from grs_agents.task_folder import open_task_folder
 from tests.sim.sim_scenes import Scripted, at, pose_goal, zone_goal

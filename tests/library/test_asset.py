@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from grs_agents.errors import InputError
-from grs_agents.library import read_manifest
+from grs_agents.library.asset import read_manifest
 
 
 def test_a_folder_without_a_manifest_holds_nothing(tmp_path: Path) -> None:

@@ -5,7 +5,13 @@ import pytest
 
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
-from grs_agents.library import AssetView, Library, random_view_directions, render_asset_views, ring_view_directions
+from grs_agents.library.asset_rendering import (
+    AssetView,
+    random_view_directions,
+    render_asset_views,
+    ring_view_directions,
+)
+from grs_agents.library.library import Library
 
 
 @pytest.fixture(scope="module")

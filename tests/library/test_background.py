@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from grs_agents.errors import InputError
-from grs_agents.library import BACKGROUND, Library, write_background_asset
+from grs_agents.library.background_asset import BACKGROUND, write_background_asset
+from grs_agents.library.library import Library
 
 WALL = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
 FACES = np.array([[0, 1, 2], [0, 2, 3]])

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.library import COLORS, color_name_from_rgb
+from grs_agents.library.colors import COLORS, color_name_from_rgb
 
 
 @pytest.mark.parametrize("name", COLORS)

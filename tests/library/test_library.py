@@ -6,8 +6,9 @@ import pytest
 
 from grs_agents import content
 from grs_agents.errors import InputError, UnknownNameError
-from grs_agents.library import Library
-from grs_agents.perception.proxies import primitive_proxy, write_proxy
+from grs_agents.library.library import Library
+from grs_agents.perception.proxies.primitive_proxy import primitive_proxy
+from grs_agents.perception.proxies.proxy_writer import write_proxy
 
 
 @pytest.fixture(scope="module")

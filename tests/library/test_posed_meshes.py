@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from grs_agents.library import IDENTITY_PLACEMENT, Library, build_posed_triangles, compute_smooth_normals
+from grs_agents.library.library import Library
+from grs_agents.library.posed_meshes import build_posed_triangles, compute_smooth_normals
+from grs_agents.library.shapes import IDENTITY_PLACEMENT
 
 
 def test_things_stand_where_they_are_placed() -> None:

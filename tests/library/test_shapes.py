@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.library import (
+from grs_agents.library.shapes import (
     Shape,
     matrix_from_quaternion,
     merge_bounds,

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from grs_agents.errors import InputError
-from grs_agents.library import Library, Values, fill_template, known_placeholder_stems, resolve_template_values
+from grs_agents.library.library import Library
+from grs_agents.library.urdf_templates import Values, fill_template, known_placeholder_stems, resolve_template_values
 
 LIBRARY = Library()
 SIZE = (0.06, 0.06, 0.1)

@@ -4,8 +4,8 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from grs_agents.audit import TaskInWords
-from grs_agents.models.offline import OfflineChatModel
+from grs_agents.audit.goal_sentences import TaskInWords
+from grs_agents.models.offline.chat import OfflineChatModel
 from tests.models.conftest import Json, render
 
 API = "# API\n\n## Task\n\n```python\nclass Task: ...\n```\n"

@@ -6,7 +6,7 @@ from langchain_core.language_models.chat_models import BaseChatModel
 from langchain_core.messages import AIMessage, HumanMessage
 from langchain_tests.unit_tests import ChatModelUnitTests
 
-from grs_agents.models.offline import OfflineChatModel
+from grs_agents.models.offline.chat import OfflineChatModel
 from tests.models.conftest import render, rich_scene
 from tests.models.roles import as_text
 

@@ -6,10 +6,11 @@ from importlib import import_module
 import pytest
 from langchain_core.messages import HumanMessage
 
-from grs_agents.config import ModelConfig
+from grs_agents.config.schema import ModelConfig
 from grs_agents.errors import ConfigError, UnknownNameError
-from grs_agents.models import PROVIDERS, invoke_with_retries, is_loopback_url, make_chat_model
-from grs_agents.models.offline import OfflineChatModel
+from grs_agents.models.factory import PROVIDERS, is_loopback_url, make_chat_model
+from grs_agents.models.offline.chat import OfflineChatModel
+from grs_agents.models.retry import invoke_with_retries
 from tests.models.conftest import Scripted
 from tests.needs import needs
 

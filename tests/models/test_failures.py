@@ -15,16 +15,10 @@ from typing import Any
 import pytest
 from langchain_core.messages import HumanMessage
 
-from grs_agents.config import ModelConfig
-from grs_agents.models import (
-    PROVIDERS,
-    Answer,
-    ProviderFailure,
-    ReplyProblem,
-    Retries,
-    invoke_with_retries,
-    make_chat_model,
-)
+from grs_agents.config.schema import ModelConfig
+from grs_agents.models.answer import Answer, ProviderFailure, ReplyProblem
+from grs_agents.models.factory import PROVIDERS, make_chat_model
+from grs_agents.models.retry import Retries, invoke_with_retries
 from tests.needs import needs
 
 Json = dict[str, Any]

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from grs_agents.models.offline import parse_report_evidence, program_edits
+from grs_agents.models.offline import program_edits
+from grs_agents.models.offline.report_evidence import parse_report_evidence
 from tests.models.conftest import Json, rich_scene, scenes
 from tests.models.roles import fixed_code, fixed_tests, simulation_for, task_for, unit_tests_for
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from grs_agents.audit import TaskInWords, describe_task_in_words
-from grs_agents.library import Library
+from grs_agents.audit.goal_sentences import TaskInWords, describe_task_in_words
+from grs_agents.library.library import Library
 from grs_agents.sim import TaskInstance, rollout
 from tests.models.conftest import Json
 from tests.models.roles import judge

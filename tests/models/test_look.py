@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from langchain_core.messages import HumanMessage
 
-from grs_agents.models.offline import OfflineChatModel
+from grs_agents.models.offline.chat import OfflineChatModel
 from tests.models.conftest import Json, render
 from tests.models.roles import as_text, block
 

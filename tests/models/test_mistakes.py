@@ -7,7 +7,8 @@ from functools import cache
 import pytest
 
 from grs_agents.errors import UnknownNameError
-from grs_agents.models.offline import MISTAKES, Mistake, OfflineChatModel, make_offline_model
+from grs_agents.models.offline.chat import OfflineChatModel, make_offline_model
+from grs_agents.models.offline.mistakes import MISTAKES, Mistake
 from tests.models.conftest import render, rich_scene
 from tests.models.roles import API, as_text, fixed_code, fixed_tests, simulation_for, task_for, unit_tests_for
 

@@ -5,9 +5,11 @@ from dataclasses import dataclass, field
 import pytest
 from langchain_core.messages import HumanMessage
 
-from grs_agents.config import ModelConfig
+from grs_agents.config.schema import ModelConfig
 from grs_agents.errors import GrsError
-from grs_agents.models import Answer, ProviderFailure, ReplyProblem, Retries, invoke_with_retries, make_chat_model
+from grs_agents.models.answer import Answer, ProviderFailure, ReplyProblem
+from grs_agents.models.factory import make_chat_model
+from grs_agents.models.retry import Retries, invoke_with_retries
 from tests.models.conftest import Scripted
 
 FAILURE = {"error": {"message": "told so", "type": "api_error", "code": None}}

@@ -2,7 +2,8 @@
 
 import pytest
 
-from grs_agents.models.offline import OfflineChatModel, program_edits
+from grs_agents.models.offline import program_edits
+from grs_agents.models.offline.chat import OfflineChatModel
 from tests.models.conftest import Json, render, rich_scene, scene_object
 from tests.models.roles import API, as_text, simulation_for, unit_tests_for
 

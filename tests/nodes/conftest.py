@@ -10,12 +10,12 @@ import pytest
 from langchain_core.messages import AIMessage
 from langgraph.runtime import Runtime
 
-from grs_agents.config import AuditConfig, Config
-from grs_agents.nodes import Node, Services
-from grs_agents.policies import load_policy
-from grs_agents.sandbox import Sandbox
+from grs_agents.config.schema import AuditConfig, Config
+from grs_agents.nodes.services import Node, Services
+from grs_agents.policies.policy_registry import load_policy
+from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.state import RunState
-from grs_agents.trace import read_events
+from grs_agents.trace.log import read_events
 from tests.kept_sandbox import written_folder
 from tests.scripted import scripted
 

@@ -2,8 +2,9 @@
 
 import pytest
 
-from grs_agents.nodes import drop_asset_below_confidence
-from grs_agents.perception import DEFAULT, MatchEvidence
+from grs_agents.nodes.asset_matching import drop_asset_below_confidence
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.types import MatchEvidence
 
 LEAST = DEFAULT.matching.least
 NAMED = MatchEvidence(match="asset", asset="HOPE/Milk.urdf", method="match_features", reason="it fits")

@@ -2,11 +2,13 @@
 
 import pytest
 
-from grs_agents.agents import TaskDefinition
-from grs_agents.audit import Finding
-from grs_agents.config import AuditConfig, Config, ModelConfig
-from grs_agents.nodes import AuditedPrograms, Services, audit_programs
-from grs_agents.perception import SceneDescription
+from grs_agents.agents.types import TaskDefinition
+from grs_agents.audit.types import Finding
+from grs_agents.config.schema import AuditConfig, Config, ModelConfig
+from grs_agents.nodes.auditing import audit_programs
+from grs_agents.nodes.services import Services
+from grs_agents.nodes.task_instances import AuditedPrograms
+from grs_agents.perception.types import SceneDescription
 from grs_agents.state import RunState
 from tests.nodes.conftest import SIMULATION, TASK, Make, kinds
 

@@ -6,9 +6,12 @@ from typing import Any
 
 import pytest
 
-from grs_agents import nodes
 from grs_agents.errors import GrsError
-from grs_agents.nodes import Node
+from grs_agents.nodes.authoring import generate_sim, generate_task, generate_tests
+from grs_agents.nodes.fix_history import describe_fix_history
+from grs_agents.nodes.fixing import fix_code, fix_tests
+from grs_agents.nodes.judging import conclude_with_best_version, next_step_after_author
+from grs_agents.nodes.services import Node
 from grs_agents.state import RunState
 from tests.nodes.conftest import SIMULATION, TASK, TESTS, Make, fenced, kinds, run, with_
 
@@ -25,9 +28,9 @@ def unwritten(state: RunState) -> RunState:
 
 def test_a_task_is_defined_from_the_scene_and_its_picture(unwritten: RunState, make_services: Make) -> None:
     services = make_services(fenced(json.dumps(TASK), "json"))
-    update = run(nodes.generate_task, unwritten, services)
+    update = run(generate_task, unwritten, services)
     assert update == {"task": TASK, "revisable": True}
-    assert nodes.next_step_after_author(with_(unwritten, **update)) == "ok"
+    assert next_step_after_author(with_(unwritten, **update)) == "ok"
     assert json.loads((services.folder / "task.json").read_text()) == TASK
     assert [event.task for event in kinds(services, "task_defined")] == [TASK]
     [prompt] = kinds(services, "prompt")
@@ -38,14 +41,14 @@ def test_a_task_is_defined_from_the_scene_and_its_picture(unwritten: RunState, m
 def test_a_task_with_what_the_scene_lacks_is_asked_for_again(unwritten: RunState, make_services: Make) -> None:
     foreign = {**TASK, "assets-used": ["HOPE/Milk.urdf"]}
     services = make_services(fenced(json.dumps(foreign), "json"), fenced(json.dumps(TASK), "json"))
-    assert run(nodes.generate_task, unwritten, services)["task"] == TASK
+    assert run(generate_task, unwritten, services)["task"] == TASK
     assert "HOPE/Milk.urdf" in kinds(services, "prompt")[1].text
 
 
 AUTHORS: dict[str, Node] = {
-    "task": nodes.generate_task,
-    "simulation": nodes.generate_sim,
-    "tests": nodes.generate_tests,
+    "task": generate_task,
+    "simulation": generate_sim,
+    "tests": generate_tests,
 }
 
 
@@ -57,15 +60,15 @@ def test_an_author_without_a_usable_reply_ends_the_run_with_a_reason(
     update = run(AUTHORS[role], state, services)
     assert set(update) == {"problem"}
     assert f"the {role} model gave no usable reply in 2 tries" in update["problem"]
-    assert nodes.next_step_after_author(with_(state, **update)) == "stop"
-    ended = run(nodes.conclude_with_best_version, with_(state, **update), services)
+    assert next_step_after_author(with_(state, **update)) == "stop"
+    ended = run(conclude_with_best_version, with_(state, **update), services)
     assert ended == {"status": "rejected", "reason": update["problem"]}
     assert not (services.folder / "history").exists()
 
 
 def test_the_first_program_is_kept_with_its_history(unwritten: RunState, make_services: Make) -> None:
     services = make_services(fenced(SIMULATION))
-    update = run(nodes.generate_sim, with_(unwritten, task=TASK), services)
+    update = run(generate_sim, with_(unwritten, task=TASK), services)
     assert update == {"simulation": SIMULATION, "simulation_version": 1}
     assert (services.folder / "simulation.py").read_text() == SIMULATION
     assert (services.folder / "history" / "simulation_001.py").read_text() == SIMULATION
@@ -79,7 +82,7 @@ def test_the_first_program_is_kept_with_its_history(unwritten: RunState, make_se
 def test_the_tests_are_written_from_task_and_program_alone(unwritten: RunState, make_services: Make) -> None:
     services = make_services(fenced(TESTS))
     written = with_(unwritten, task=TASK, simulation=SIMULATION, simulation_version=1)
-    assert run(nodes.generate_tests, written, services) == {"tests": TESTS, "tests_version": 1}
+    assert run(generate_tests, written, services) == {"tests": TESTS, "tests_version": 1}
     assert (services.folder / "test_simulation.py").read_text() == TESTS
     [prompt] = kinds(services, "prompt")
     assert not prompt.images
@@ -89,7 +92,7 @@ def test_the_tests_are_written_from_task_and_program_alone(unwritten: RunState, 
 def test_a_fix_of_the_program_is_its_next_version(state: RunState, make_services: Make) -> None:
     services = make_services(fenced(BETTER))
     decision = {"verdict": "fix_code", "explanation": "six steps are too few", "policy": "llm"}
-    update = run(nodes.fix_code, with_(state, report=REPORT, audit=AUDIT, decision=decision), services)
+    update = run(fix_code, with_(state, report=REPORT, audit=AUDIT, decision=decision), services)
     assert (update["simulation"], update["simulation_version"], update["fixes"]) == (BETTER, 2, 1)
     assert "tests" not in update
     assert not update["audit"]  # it was the audit of the version before
@@ -107,7 +110,7 @@ def test_a_fix_of_the_tests_is_their_next_version(state: RunState, make_services
     better = TESTS.replace("assertEqual", "assertGreaterEqual")
     services = make_services(fenced(better))
     decision = {"verdict": "fix_test", "explanation": "two is not the point", "policy": "llm"}
-    update = run(nodes.fix_tests, with_(state, report=REPORT, decision=decision), services)
+    update = run(fix_tests, with_(state, report=REPORT, decision=decision), services)
     assert (update["tests"], update["tests_version"], update["fixes"]) == (better, 2, 1)
     assert "simulation" not in update
     [prompt] = kinds(services, "prompt")
@@ -124,17 +127,17 @@ def test_a_fix_of_the_tests_is_their_next_version(state: RunState, make_services
     assert "green_block" not in prompt.text  # no object of the task
 
 
-@pytest.mark.parametrize(("node", "program"), [(nodes.fix_code, SIMULATION), (nodes.fix_tests, TESTS)])
+@pytest.mark.parametrize(("node", "program"), [(fix_code, SIMULATION), (fix_tests, TESTS)])
 def test_a_fix_that_changes_nothing_is_a_fix_and_the_history_says_so(
     state: RunState, make_services: Make, node: Node, program: str
 ) -> None:
     update = run(node, with_(state, report=REPORT), make_services(fenced(program)))
     assert update["fixes"] == 1
     assert not {"simulation", "tests"} & set(update)
-    assert "unchanged" in nodes.describe_fix_history(with_(state, **update))[-1]
+    assert "unchanged" in describe_fix_history(with_(state, **update))[-1]
 
 
-@pytest.mark.parametrize("node", [nodes.fix_code, nodes.fix_tests])
+@pytest.mark.parametrize("node", [fix_code, fix_tests])
 def test_a_fixer_without_a_usable_reply_uses_the_fix_up_and_changes_nothing(
     state: RunState, make_services: Make, node: Node
 ) -> None:
@@ -142,7 +145,7 @@ def test_a_fixer_without_a_usable_reply_uses_the_fix_up_and_changes_nothing(
     update = run(node, with_(state, report=REPORT), services)
     assert update["fixes"] == 1
     assert not {"simulation", "tests", "problem"} & set(update)
-    assert "no usable reply" in nodes.describe_fix_history(with_(state, **update))[-1]
+    assert "no usable reply" in describe_fix_history(with_(state, **update))[-1]
     assert any("no usable reply" in note.text for note in kinds(services, "note"))
 
 
@@ -152,7 +155,7 @@ class NoSuchModel(Exception):
     status_code = 404
 
 
-@pytest.mark.parametrize("node", [*AUTHORS.values(), nodes.fix_code, nodes.fix_tests])
+@pytest.mark.parametrize("node", [*AUTHORS.values(), fix_code, fix_tests])
 def test_a_provider_that_refuses_is_no_outcome_but_an_error(
     state: RunState, make_services: Make, node: Node, tmp_path: Path
 ) -> None:

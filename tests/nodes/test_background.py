@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.library import BACKGROUND
+from grs_agents.library.background_asset import BACKGROUND
 from tests.cli.command import grs
 from tests.perception import room
 

@@ -6,10 +6,12 @@ from typing import Any
 
 import pytest
 
-from grs_agents import nodes
-from grs_agents.library import Library
-from grs_agents.nodes import Services, configured_bystanders, photo_objects, prepare_scene_for_tasks, scene_for_prompt
-from grs_agents.perception import SceneDescription
+from grs_agents.library.library import Library
+from grs_agents.nodes.bystanders import configured_bystanders, photo_objects, prepare_scene_for_tasks
+from grs_agents.nodes.judging import audit_task, run_tests
+from grs_agents.nodes.scene_prompt import scene_for_prompt
+from grs_agents.nodes.services import Services
+from grs_agents.perception.types import SceneDescription
 from grs_agents.sim import TaskInstance
 from grs_agents.state import RunState
 from tests.nodes.conftest import SIMULATION, TESTS, Make, block, kinds, run, with_
@@ -90,7 +92,7 @@ def test_what_stands_where_the_robot_does_is_left_out(state: RunState) -> None:
 
 def test_the_audit_is_about_instances_among_all_that_the_photo_shows(state: RunState, make_services: Make) -> None:
     services = make_services()
-    update = run(nodes.audit_task, state, services)
+    update = run(audit_task, state, services)
     instance = instance_in(services)
     assert [(item.asset, item.role) for item in instance.objects][2:] == [(GREEN, "bystander")]
     rollout = update["audit"]["rollouts"][0]
@@ -100,7 +102,7 @@ def test_the_audit_is_about_instances_among_all_that_the_photo_shows(state: RunS
 
 def test_what_is_left_out_is_in_the_record(state: RunState, make_services: Make) -> None:
     services = make_services(scene={"bystanders": False})
-    update = run(nodes.audit_task, state, services)
+    update = run(audit_task, state, services)
     assert all(item.role == "task" for item in instance_in(services).objects)
     assert "scene.bystanders = false" in update["audit"]["about"]
     assert any("scene.bystanders = false" in event.text for event in kinds(services, "note"))
@@ -116,7 +118,7 @@ def test_a_program_cannot_choose_its_bystanders(state: RunState, make_services: 
         "            InstanceObject(id=60_000, asset='block/gray_block.urdf', pose=away, role='bystander'),)\n"
     )
     services = make_services()
-    run(nodes.audit_task, with_(state, simulation=forged), services)
+    run(audit_task, with_(state, simulation=forged), services)
     assert [(item.id, item.asset) for item in instance_in(services).objects][2:] == [(50_002, GREEN)]
 
 
@@ -129,10 +131,10 @@ SEES = TESTS.replace(
 
 def test_the_tests_run_among_all_that_the_photo_shows(state: RunState, make_services: Make) -> None:
     services = make_services()
-    update = run(nodes.run_tests, with_(state, tests=SEES), services)
+    update = run(run_tests, with_(state, tests=SEES), services)
     assert update["report"]["outcome"] == "passed", update["report"]
     bare = make_services(scene={"bystanders": False})
-    assert run(nodes.run_tests, with_(state, tests=SEES), bare)["report"]["outcome"] == "failed"
+    assert run(run_tests, with_(state, tests=SEES), bare)["report"]["outcome"] == "failed"
 
 
 def test_without_a_photo_nothing_stands_around(state: RunState, make_services: Make) -> None:

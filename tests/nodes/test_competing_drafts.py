@@ -5,10 +5,14 @@ from typing import Any, cast
 import pytest
 from langgraph.graph import START
 
-from grs_agents import nodes
+from grs_agents.nodes.competing_drafts import choose_draft
+from grs_agents.nodes.comprehension import hide_image
+from grs_agents.nodes.graph_segments import add_competing_authors, empty_graph
+from grs_agents.nodes.judging import conclude_with_best_version
 from grs_agents.state import RunState
-from grs_agents.trace import NodeEnded, NodeStarted, Note, read_events
-from grs_agents.views import Step, group_events_into_steps
+from grs_agents.trace.events import NodeEnded, NodeStarted, Note
+from grs_agents.trace.log import read_events
+from grs_agents.views.common.event_steps import Step, group_events_into_steps
 from tests.nodes.conftest import SIMULATION, Make, fenced, kinds, run, with_
 
 OFF_TARGET = SIMULATION.replace("(*target, 0.02)", "(*start, 0.02)")
@@ -22,11 +26,11 @@ def test_two_authors_compete_in_a_graph(state: RunState, make_services: Make) ->
         fenced(SIMULATION),
         fenced(BROKEN),
     )
-    graph = nodes.empty_graph()
+    graph = empty_graph()
     graph.add_edge(START, "generate_task")
-    nodes.add_competing_authors(graph, "generate_task", then="chosen")
-    graph.add_node("chosen", nodes.hide_image)
-    graph.add_node("conclude", nodes.conclude_with_best_version)
+    add_competing_authors(graph, "generate_task", then="chosen")
+    graph.add_node("chosen", hide_image)
+    graph.add_node("conclude", conclude_with_best_version)
     begin = with_(state, task=..., simulation=..., simulation_version=..., tests=..., tests_version=...)
     end = cast(dict[str, Any], graph.compile().invoke(begin, context=services))
     assert {draft["author"] for draft in end["drafts"]} == {"simulation", "rival"}
@@ -45,7 +49,7 @@ def test_the_program_that_holds_more_checks_is_kept(
 ) -> None:
     services = make_services()
     worse, better = ({"author": order[0], "source": OFF_TARGET}, {"author": order[1], "source": SIMULATION})
-    update = run(nodes.choose_draft, with_(state, drafts=[worse, better], simulation=...), services)
+    update = run(choose_draft, with_(state, drafts=[worse, better], simulation=...), services)
     assert update["simulation"] == SIMULATION
     [version] = kinds(services, "program_version")
     assert version.author_role == order[1]
@@ -54,7 +58,7 @@ def test_the_program_that_holds_more_checks_is_kept(
 
 def test_without_a_program_the_run_says_why(state: RunState, make_services: Make) -> None:
     drafts = [{"author": author, "problem": f"{author} is silent"} for author in ("simulation", "rival")]
-    update = run(nodes.choose_draft, with_(state, drafts=drafts), make_services())
+    update = run(choose_draft, with_(state, drafts=drafts), make_services())
     assert update == {"problem": "simulation is silent; rival is silent"}
 
 

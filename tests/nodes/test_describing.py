@@ -17,11 +17,15 @@ from langchain_core.language_models.chat_models import BaseChatModel
 from langchain_core.messages import BaseMessage
 from langchain_core.outputs import ChatGeneration, ChatResult
 
-from grs_agents.agents import Agents
-from grs_agents.config import Config
-from grs_agents.nodes import Photo, Services, describe_segments
-from grs_agents.perception import CandidateRecord, load_mask, measure_candidates, save_candidates, save_frame
-from grs_agents.trace import EventLog, Prompt, read_events
+from grs_agents.agents.agent import Agents
+from grs_agents.config.schema import Config
+from grs_agents.nodes.describing import describe_segments
+from grs_agents.nodes.services import Photo, Services
+from grs_agents.perception.picture_files import load_mask, save_candidates, save_frame
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.types import CandidateRecord
+from grs_agents.trace.events import Prompt
+from grs_agents.trace.log import EventLog, read_events
 from tests.perception.settling.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 from tests.scripted import say
 

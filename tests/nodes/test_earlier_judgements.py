@@ -3,8 +3,10 @@
 from pathlib import Path
 from typing import Any
 
-from grs_agents import nodes
-from grs_agents.nodes import FixRecord, Services
+from grs_agents.nodes.fix_history import FixRecord, describe_fix_history
+from grs_agents.nodes.fixing import fix_code
+from grs_agents.nodes.judging import audit_task, conclude_with_best_version, run_tests
+from grs_agents.nodes.services import Services
 from grs_agents.state import RunState
 from tests.nodes.conftest import SIMULATION, TESTS, Make, fenced, kinds, run, with_
 
@@ -24,8 +26,8 @@ def files(folder: Path) -> dict[str, bytes]:
 
 def judge(state: RunState, services: Services) -> tuple[dict[str, Any], dict[str, Any]]:
     """The test report and the audit of a state's programs."""
-    tested = with_(state, **run(nodes.run_tests, state, services))
-    return dict(tested["report"]), dict(run(nodes.audit_task, tested, services)["audit"])
+    tested = with_(state, **run(run_tests, state, services))
+    return dict(tested["report"]), dict(run(audit_task, tested, services)["audit"])
 
 
 def test_programs_that_come_back_are_not_judged_again(state: RunState, make_services: Make) -> None:
@@ -78,7 +80,7 @@ def test_nothing_of_it_stays_in_a_run_that_ended(state: RunState, make_services:
     services = make_services()
     report, audit = judge(state, services)
     assert (services.folder / ".judged").is_dir()
-    run(nodes.conclude_with_best_version, with_(state, report=report, audit=audit), services)
+    run(conclude_with_best_version, with_(state, report=report, audit=audit), services)
     assert not (services.folder / ".judged").exists()
 
 
@@ -89,7 +91,7 @@ def test_the_router_is_told_which_version_a_fix_brought_back(state: RunState, ma
     (history / "simulation_001.py").write_text(SIMULATION)
     failed = {"outcome": "failed", "cases": [{"id": "T.test_a", "outcome": "failed", "message": "1 != 2"}]}
     first = with_(state, report=failed, simulation_version=1)
-    second = with_(first, **run(nodes.fix_code, first, services))
-    third = with_(second, **run(nodes.fix_code, second, services))
+    second = with_(first, **run(fix_code, first, services))
+    third = with_(second, **run(fix_code, second, services))
     assert [FixRecord.model_validate(record).equals for record in third["history"]] == [0, 1]
-    assert "version 3, equal to version 1 (+1 -1 lines)" in nodes.describe_fix_history(third)[1]
+    assert "version 3, equal to version 1 (+1 -1 lines)" in describe_fix_history(third)[1]

@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from grs_agents import nodes
-from grs_agents.config import ModelConfig
+from grs_agents.config.schema import ModelConfig
+from grs_agents.nodes.fixing import fix_code
+from grs_agents.nodes.judging import decide_what_to_fix
 from grs_agents.state import RunState
 from tests.nodes.conftest import SIMULATION, Make, fenced, kinds, run, with_
 
@@ -19,8 +20,8 @@ REPORT = {"outcome": "failed", "cases": [{"id": "T.test_a", "outcome": "failed",
 def test_the_object_at_fault_is_outlined_and_shown_beside_the_photo(state: RunState, make_services: Make) -> None:
     services = make_services("Out of reach.\n```\nfix_code\n```", fenced(SIMULATION), models=SEES)
     failed = with_(state, simulation=OUT_OF_REACH, report=REPORT)
-    run(nodes.decide_what_to_fix, failed, services)
-    run(nodes.fix_code, failed, services)
+    run(decide_what_to_fix, failed, services)
+    run(fix_code, failed, services)
     path = "history/end_000.png"
     routed, fixed = kinds(services, "prompt")
     assert (routed.images, fixed.images) == ((path,), ("scene/annotated.png", path))
@@ -38,12 +39,12 @@ def test_no_picture_is_drawn_for_models_that_see_none(
     state: RunState, make_services: Make, settings: dict[str, Any]
 ) -> None:
     services = make_services(fenced(SIMULATION), **settings)
-    run(nodes.fix_code, with_(state, simulation=OUT_OF_REACH, report=REPORT), services)
+    run(fix_code, with_(state, simulation=OUT_OF_REACH, report=REPORT), services)
     assert kinds(services, "prompt")[0].images == ("scene/annotated.png",)
     assert not list((services.folder / "history").glob("end_*"))
 
 
 def test_a_program_that_gives_no_instance_has_no_picture(state: RunState, make_services: Make) -> None:
     services = make_services(fenced(SIMULATION), models=SEES)
-    run(nodes.fix_code, with_(state, simulation="raise RuntimeError", report=REPORT), services)
+    run(fix_code, with_(state, simulation="raise RuntimeError", report=REPORT), services)
     assert kinds(services, "prompt")[0].images == ("scene/annotated.png",)

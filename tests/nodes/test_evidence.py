@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from grs_agents.audit import AuditReport, Finding, StaticFinding
-from grs_agents.nodes import render_evidence
-from grs_agents.sandbox import TestCase, TestReport
+from grs_agents.audit.types import AuditReport, Finding, StaticFinding
+from grs_agents.nodes.evidence import render_evidence
+from grs_agents.sandbox.protocol.report import TestCase, TestReport
 from grs_agents.sim import Episode, Outcome, Rollout
-from grs_agents.sim.instance import GoalOutcome, ObjectMotion
+from grs_agents.sim.instance.episode import GoalOutcome, ObjectMotion
 
 EPISODE: dict[str, Any] = {
     "outcome": "step_limit",

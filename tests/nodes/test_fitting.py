@@ -8,22 +8,22 @@ from typing import cast
 import pytest
 
 from grs_agents import content
-from grs_agents.agents import Description
+from grs_agents.agents.types import Description
 from grs_agents.errors import InputError
-from grs_agents.library import Library
-from grs_agents.nodes import MatchedCandidate, Services, place_asset_or_proxy, replace_misfit_assets
-from grs_agents.perception import (
+from grs_agents.library.library import Library
+from grs_agents.nodes.scene_object_building import MatchedCandidate, place_asset_or_proxy, replace_misfit_assets
+from grs_agents.nodes.services import Services
+from grs_agents.perception.picture_files import save_candidates, save_frame
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.settling.settling import PlacedObject
+from grs_agents.perception.types import (
     CandidateRecord,
     MatchEvidence,
     RGBDFrame,
     SceneDescription,
     SceneObject,
     TableFrame,
-    measure_candidates,
-    save_candidates,
-    save_frame,
 )
-from grs_agents.perception.settling import PlacedObject
 from tests.perception.settling.photo import photo_of
 
 WORDS = Description(is_object=True, description="a carton", color="white", shape="box", category="carton")

@@ -7,16 +7,19 @@ from typing import Any
 
 import pytest
 
-from grs_agents import nodes
-from grs_agents.agents import TaskDefinition
-from grs_agents.audit import audit_task
-from grs_agents.config import AuditConfig, Config
-from grs_agents.library import Library
-from grs_agents.nodes import FixRecord, Services
-from grs_agents.policies import load_policy
-from grs_agents.sandbox import Sandbox
+from grs_agents.agents.types import TaskDefinition
+from grs_agents.audit.checks import audit_task
+from grs_agents.config.schema import AuditConfig, Config
+from grs_agents.library.library import Library
+from grs_agents.nodes.fix_history import FixRecord, describe_fix_history
+from grs_agents.nodes.fixing import fix_code
+from grs_agents.nodes.graph_segments import add_authors, add_fix_loop, add_judging, empty_graph
+from grs_agents.nodes.judging import conclude_with_best_version, run_tests
+from grs_agents.nodes.services import Services
+from grs_agents.policies.policy_registry import load_policy
+from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.state import RunState
-from grs_agents.trace import EventLog
+from grs_agents.trace.log import EventLog
 from tests.nodes.conftest import SIMULATION, TASK, TESTS, Make, fenced, kinds, run, with_
 from tests.scripted import StubbornAgents, StubbornModel
 
@@ -39,10 +42,10 @@ def run_stubborn(state: RunState, folder: Path, sandbox: Sandbox, **replies: str
     model = StubbornModel(replies={**STUBBORN, **replies})
     agents = StubbornAgents(config, EventLog(folder / "events.jsonl"), folder, stubborn=model)
     services = Services(config, agents.log, agents, load_policy("llm"), sandbox, folder)
-    graph = nodes.empty_graph()
+    graph = empty_graph()
     graph.add_edge("__start__", "generate_task")
-    nodes.add_authors(graph, "generate_task", "generate_sim", "generate_tests", then="run_tests")
-    nodes.add_judging(graph, fix=nodes.add_fix_loop(graph, then="audit", revise=True))
+    add_authors(graph, "generate_task", "generate_sim", "generate_tests", then="run_tests")
+    add_judging(graph, fix=add_fix_loop(graph, then="audit", revise=True))
     begin: Any = {key: state[key] for key in ("scene_path", "fixes", "history", "image", "scene")}
     begin["max_fixes"] = 12
     return graph.compile().invoke(begin, {"recursion_limit": 90}, context=services), services
@@ -98,14 +101,14 @@ def test_a_revised_task_is_written_for_anew_and_what_was_given_up_is_recorded(
 def test_a_run_that_is_not_accepted_leaves_the_best_version_in_place(state: RunState, make_services: Make) -> None:
     worse = SIMULATION.replace("super().__init__()", "raise RuntimeError('no such luck')")
     services = make_services(fenced(worse))
-    failed = run(nodes.run_tests, with_(state, tests=WRONG_TESTS + GOOD_TEST), services)
+    failed = run(run_tests, with_(state, tests=WRONG_TESTS + GOOD_TEST), services)
     first = with_(state, tests=WRONG_TESTS + GOOD_TEST, max_fixes=1, **failed)
-    fixed = with_(first, **run(nodes.fix_code, first, services))
-    judged = with_(fixed, **run(nodes.run_tests, fixed, services))
-    [line, best] = nodes.describe_fix_history(judged)
+    fixed = with_(first, **run(fix_code, first, services))
+    judged = with_(fixed, **run(run_tests, fixed, services))
+    [line, best] = describe_fix_history(judged)
     assert "version 2 (+1 -1 lines): tests 1/2, strict 0.00 -> tests 0/2, strict 0.00" in line
     assert "program version 1 with tests version 1" in best
-    ended = run(nodes.conclude_with_best_version, judged, services)
+    ended = run(conclude_with_best_version, judged, services)
     assert ended["status"] == "rejected" and "left in place is program version 1" in ended["reason"]
     assert ended["simulation"] == SIMULATION == (services.folder / "simulation.py").read_text()
     assert (services.folder / "test_simulation.py").read_text() == WRONG_TESTS + GOOD_TEST
@@ -125,11 +128,11 @@ def test_a_fix_is_in_vain_where_the_report_stays_or_old_programs_come_back(
     other = SIMULATION.replace("max_steps = 6", "max_steps = 7")
     services = make_services(fenced(other), fenced(SIMULATION))
     first = with_(state, report=report)
-    second = with_(first, **run(nodes.fix_code, first, services))
-    judged = with_(second, **run(nodes.run_tests, with_(second, tests=WRONG_TESTS), services))
+    second = with_(first, **run(fix_code, first, services))
+    judged = with_(second, **run(run_tests, with_(second, tests=WRONG_TESTS), services))
     assert not FixRecord.model_validate(judged["history"][-1]).vain
-    third = with_(judged, **run(nodes.fix_code, judged, services))
-    outcome = run(nodes.run_tests, with_(third, tests=TESTS if brings_back else WRONG_TESTS), services)
+    third = with_(judged, **run(fix_code, judged, services))
+    outcome = run(run_tests, with_(third, tests=TESTS if brings_back else WRONG_TESTS), services)
     assert FixRecord.model_validate(outcome["history"][-1]).vain
 
 

@@ -5,10 +5,20 @@ from typing import Any
 
 import pytest
 
-from grs_agents import content, nodes
-from grs_agents.nodes import Services
+from grs_agents import content
+from grs_agents.nodes.judging import (
+    audit_task,
+    conclude_with_best_version,
+    decide_what_to_fix,
+    next_step_after_audit,
+    next_step_after_tests,
+    read_routing_verdict,
+    run_tests,
+)
+from grs_agents.nodes.services import Services
 from grs_agents.state import RunState
-from grs_agents.trace import NodeEnded, read_events
+from grs_agents.trace.events import NodeEnded
+from grs_agents.trace.log import read_events
 from tests.nodes.conftest import SIMULATION, TASK, TESTS, Make, fenced, kinds, run, with_
 
 RAISES = SIMULATION.replace("super().reset(env)", "raise RuntimeError('no such luck')")
@@ -28,43 +38,43 @@ def audited(accepted: bool) -> dict[str, Any]:
 
 def test_a_program_that_keeps_its_tests_goes_to_the_audit(state: RunState, make_services: Make) -> None:
     services = make_services()
-    update = run(nodes.run_tests, with_(state, audit=audited(False)), services)
+    update = run(run_tests, with_(state, audit=audited(False)), services)
     assert update["report"]["outcome"] == "passed"
     assert not update["audit"]  # of the version before
     assert kinds(services, "tests_run")[0].report == update["report"]
-    assert nodes.next_step_after_tests(with_(state, **update)) == "audit"
+    assert next_step_after_tests(with_(state, **update)) == "audit"
 
 
 def test_a_program_that_raises_is_a_report_and_no_exception(state: RunState, make_services: Make) -> None:
-    update = run(nodes.run_tests, with_(state, simulation=RAISES), make_services())
+    update = run(run_tests, with_(state, simulation=RAISES), make_services())
     assert (update["report"]["outcome"], update["report"]["raised_in"]) == ("failed", "simulation")
-    assert nodes.next_step_after_tests(with_(state, **update)) == "fix"
+    assert next_step_after_tests(with_(state, **update)) == "fix"
 
 
 @pytest.mark.parametrize(("fixes", "allowed", "way"), [(0, 0, "stop"), (0, 1, "fix"), (1, 2, "fix"), (2, 2, "stop")])
 def test_there_are_as_many_fixes_as_allowed(state: RunState, fixes: int, allowed: int, way: str) -> None:
     here = with_(state, fixes=fixes, max_fixes=allowed)
-    assert nodes.next_step_after_tests(with_(here, report=FAILED)) == way
-    assert nodes.next_step_after_audit(with_(here, report=PASSED, audit=audited(False))) == way
-    assert nodes.next_step_after_tests(with_(here, report=PASSED)) == "audit"
-    assert nodes.next_step_after_audit(with_(here, report=PASSED, audit=audited(True))) == "stop"
+    assert next_step_after_tests(with_(here, report=FAILED)) == way
+    assert next_step_after_audit(with_(here, report=PASSED, audit=audited(False))) == way
+    assert next_step_after_tests(with_(here, report=PASSED)) == "audit"
+    assert next_step_after_audit(with_(here, report=PASSED, audit=audited(True))) == "stop"
 
 
 @pytest.mark.parametrize("verdict", ["fix_code", "fix_test"])
 def test_the_router_model_decides_and_its_reason_is_kept(state: RunState, make_services: Make, verdict: str) -> None:
     services = make_services(f"One is not two.\n```\n{verdict}\n```")
-    update = run(nodes.decide_what_to_fix, with_(state, report=FAILED), services)
+    update = run(decide_what_to_fix, with_(state, report=FAILED), services)
     assert (update["decision"]["verdict"], update["decision"]["explanation"]) == (verdict, "One is not two.")
     [decision] = kinds(services, "decision")
     assert (decision.verdict, decision.explanation) == (verdict, "One is not two.")
-    assert nodes.read_routing_verdict(with_(state, **update)) == verdict
+    assert read_routing_verdict(with_(state, **update)) == verdict
     [prompt] = kinds(services, "prompt")
     assert all(part in prompt.text for part in ("1 != 2", SIMULATION.strip(), TESTS.strip(), '"blue_block_1"'))
 
 
 def test_where_the_router_model_is_of_no_use_rules_decide_and_say_so(state: RunState, make_services: Make) -> None:
     services = make_services("I cannot say.", "I cannot say.", reply_retries=1)
-    update = run(nodes.decide_what_to_fix, with_(state, report=PASSED, audit=audited(False)), services)
+    update = run(decide_what_to_fix, with_(state, report=PASSED, audit=audited(False)), services)
     assert update["decision"]["verdict"] == "fix_code"
     assert "rules" in update["decision"]["policy"]
     assert "no usable reply" in update["decision"]["explanation"]
@@ -72,7 +82,7 @@ def test_where_the_router_model_is_of_no_use_rules_decide_and_say_so(state: RunS
 
 def test_after_the_audit_the_router_reads_its_findings(state: RunState, make_services: Make) -> None:
     services = make_services("So be it.\n```\nfix_code\n```")
-    run(nodes.decide_what_to_fix, with_(state, report=PASSED, audit=audited(False)), services)
+    run(decide_what_to_fix, with_(state, report=PASSED, audit=audited(False)), services)
     assert "strict score 0.20" in kinds(services, "prompt")[0].text
 
 
@@ -81,7 +91,7 @@ def test_the_audit_accepts_what_the_oracle_solves(state: RunState, make_services
     stale = services.folder / "instances" / "seed_7.json"
     stale.parent.mkdir()
     stale.write_text("{}")
-    update = run(nodes.audit_task, state, services)
+    update = run(audit_task, state, services)
     assert update["audit"]["accepted"] is True, update["audit"]["findings"]
     assert json.loads((services.folder / "audit.json").read_text()) == update["audit"]
     assert sorted(file.name for file in stale.parent.iterdir()) == ["seed_0.json", "seed_0.npz"]
@@ -98,10 +108,10 @@ def test_the_audit_accepts_what_the_oracle_solves(state: RunState, make_services
 )
 def test_the_audit_rejects_by_name(state: RunState, make_services: Make, change: Any, check: str) -> None:
     services = make_services()
-    update = run(nodes.audit_task, with_(state, **change), services)
+    update = run(audit_task, with_(state, **change), services)
     assert update["audit"]["accepted"] is False
     assert check in {event.check for event in kinds(services, "finding") if not event.passed}
-    assert nodes.next_step_after_audit(with_(state, **update)) == "fix"
+    assert next_step_after_audit(with_(state, **update)) == "fix"
 
 
 @pytest.mark.parametrize(
@@ -115,7 +125,7 @@ def test_the_audit_rejects_by_name(state: RunState, make_services: Make, change:
     ],
 )
 def test_the_end_says_why(state: RunState, make_services: Make, changes: Any, status: str, told: list[str]) -> None:
-    update = run(nodes.conclude_with_best_version, with_(state, fixes=1, **changes), make_services())
+    update = run(conclude_with_best_version, with_(state, fixes=1, **changes), make_services())
     assert update["status"] == status
     assert all(part in update["reason"] for part in told), update["reason"]
 
@@ -123,7 +133,7 @@ def test_the_end_says_why(state: RunState, make_services: Make, changes: Any, st
 def test_an_exception_in_a_node_is_logged_and_goes_on(state: RunState, make_services: Make) -> None:
     services = make_services(RuntimeError("the model is no more"))
     with pytest.raises(Exception, match="the model is no more"):
-        run(nodes.decide_what_to_fix, with_(state, report=FAILED), services)
+        run(decide_what_to_fix, with_(state, report=FAILED), services)
     last = read_events(services.log.path)[-1]
     assert isinstance(last, NodeEnded) and "the model is no more" in last.error
 

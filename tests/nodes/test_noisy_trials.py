@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from grs_agents import nodes
-from grs_agents.nodes import Services
+from grs_agents.nodes.judging import audit_task
+from grs_agents.nodes.services import Services
 from grs_agents.state import RunState
 from tests.nodes.conftest import Make, run, with_
 
@@ -27,6 +27,6 @@ def test_a_fifth_episode_runs_only_where_it_decides(
         return result
 
     monkeypatch.setattr(Services, "run_tool", fail_some)
-    report = run(nodes.audit_task, with_(state, tests=None), make_services())["audit"]
+    report = run(audit_task, with_(state, tests=None), make_services())["audit"]
     [finding] = [one for one in report["findings"] if one["check"] == "sure_hand"]
     assert told in finding["measured"] and finding["passed"] == passed

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from grs_agents.nodes import explain_rejection
-from grs_agents.sandbox import TestReport
+from grs_agents.nodes.rejection import explain_rejection
+from grs_agents.sandbox.protocol.report import TestReport
 from tests.cli.command import grs
 
 PROGRAM = """\

@@ -7,17 +7,13 @@ from typing import cast
 import cv2
 import pytest
 
-from grs_agents.agents import Description
-from grs_agents.library import Library, quaternion_from_rpy
-from grs_agents.nodes import (
-    MatchedCandidate,
-    Photo,
-    Services,
-    explain_why_no_scene_object,
-    place_asset_or_proxy,
-)
-from grs_agents.perception import CandidateRecord, MatchEvidence
-from grs_agents.perception.settling import PlacedObject
+from grs_agents.agents.types import Description
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import quaternion_from_rpy
+from grs_agents.nodes.scene_object_building import MatchedCandidate, explain_why_no_scene_object, place_asset_or_proxy
+from grs_agents.nodes.services import Photo, Services
+from grs_agents.perception.settling.settling import PlacedObject
+from grs_agents.perception.types import CandidateRecord, MatchEvidence
 from tests.perception.settling.photo import photo_of
 
 RECORD = CandidateRecord.model_validate(

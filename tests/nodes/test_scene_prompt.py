@@ -5,9 +5,10 @@ from typing import Any
 
 import pytest
 
-from grs_agents.library import Library, quaternion_from_rpy
-from grs_agents.nodes import fixture_assets_for_prompt, scene_for_prompt
-from grs_agents.perception import SceneDescription
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import quaternion_from_rpy
+from grs_agents.nodes.scene_prompt import fixture_assets_for_prompt, scene_for_prompt
+from grs_agents.perception.types import SceneDescription
 
 LIBRARY = Library()
 FRAME: dict[str, Any] = {"T_robot_cam": ((1.0,),), "origin": "calibrated", "residual": 0.0, "inliers": 1.0}

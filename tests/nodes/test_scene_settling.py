@@ -9,22 +9,16 @@ import cv2
 import numpy as np
 import pytest
 
-from grs_agents.agents import Description
-from grs_agents.library import Library
-from grs_agents.nodes import MatchedCandidate, Photo, Services, SettledScene, place_asset_or_proxy, settle_scene
-from grs_agents.perception import (
-    CandidateRecord,
-    MatchEvidence,
-    SceneObject,
-    UprightBox,
-    add_residual_candidates,
-    load_mask,
-    measure_candidates,
-    raised_pixel_mask,
-    register_objects,
-    save_candidates,
-    save_frame,
-)
+from grs_agents.agents.types import Description
+from grs_agents.library.library import Library
+from grs_agents.nodes.scene_object_building import MatchedCandidate, place_asset_or_proxy
+from grs_agents.nodes.scene_settling import SettledScene, settle_scene
+from grs_agents.nodes.services import Photo, Services
+from grs_agents.perception.coverage import raised_pixel_mask
+from grs_agents.perception.picture_files import load_mask, save_candidates, save_frame
+from grs_agents.perception.registration.scene_registration import add_residual_candidates, register_objects
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.types import CandidateRecord, MatchEvidence, SceneObject, UprightBox
 from grs_agents.toolkit import ToolContext, load_tool
 from tests.perception.settling.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 

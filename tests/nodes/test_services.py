@@ -5,9 +5,10 @@ from typing import Any, cast
 
 import pytest
 
-from grs_agents.config import Config
-from grs_agents.nodes import Services
-from grs_agents.perception.proxies import primitive_proxy, write_proxy
+from grs_agents.config.schema import Config
+from grs_agents.nodes.services import Services
+from grs_agents.perception.proxies.primitive_proxy import primitive_proxy
+from grs_agents.perception.proxies.proxy_writer import write_proxy
 
 GRAY = (0.5, 0.5, 0.5)
 

@@ -9,10 +9,10 @@ import pytest
 
 from grs_agents.errors import InputError
 from grs_agents.geometry import transforms
-from grs_agents.nodes import solve_task_instances
-from grs_agents.perception import SceneDescription
+from grs_agents.nodes.task_instances import solve_task_instances
+from grs_agents.perception.types import SceneDescription
 from grs_agents.sim import TaskInstance, hash_instance
-from grs_agents.sim.instance import InstanceLight, InstanceTable
+from grs_agents.sim.instance.task_instance import InstanceLight, InstanceTable
 from grs_agents.state import RunState
 from grs_agents.task_folder import open_task_folder
 from tests.gantry import GANTRY

@@ -4,7 +4,9 @@ from typing import Any
 
 import pytest
 
-from grs_agents import nodes
+from grs_agents.nodes.fix_history import describe_fix_history
+from grs_agents.nodes.fixing import fix_tests
+from grs_agents.nodes.judging import audit_task, decide_what_to_fix, run_tests
 from grs_agents.state import RunState
 from tests.nodes.conftest import SIMULATION, TESTS, Make, fenced, run, with_
 
@@ -102,7 +104,7 @@ TWO_FACED = SIMULATION.replace("import numpy as np\n", "import sys\nimport numpy
 
 def audit(state: RunState, make_services: Make, **changes: Any) -> dict[str, Any]:
     """The findings on the tests, by check."""
-    report = run(nodes.audit_task, with_(state, **changes), make_services())["audit"]
+    report = run(audit_task, with_(state, **changes), make_services())["audit"]
     assert report["accepted"] == all(finding["passed"] for finding in report["findings"])
     about = {one["check"]: one for one in report["findings"] if one["check"].startswith("tests_")}
     assert about, [one for one in report["findings"] if not one["passed"]]
@@ -160,12 +162,12 @@ def test_what_a_suite_may_not_do_is_named(
 
 def test_findings_on_tests_alone_leave_the_tests_to_be_fixed(state: RunState, make_services: Make) -> None:
     services = make_services(fenced("fix_code", ""), fenced(TESTS))
-    judged = with_(state, tests=BLIND, **run(nodes.run_tests, with_(state, tests=BLIND), services))
-    audited = with_(judged, **run(nodes.audit_task, judged, services))
-    routed = with_(audited, **run(nodes.decide_what_to_fix, audited, services))
+    judged = with_(state, tests=BLIND, **run(run_tests, with_(state, tests=BLIND), services))
+    audited = with_(judged, **run(audit_task, judged, services))
+    routed = with_(audited, **run(decide_what_to_fix, audited, services))
     assert routed["decision"]["verdict"] == "fix_test"
-    fixed = with_(routed, **run(nodes.fix_tests, routed, services))
-    lines = nodes.describe_fix_history(fixed)
+    fixed = with_(routed, **run(fix_tests, routed, services))
+    lines = describe_fix_history(fixed)
     assert any(
         "no longer asserted: assertGreater(self.play(task_code.MoveTwoBlocks()), 0.99)" in line for line in lines
     )

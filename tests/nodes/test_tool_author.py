@@ -8,14 +8,16 @@ from typing import Any
 import pytest
 
 from grs_agents import api
-from grs_agents.agents import Agents
-from grs_agents.config import ModelConfig
+from grs_agents.agents.agent import Agents
+from grs_agents.config.schema import ModelConfig
 from grs_agents.errors import ConfigError
-from grs_agents.nodes import Services
-from grs_agents.nodes.tool_author import generate_sim_with_tools
+from grs_agents.nodes.services import Services
+from grs_agents.nodes.tool_author.author import generate_sim_with_tools
 from grs_agents.state import RunState
-from grs_agents.trace import ProgramVersion, ToolCall, read_events
-from grs_agents.views import group_events_into_steps, iter_step_sections
+from grs_agents.trace.events import ProgramVersion, ToolCall
+from grs_agents.trace.log import read_events
+from grs_agents.views.common.event_steps import group_events_into_steps
+from grs_agents.views.common.step_text import iter_step_sections
 from tests.chat_server import Answer, Json, chat_server, completion
 from tests.nodes.conftest import SIMULATION, Make, fenced, kinds, run, with_
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from grs_agents.perception import Camera, RGBDFrame
+from grs_agents.perception.types import Camera, RGBDFrame
 
 Array = npt.NDArray[np.float64]
 WIDTH, HEIGHT, FOCAL = 480, 360, 420.0

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.perception import Camera, RGBDFrame
+from grs_agents.perception.types import Camera, RGBDFrame
 
 Floats = npt.NDArray[np.float64]
 TABLE, ROOM, THINGS = (0,), (1, 2, 3), (4, 5)

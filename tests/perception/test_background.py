@@ -8,7 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grs_agents.errors import ConfigError
-from grs_agents.perception import DEFAULT, Aabb, Background, cover_points_with_boxes, find_table, reconstruct_background
+from grs_agents.perception.background_reconstruction import Background, cover_points_with_boxes, reconstruct_background
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.table_finding import find_table
+from grs_agents.perception.types import Aabb
 from tests.perception import room
 from tests.perception.room import Floats
 

@@ -8,8 +8,11 @@ import pytest
 
 from evals.benchmark.ground_truth import read_labelled
 from evals.synthesis import Recipe, recipes, synthesise
-from grs_agents.library import Library
-from grs_agents.perception import RGBDFrame, find_bin_walls, find_table, robot_frame_point_map, robot_pixel_mask
+from grs_agents.library.library import Library
+from grs_agents.perception.bin_walls.bin_walls import find_bin_walls
+from grs_agents.perception.robot_pixels import robot_pixel_mask
+from grs_agents.perception.table_finding import find_table, robot_frame_point_map
+from grs_agents.perception.types import RGBDFrame
 from tests.perception import room
 
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]

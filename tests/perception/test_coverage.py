@@ -6,18 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from grs_agents.perception import (
-    Mask,
-    RGBDFrame,
-    TableFrame,
-    describe_coverage,
-    find_table,
-    measure_coverage,
-    raised_pixel_mask,
-    read_scene,
-    robot_frame_point_map,
-    segment_objects_on_table,
-)
+from grs_agents.perception.coverage import describe_coverage, measure_coverage, raised_pixel_mask
+from grs_agents.perception.reading.scene_source import read_scene
+from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
+from grs_agents.perception.table_finding import find_table, robot_frame_point_map
+from grs_agents.perception.types import Mask, RGBDFrame, TableFrame
 from tests.needs import REAL_SCENES, needs
 from tests.perception import room
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.perception import Camera, RGBDFrame
+from grs_agents.perception.types import Camera, RGBDFrame
 from tests.perception.conftest import Rendered
 
 

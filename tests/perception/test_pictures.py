@@ -6,7 +6,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from grs_agents.perception import draw_candidate_overlay, find_table, measure_candidates, save_candidates, save_frame
+from grs_agents.perception.picture_files import draw_candidate_overlay, save_candidates, save_frame
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.table_finding import find_table
 from tests.perception.conftest import Rendered
 from tests.pictures import read_picture
 

@@ -6,13 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from grs_agents.perception import (
-    RGBDFrame,
-    find_table,
-    measure_stray_light,
-    remove_stray_light,
-    robot_frame_point_map,
-)
+from grs_agents.perception.stray_light import measure_stray_light, remove_stray_light
+from grs_agents.perception.table_finding import find_table, robot_frame_point_map
+from grs_agents.perception.types import RGBDFrame
 from tests.perception import room
 
 ARM = ((-0.12, -0.05, 0.38), (0.1, 0.06, 0.46))

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.library import Library, matrix_from_quaternion, quaternion_from_rpy
-from grs_agents.perception import find_asset_symmetry
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import matrix_from_quaternion, quaternion_from_rpy
+from grs_agents.perception.asset_surfaces import find_asset_symmetry
 
 LIBRARY = Library()
 ANGLES = st.floats(-3.1, 3.1)

@@ -7,19 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.config import TableChoice
+from grs_agents.config.schema import TableChoice
 from grs_agents.errors import InputError
-from grs_agents.geometry import matrix_to_quaternion, pose_matrix, quaternion_to_matrix, rotation_about_axis
-from grs_agents.perception import (
-    RGBDFrame,
+from grs_agents.geometry.transforms import matrix_to_quaternion, pose_matrix, quaternion_to_matrix, rotation_about_axis
+from grs_agents.perception.reading.scene_source import read_scene
+from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
+from grs_agents.perception.table_finding import (
     describe_table_doubts,
     find_table,
     pixels_to_robot_frame,
     project_to_pixels,
-    read_scene,
     robot_frame_point_map,
-    segment_objects_on_table,
 )
+from grs_agents.perception.types import RGBDFrame
 from tests.perception.conftest import Rendered, Thing, look_at, render
 from tests.perception.settling.photo import LIBRARY, MILK, photo_of, standing
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from grs_agents.perception import find_table, measure_table_color
+from grs_agents.perception.table_color import measure_table_color
+from grs_agents.perception.table_finding import find_table
 from tests.perception.conftest import Rendered
 
 WOOD = np.array([150, 140, 130]) / 255  # of the rendered table

@@ -8,17 +8,15 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from grs_agents.library import Lens, Library
-from grs_agents.perception import (
-    RGBDFrame,
-    TableFrame,
-    find_table,
-    robot_frame_point_map,
-    write_table_texture,
-)
-from grs_agents.sim.instance import InstanceTable
-from grs_agents.sim.rendering import Props, render_from_camera
-from grs_agents.sim.world import TABLE_CENTER, TABLE_SIDE
+from grs_agents.library.asset_rendering import Lens
+from grs_agents.library.library import Library
+from grs_agents.perception.table_finding import find_table, robot_frame_point_map
+from grs_agents.perception.table_texture import write_table_texture
+from grs_agents.perception.types import RGBDFrame, TableFrame
+from grs_agents.sim.instance.task_instance import InstanceTable
+from grs_agents.sim.rendering.stage import Props
+from grs_agents.sim.rendering.textured_pictures import render_from_camera
+from grs_agents.sim.world.appearance import TABLE_CENTER, TABLE_SIDE
 from tests.perception.conftest import Rendered
 
 LIGHT, DARK = 190, 120

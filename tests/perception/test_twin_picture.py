@@ -4,15 +4,9 @@ import numpy as np
 import pytest
 
 from grs_agents.errors import InputError
-from grs_agents.library import Library
-from grs_agents.perception import (
-    Aabb,
-    Intrinsics,
-    SceneDescription,
-    SceneObject,
-    TableFrame,
-    draw_twin,
-)
+from grs_agents.library.library import Library
+from grs_agents.perception.twin_picture import draw_twin
+from grs_agents.perception.types import Aabb, Intrinsics, SceneDescription, SceneObject, TableFrame
 
 CAMERA = Intrinsics(fx=200, fy=200, cx=99.5, cy=74.5, width=200, height=150)
 DOWN = ((1.0, 0.0, 0.0, 0.5), (0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 1.0), (0.0, 0.0, 0.0, 1.0))

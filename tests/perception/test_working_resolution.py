@@ -6,15 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from grs_agents.perception import (
-    RGBDFrame,
-    downscale_frame,
-    downscale_mask,
-    find_table,
-    repeat_cells,
-    segment_objects_on_table,
-    upscale_labels,
-)
+from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
+from grs_agents.perception.table_finding import find_table
+from grs_agents.perception.types import RGBDFrame
+from grs_agents.perception.working_resolution import downscale_frame, downscale_mask, repeat_cells, upscale_labels
 from tests.perception.conftest import Rendered
 
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from grs_agents.perception import FARTHEST, is_reachable_position
-from grs_agents.perception import NEAREST as WORKSPACE_NEAREST
-from grs_agents.sim.arms import NEAREST, REACH
+from grs_agents.perception.types import FARTHEST, is_reachable_position
+from grs_agents.perception.types import NEAREST as WORKSPACE_NEAREST
+from grs_agents.sim.arms.ur5e import NEAREST, REACH
 
 
 @pytest.mark.parametrize(

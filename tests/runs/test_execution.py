@@ -11,10 +11,14 @@ from unittest.mock import patch
 import pytest
 
 from grs_agents import content
-from grs_agents.config import Config, EffectiveConfig
+from grs_agents.config.load import EffectiveConfig
+from grs_agents.config.schema import Config
 from grs_agents.errors import ConfigError, GrsError, InputError, OutputError
-from grs_agents.runs import Order, Outcome, UnexpectedError, execute_run, read_record
-from grs_agents.trace import EventLog, RunEnded, RunStarted, read_events
+from grs_agents.runs.execution import Outcome, UnexpectedError, execute_run
+from grs_agents.runs.record import read_record
+from grs_agents.runs.run_opening import Order
+from grs_agents.trace.events import RunEnded, RunStarted
+from grs_agents.trace.log import EventLog, read_events
 from tests.kept_sandbox import lend_sandbox
 
 GRAPH = """\

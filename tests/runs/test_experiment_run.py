@@ -11,7 +11,7 @@ from grs_agents import content
 from grs_agents.base import Frozen
 from grs_agents.errors import InputError
 from grs_agents.metrics import Figure
-from grs_agents.runs import Experiment, ExperimentParser
+from grs_agents.runs.experiment_run import Experiment, ExperimentParser
 
 
 class Row(Frozen):

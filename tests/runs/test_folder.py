@@ -4,9 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.config import Config
+from grs_agents.config.schema import Config
 from grs_agents.errors import InputError
-from grs_agents.runs import RunRecord, make_run_folder, open_resumed_folder, read_record
+from grs_agents.runs.record import RunRecord, read_record
+from grs_agents.runs.run_opening import make_run_folder, open_resumed_folder
 
 
 def record(source: str, status: str = "running") -> RunRecord:

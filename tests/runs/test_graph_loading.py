@@ -8,9 +8,13 @@ from pathlib import Path
 import pytest
 
 from grs_agents import content
-from grs_agents.config import Config, EffectiveConfig
+from grs_agents.config.load import EffectiveConfig
+from grs_agents.config.schema import Config
 from grs_agents.errors import ConfigError
-from grs_agents.runs import Order, Outcome, compile_graph, execute_run, read_record
+from grs_agents.runs.execution import Outcome, execute_run
+from grs_agents.runs.graph_loading import compile_graph
+from grs_agents.runs.record import read_record
+from grs_agents.runs.run_opening import Order
 from tests.kept_sandbox import lend_sandbox
 
 HEAD = """\

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.errors import GrsError
-from grs_agents.runs import REMOVED, Scrubber, make_scrubber, pack_run_as_zip, strip_png_metadata
+from grs_agents.runs.sharing import REMOVED, Scrubber, make_scrubber, pack_run_as_zip, strip_png_metadata
 
 KEY = "zq7Qm-very-secret"
 KNOWN = (

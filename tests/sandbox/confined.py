@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import grs_agents
-from grs_agents.sandbox.harness import CapturedError
-from grs_agents.sandbox.isolation import Allowance, hardening, privileges
+from grs_agents.sandbox.harness.captured_error import CapturedError
+from grs_agents.sandbox.isolation import hardening, privileges
+from grs_agents.sandbox.isolation.privileges import Allowance
 
 PACKAGE = Path(grs_agents.__file__).parent
 PYTHON = (Path(sys.prefix), Path(sys.base_prefix), PACKAGE, *map(Path, ("/usr", "/lib", "/lib64", "/dev/urandom")))

@@ -7,8 +7,10 @@ from typing import Any
 import pytest
 
 from grs_agents import content
-from grs_agents.config import Limits
-from grs_agents.sandbox import CallResult, Sandbox, TestReport, TestRun, run_tests
+from grs_agents.config.schema import Limits
+from grs_agents.sandbox.host.sandbox import Sandbox
+from grs_agents.sandbox.host.suite_run import TestRun, run_tests
+from grs_agents.sandbox.protocol.report import CallResult, TestReport
 from tests.needs import needs
 
 EXECUTE = """

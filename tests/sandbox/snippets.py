@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 import grs_agents
-from grs_agents.sandbox import CallResult, Sandbox
-from grs_agents.sandbox.protocol import ENVIRONMENT
+from grs_agents.sandbox.host.sandbox import Sandbox
+from grs_agents.sandbox.protocol.report import CallResult
+from grs_agents.sandbox.protocol.startup import ENVIRONMENT
 
 Execute = Callable[..., CallResult]
 

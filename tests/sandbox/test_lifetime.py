@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 import grs_agents
-from grs_agents.config import Limits
-from grs_agents.sandbox import Sandbox
+from grs_agents.config.schema import Limits
 from grs_agents.sandbox.host import streams, zygote_process
-from grs_agents.sandbox.isolation import BackendChoice
+from grs_agents.sandbox.host.sandbox import Sandbox
+from grs_agents.sandbox.isolation.backends import BackendChoice
 from tests.sandbox.conftest import BACKENDS
 from tests.sandbox.processes import ends
 

@@ -17,11 +17,12 @@ from langgraph.checkpoint.memory import InMemorySaver
 from langgraph.graph import StateGraph
 from langgraph.types import Command
 
-from grs_agents import content, serving
+from grs_agents import content
 from grs_agents.errors import ConfigError, InputError
-from grs_agents.runs import read_record
+from grs_agents.runs.record import read_record
+from grs_agents.serving.langgraph_server import build_served_graph, grs, router, scene
 from grs_agents.state import RunState
-from grs_agents.trace import read_events
+from grs_agents.trace.log import read_events
 from tests.needs import needs
 from tests.views.looking import free_port
 
@@ -48,7 +49,7 @@ def test_a_served_graph_leaves_a_run_and_streams_its_nodes(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     steps: list[Any] = list(
-        serving.scene.compile().stream(
+        scene.compile().stream(
             given(scene_path=str(small_scene)),
             {"configurable": {"set": ["seed=3"]}},
             stream_mode="updates",
@@ -76,14 +77,14 @@ def test_a_served_graph_leaves_a_run_and_streams_its_nodes(
 def test_what_a_request_leaves_out_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="names no scene"):
-        serving.grs.compile().invoke(given(max_fixes=3))
+        grs.compile().invoke(given(max_fixes=3))
     with pytest.raises(InputError, match="nowhere"):
-        serving.grs.compile().invoke(given(scene_path="nowhere"))
+        grs.compile().invoke(given(scene_path="nowhere"))
     (tmp_path / "photo").mkdir()
     with pytest.raises(ConfigError, match="needs task and scene"):
-        serving.router.compile().invoke(given(scene_path="groceries"))
+        router.compile().invoke(given(scene_path="groceries"))
     with pytest.raises(ConfigError, match="policy"):
-        serving.grs.compile().invoke(
+        grs.compile().invoke(
             given(scene_path=str(content.content_path("assets", "scenes") / "groceries")),
             {"configurable": {"set": ["policy=none_such"]}},
         )
@@ -132,7 +133,7 @@ def test_a_served_graph_waits_for_a_person_and_goes_on_in_the_same_run(
     (tmp_path / "graphs").mkdir()
     (tmp_path / "graphs" / "asking.py").write_text(ASKING, encoding="utf-8")
     content.add_overlay_folder(tmp_path)
-    graph = serving.build_served_graph("asking").compile(InMemorySaver())
+    graph = build_served_graph("asking").compile(InMemorySaver())
     thread: Any = {"configurable": {"thread_id": "7"}}
     graph.invoke(given(scene_path=str(sample_scene)), thread)
     (folder,) = (tmp_path / "runs").iterdir()

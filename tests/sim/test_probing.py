@@ -4,7 +4,7 @@ from typing import cast
 
 import numpy as np
 
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.sim import (
     Environment,
     EpisodeMemory,
@@ -15,7 +15,7 @@ from grs_agents.sim import (
     instantiate,
     run_oracle,
 )
-from grs_agents.sim.world import fill_in_masses_and_frictions
+from grs_agents.sim.world.spec import fill_in_masses_and_frictions
 
 FLAT = (0.0, 0.0, 0.0, 1.0)
 

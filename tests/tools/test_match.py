@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from evals.benchmark.ground_truth import read_labelled
-from grs_agents.config import Limits
+from grs_agents.config.schema import Limits
 from grs_agents.errors import ConfigError
-from grs_agents.library import Library
-from grs_agents.perception import MatchEvidence, Shown, find_table, measure_candidates
-from grs_agents.perception.matching import MatchRequest, MatchResult, Segment
-from grs_agents.sandbox import Sandbox
+from grs_agents.library.library import Library
+from grs_agents.perception.matching.types import MatchRequest, MatchResult, Segment
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.table_finding import find_table
+from grs_agents.perception.types import MatchEvidence, Shown
+from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.toolkit import ToolContext, load_tool
 
 

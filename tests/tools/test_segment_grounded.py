@@ -10,7 +10,7 @@ import pytest
 
 from grs_agents import content
 from grs_agents.errors import ConfigError, InputError
-from grs_agents.perception import find_table
+from grs_agents.perception.table_finding import find_table
 from grs_agents.toolkit import ToolContext
 from tests.needs import needs, require
 from tests.perception.conftest import THINGS, render

@@ -8,7 +8,8 @@ import pytest
 
 from grs_agents import content
 from grs_agents.errors import InputError
-from grs_agents.perception import find_table, read_scene
+from grs_agents.perception.reading.scene_source import read_scene
+from grs_agents.perception.table_finding import find_table
 from grs_agents.toolkit import ToolContext
 from tests.pictures import read_picture
 

@@ -13,14 +13,19 @@ import trimesh
 
 from grs_agents import content
 from grs_agents.errors import InputError
-from grs_agents.geometry import rotation_about_z
-from grs_agents.library import Library
-from grs_agents.library.importing import UP_TO_Z
-from grs_agents.nodes import Photo, Services, reconstruct_proxy
-from grs_agents.perception import Aabb, CandidateRecord, Mask, UprightBox
-from grs_agents.perception.proxies import Proxy, write_proxy
-from grs_agents.perception.settling import PlacedObject
-from grs_agents.perception.shapes import Hull, MeshFile, ObjectView, TexturedMesh, fit_mesh_file, make_object_view
+from grs_agents.geometry.transforms import rotation_about_z
+from grs_agents.library.importing.types import UP_TO_Z
+from grs_agents.library.library import Library
+from grs_agents.nodes.scene_object_building import reconstruct_proxy
+from grs_agents.nodes.services import Photo, Services
+from grs_agents.perception.proxies.primitive_proxy import Proxy
+from grs_agents.perception.proxies.proxy_writer import write_proxy
+from grs_agents.perception.settling.settling import PlacedObject
+from grs_agents.perception.shapes.colliders import Hull
+from grs_agents.perception.shapes.mesh_file import MeshFile, fit_mesh_file
+from grs_agents.perception.shapes.types import ObjectView, TexturedMesh
+from grs_agents.perception.shapes.view import make_object_view
+from grs_agents.perception.types import Aabb, CandidateRecord, Mask, UprightBox
 from grs_agents.toolkit import ToolContext, load_tool
 from tests.perception.settling.photo import photo_of
 

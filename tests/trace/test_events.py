@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 
-from grs_agents.trace import EVENT, VERSION, Event, Note, Reply, SceneStage, event_schema
+from grs_agents.trace.events import EVENT, VERSION, Event, Note, Reply, SceneStage, event_schema
 
 KINDS: tuple[type[BaseModel], ...] = typing.get_args(typing.get_args(Event)[0])
 ANY_TEXT = st.text(st.characters(exclude_categories=()))

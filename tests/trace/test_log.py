@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
 from grs_agents.files import write_bytes
-from grs_agents.trace import EVENT, Event, EventLog, Finding, NodeEnded, NodeStarted, Note, Reply, read_events
+from grs_agents.trace.events import EVENT, Event, Finding, NodeEnded, NodeStarted, Note, Reply
+from grs_agents.trace.log import EventLog, read_events
 
 
 def test_events_are_stamped_written_and_told_in_order(tmp_path: Path) -> None:

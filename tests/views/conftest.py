@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from grs_agents import content
-from grs_agents.library import Library
-from grs_agents.sim.instance import Goal, InstanceObject, TaskInstance
-from grs_agents.sim.world import FIRST_BYSTANDER
-from grs_agents.trace import (
+from grs_agents.library.library import Library
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
+from grs_agents.sim.world.bystanders import FIRST_BYSTANDER
+from grs_agents.trace.events import (
     Decision,
-    EventLog,
     Finding,
     NodeEnded,
     NodeStarted,
@@ -29,6 +29,7 @@ from grs_agents.trace import (
     TaskDefined,
     TestsRun,
 )
+from grs_agents.trace.log import EventLog
 
 ASSETS = ("HOPE/Milk.urdf", "HOPE/Cookies.urdf", "block/red_block.urdf", "bowl/bowl.urdf")
 UNIT = (0.0, 0.0, 0.0, 1.0)

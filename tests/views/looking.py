@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from rerun.experimental import ViewerClient
 
-from grs_agents.views.rerun import find_rerun_program, viewer_environment
+from grs_agents.views.rerun.viewer import find_rerun_program, viewer_environment
 
 PATIENCE = 90.0
 Image = npt.NDArray[np.uint8]

@@ -11,12 +11,15 @@ import cv2
 import numpy as np
 import pytest
 
-from grs_agents.library import Library
-from grs_agents.trace import Decision, EventLog, Finding, Note, SceneStage, TaskDefined, read_events
-from grs_agents.trace import TestsRun as Tested
-from grs_agents.views import Sources, render_html_report
-from grs_agents.views import report as page
+from grs_agents.library.library import Library
+from grs_agents.trace.events import Decision, Finding, Note, SceneStage, TaskDefined
+from grs_agents.trace.events import TestsRun as Tested
+from grs_agents.trace.log import EventLog, read_events
 from grs_agents.views.film import rollout_film
+from grs_agents.views.report import pictures as report_pictures
+from grs_agents.views.report.html import POLICY, escape_html
+from grs_agents.views.report.page import render_html_report
+from grs_agents.views.report.pictures import Sources
 from tests.views.conftest import Script
 
 HOSTILE = '<script>alert(1)</script><img src=x onerror=alert(2)>"\'--></style></pre><a href="javascript:x">\x1b[2J\x00'
@@ -70,7 +73,7 @@ def made(tmp_path_factory: pytest.TempPathFactory, library: Library) -> str:
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rollout_film, "_rendering_backends", lambda: ("rays",))
-        patch.setattr(page.pictures, "FILM_RATE", 1.0)
+        patch.setattr(report_pictures, "FILM_RATE", 1.0)
         return render_html_report(RECORD, read_events(run.log.path), Sources(run.folder, library))
 
 
@@ -115,7 +118,7 @@ def test_a_fix_stands_beside_the_failure_that_it_answers_and_its_reason(made: st
 
 def test_what_failed_has_the_colour_of_failure_and_what_passed_has_not(made: str) -> None:
     rows = dict(re.findall(r'<tr class="bad"><td>([^<]*)</td><td>([^<]*)</td>', made))
-    assert rows[page.escape_html(HOSTILE)] == "failed"
+    assert rows[escape_html(HOSTILE)] == "failed"
     assert "reward" not in rows and "<tr><td>reward</td><td>passed</td>" in made
     assert '<span class="bad">✗</span> 4 <b>run_tests</b> 1 passed, 1 failed' in made
     assert '<span class="good">✓</span> 7 <b>run_tests ×2</b> 2 passed' in made
@@ -127,7 +130,7 @@ def test_the_simulated_view_holds_the_task_in_its_colours(
     script: Callable[[], Any], library: Library, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rollout_film, "_rendering_backends", lambda: ("rays",))
-    monkeypatch.setattr(page.pictures, "FILM_RATE", 1.0)
+    monkeypatch.setattr(report_pictures, "FILM_RATE", 1.0)
     run = script()
     run.before_fix()
     sources = Sources(run.folder, library)
@@ -164,7 +167,7 @@ def test_nothing_hostile_gets_through_and_nothing_is_fetched(made: str) -> None:
     assert not any(name.startswith("on") for name, _ in tags.attributes)
     sources = [value for name, value in tags.attributes if name in ("src", "srcset", "href", "xlink:href", "action")]
     assert sources and all(re.match("data:image/(jpeg|webp);base64,", value) for value in sources)
-    assert ("content", page.POLICY) in tags.attributes and page.POLICY.startswith("default-src 'none'")
+    assert ("content", POLICY) in tags.attributes and POLICY.startswith("default-src 'none'")
     assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f]", made)
     assert "url(" not in made and "@import" not in made
 

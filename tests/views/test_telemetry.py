@@ -10,8 +10,10 @@ from opentelemetry.sdk.trace.export import SimpleSpanProcessor
 from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanExporter
 
 from grs_agents.errors import ConfigError
-from grs_agents.trace import NodeEnded, NodeStarted, read_events
-from grs_agents.views import SpanView, make_otlp_provider, telemetry
+from grs_agents.trace.events import NodeEnded, NodeStarted
+from grs_agents.trace.log import read_events
+from grs_agents.views import telemetry
+from grs_agents.views.telemetry import SpanView, make_otlp_provider
 
 Spans = list[dict[str, Any]]
 

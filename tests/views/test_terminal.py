@@ -9,8 +9,8 @@ from typing import Any
 
 from rich.console import Console
 
-from grs_agents.trace import NodeStarted, Note
-from grs_agents.views import Progress, summary_table
+from grs_agents.trace.events import NodeStarted, Note
+from grs_agents.views.terminal import Progress, summary_table
 
 
 def console(terminal: bool) -> Console:

@@ -8,9 +8,10 @@ from typing import Any
 
 from rich.console import Console
 
-from grs_agents.trace import NodeEnded, NodeStarted, Reply, read_events
-from grs_agents.views import step_to_dict, steps_tree
-from grs_agents.views.common import Steps, group_events_into_steps
+from grs_agents.trace.events import NodeEnded, NodeStarted, Reply
+from grs_agents.trace.log import read_events
+from grs_agents.views.common.event_steps import Steps, group_events_into_steps
+from grs_agents.views.terminal import step_to_dict, steps_tree
 
 
 def shown(rows: list[Any]) -> str:

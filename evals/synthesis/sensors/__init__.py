@@ -9,7 +9,7 @@ from evals.synthesis.drawing import Floats, PerfectImage
 from evals.synthesis.sensors.stereo import stereo_depth
 from evals.synthesis.sensors.structured_light import structured_light_depth
 from evals.synthesis.sensors.time_of_flight import time_of_flight_depth
-from grs_agents.perception import Camera
+from grs_agents.perception.types import Camera
 
 SensorKind = Literal["time_of_flight", "structured_light", "stereo"]
 Sensor = Callable[[PerfectImage, Camera, np.random.Generator], Floats]

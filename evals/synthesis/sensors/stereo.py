@@ -19,7 +19,7 @@ from evals.synthesis.sensors.common import (
     random_patches,
     smooth_noise,
 )
-from grs_agents.perception import Camera
+from grs_agents.perception.types import Camera
 
 BASELINE = 0.05
 STEP = 1 / 32

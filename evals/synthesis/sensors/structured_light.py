@@ -19,7 +19,7 @@ from evals.synthesis.sensors.common import (
     returned_light,
     smooth_noise,
 )
-from grs_agents.perception import Camera
+from grs_agents.perception.types import Camera
 
 BASELINE = 0.075
 STEP = 1 / 8

@@ -13,7 +13,7 @@ import numpy as np
 
 from evals.synthesis.drawing import Floats, PerfectImage
 from evals.synthesis.sensors.common import depth_edges, returned_light
-from grs_agents.perception import Camera
+from grs_agents.perception.types import Camera
 
 DEVIATION = 0.001
 """Of the distance to a grey surface (albedo 0.5) at 1 m, metres; it goes with one over the root of the light."""

@@ -10,9 +10,9 @@ from xml.parsers import expat
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents import foreign
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
+from grs_agents.foreign.files import read_text as read_foreign_text
 from grs_agents.library.mesh_files import read_vertices
 from grs_agents.library.shapes import ObjectModel, Rgba, Shape, merge_bounds, shape_bounds
 
@@ -24,7 +24,7 @@ Fault = Callable[[str, str], InputError]
 
 def read_text(path: Path) -> str:
     """The text of a small UTF-8 file."""
-    return foreign.read_text(path, "give a small file in UTF-8", MAX_BYTES)
+    return read_foreign_text(path, "give a small file in UTF-8", MAX_BYTES)
 
 
 def parse_xml_safely(text: str, fault: Fault) -> ElementTree.Element:

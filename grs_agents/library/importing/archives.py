@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Final
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import check_zip_compression, iterate_tar_members, open_zip
+from grs_agents.foreign.bounded_streams import check_zip_compression, iterate_tar_members, open_zip
 from grs_agents.library.importing.asset_discovery import (
     ARCHIVE_SUFFIXES,
     DESCRIPTIONS,

@@ -9,7 +9,8 @@ import numpy as np
 from grs_agents.files import write_bytes
 from grs_agents.library.asset import Asset
 from grs_agents.library.asset_rendering import render_random_views
-from grs_agents.library.formats import MAX_PARTS, format_urdf_text
+from grs_agents.library.formats.model_file import MAX_PARTS
+from grs_agents.library.formats.urdf import format_urdf_text
 from grs_agents.library.importing.types import Collider, ConvexHull, TexturedMesh
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import box_inertia, encode_png, format_obj_text

@@ -8,15 +8,15 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from grs_agents.config import Limits
+from grs_agents.config.schema import Limits
 from grs_agents.errors import InputError
 from grs_agents.files import write_bytes
 from grs_agents.library.asset import Asset
-from grs_agents.library.formats import MAX_PARTS
+from grs_agents.library.formats.model_file import MAX_PARTS
 from grs_agents.library.importing.asset_discovery import find_item_files
 from grs_agents.library.importing.source_folder import SourceFolder
 from grs_agents.library.importing.types import ImportJob, ImportLimits, RefusedError
-from grs_agents.sandbox import ForeignReader
+from grs_agents.sandbox.host.foreign_reader import ForeignReader
 
 _WORKER: Final = "grs_agents.library.importing.worker"
 _WALL_SECONDS: Final = 3.0

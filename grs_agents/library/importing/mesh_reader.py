@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from grs_agents.library.formats import check_xml_safety
+from grs_agents.library.formats.model_file import check_xml_safety
 from grs_agents.library.importing.gltf import read_gltf
 from grs_agents.library.importing.obj_reader import read_obj
 from grs_agents.library.importing.source_folder import SourceFolder

@@ -14,7 +14,9 @@ import numpy as np
 from grs_agents.errors import InputError
 from grs_agents.files import write_text
 from grs_agents.library.asset import Quantity
-from grs_agents.library.formats import MjcfDefaults, parse_xml_safely, read_mjcf, read_text, read_urdf
+from grs_agents.library.formats.mjcf import MjcfDefaults, read_mjcf
+from grs_agents.library.formats.model_file import parse_xml_safely, read_text
+from grs_agents.library.formats.urdf import read_urdf
 from grs_agents.library.importing.convex_decomposition import (
     MAX_VERTICES,
     compute_convex_hull,

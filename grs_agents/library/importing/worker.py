@@ -8,7 +8,7 @@ from grs_agents.library.importing.archives import unpack_archive
 from grs_agents.library.importing.asset_preparation import prepare_asset
 from grs_agents.library.importing.asset_writing import write_asset_files
 from grs_agents.library.importing.types import ImportJob, ImportLimits
-from grs_agents.sandbox import answer_or_refuse, send_blob
+from grs_agents.sandbox.harness.answers import answer_or_refuse, send_blob
 
 
 def inside(request: dict[str, Any]) -> dict[str, Any]:

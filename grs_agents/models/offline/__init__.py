@@ -1,5 +1,1 @@
 """The embedded chat model that answers GRS's prompts by rules."""
-
-from grs_agents.lazy_exports import attach_lazy_exports
-
-__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)

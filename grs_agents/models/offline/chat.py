@@ -24,7 +24,7 @@ from grs_agents.models.offline.describer_and_matcher import (
     extract_message_images,
     match_asset,
 )
-from grs_agents.models.offline.judging import judge_words
+from grs_agents.models.offline.judging.judge import judge_words
 from grs_agents.models.offline.mistakes import Program, introduce_suitable_mistake
 from grs_agents.models.offline.prompt_text import PromptText, parse_prompt, parse_scene_objects
 from grs_agents.models.offline.router import decide_what_to_fix

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from langchain_core.messages import HumanMessage
 
-from grs_agents.library import COLORS, color_name_from_rgb
+from grs_agents.library.colors import COLORS, color_name_from_rgb
 from grs_agents.models.offline.prompt_text import Json, PromptText, parse_finite_floats, split_words
 
 Image = npt.NDArray[np.uint8]

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from threading import Lock
 from typing import Annotated, Any
 
-from grs_agents.agents import NoReply, ToolCalling, image_block_from_file
-from grs_agents.audit import check_programs
-from grs_agents.models import is_offline
+from grs_agents.agents.agent import image_block_from_file
+from grs_agents.agents.types import NoReply, ToolCalling
+from grs_agents.audit.static_checks import check_programs
+from grs_agents.models.factory import is_offline
 from grs_agents.nodes.auditing import audit_instances
 from grs_agents.nodes.authoring import (
     images_from_state,
@@ -21,8 +22,8 @@ from grs_agents.nodes.authoring import (
 from grs_agents.nodes.evidence import render_evidence
 from grs_agents.nodes.services import Services, Update, logged_node
 from grs_agents.nodes.task_instances import AuditedPrograms
-from grs_agents.perception import SceneDescription
-from grs_agents.sim import TaskInstance
+from grs_agents.perception.types import SceneDescription
+from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.state import RunState
 
 

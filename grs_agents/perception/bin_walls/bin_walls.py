@@ -18,7 +18,7 @@ from grs_agents.perception.bin_walls.view import Sight, View
 from grs_agents.perception.bin_walls.wall import SIDES, Wall, pixels_beyond_walls, pixels_near_walls
 from grs_agents.perception.bin_walls.wall_search import find_walls, holds_things
 from grs_agents.perception.image_geometry import label_connected_components, values_in_mask
-from grs_agents.perception.segmentation import foreground_pixel_mask, smooth_frame_depth
+from grs_agents.perception.segmentation.patch_cutting import foreground_pixel_mask, smooth_frame_depth
 from grs_agents.perception.table_finding import robot_frame_point_map
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
 from grs_agents.perception.working_resolution import downscale_frame, downscale_mask, repeat_cells

@@ -1,5 +1,1 @@
 """Which asset stands for which object of a photo."""
-
-from grs_agents.lazy_exports import attach_lazy_exports
-
-__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)

@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry import rotation_about_axis
-from grs_agents.library import IDENTITY_PLACEMENT, Asset, Library, Triangles, build_posed_triangles
+from grs_agents.geometry.transforms import rotation_about_axis
+from grs_agents.library.asset import Asset
+from grs_agents.library.library import Library
+from grs_agents.library.posed_meshes import Triangles, build_posed_triangles
+from grs_agents.library.shapes import IDENTITY_PLACEMENT
 from grs_agents.perception.asset_surfaces import (
     Symmetry,
     Tree,

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import ConfigError, InputError
-from grs_agents.library import Library, random_view_directions, render_asset_views
+from grs_agents.library.asset_rendering import random_view_directions, render_asset_views
+from grs_agents.library.library import Library
 from grs_agents.perception.matching.asset_ranking import RankedAssets
 from grs_agents.perception.matching.feature_matcher import TOLD, matchable_assets, rank_assets_per_segment
 from grs_agents.perception.matching.types import MatchRequest, MatchResult, Segment

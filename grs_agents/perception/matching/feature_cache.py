@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from grs_agents.errors import InputError
 from grs_agents.files import write_bytes
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 
 Arrays = dict[str, npt.NDArray[Any]]
 _VERSION = "3"  # of what is kept; another one makes all anew

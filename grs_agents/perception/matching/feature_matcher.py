@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from grs_agents.errors import InputError
-from grs_agents.library import Asset, Library
+from grs_agents.library.asset import Asset
+from grs_agents.library.library import Library
 from grs_agents.perception.matching.asset_appearance import load_asset_appearances
 from grs_agents.perception.matching.asset_index import AssetIndex, embed_object
 from grs_agents.perception.matching.asset_ranking import (

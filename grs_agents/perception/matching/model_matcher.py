@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from grs_agents.library import Asset, Library
+from grs_agents.library.asset import Asset
+from grs_agents.library.library import Library
 from grs_agents.perception.matching.feature_matcher import TOLD, matchable_assets, rank_assets_per_segment
 from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.perception.types import MatchEvidence, Shown

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.library import Asset
+from grs_agents.library.asset import Asset
 from grs_agents.perception.types import Mask, RGBDFrame
 
 _SHORTEST = 4  # words of fewer letters are too often misread

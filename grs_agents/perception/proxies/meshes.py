@@ -8,8 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
-from grs_agents.geometry import icosphere
-from grs_agents.library import Library, ObjectModel, Shape, matrix_from_quaternion, mesh_files, read_vertices
+from grs_agents.geometry.spheres import icosphere
+from grs_agents.library import mesh_files
+from grs_agents.library.library import Library
+from grs_agents.library.mesh_files import read_vertices
+from grs_agents.library.shapes import ObjectModel, Shape, matrix_from_quaternion
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.library import Library, matrix_from_quaternion
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import matrix_from_quaternion
 from grs_agents.perception.proxies.meshes import inside_colliders_mask
 from grs_agents.perception.types import Array, Mask
 

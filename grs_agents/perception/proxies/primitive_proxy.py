@@ -5,21 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from grs_agents.base import Vec3
-from grs_agents.geometry import to_vec3
-from grs_agents.library import Shape, shape_bounds
+from grs_agents.geometry.transforms import to_vec3
+from grs_agents.library.shapes import Shape, shape_bounds
 from grs_agents.perception.proxies.meshes import Faceted, box_mesh, join_meshes, revolved_mesh
-from grs_agents.perception.shapes import (
-    Collider,
-    Hull,
-    ObjectShape,
-    ObjectView,
-    TexturedMesh,
-    fit_colliders,
-    observe_object,
-    open_box_colliders,
-    paint_mesh,
-    ring_colliders,
-)
+from grs_agents.perception.shapes.colliders import Collider, Hull, fit_colliders, open_box_colliders, ring_colliders
+from grs_agents.perception.shapes.observation import observe_object
+from grs_agents.perception.shapes.texture import paint_mesh
+from grs_agents.perception.shapes.types import ObjectShape, ObjectView, TexturedMesh
 from grs_agents.perception.types import Array, Solid
 
 WALL = 0.005  # how thick walls and floors of hollow primitives are, m

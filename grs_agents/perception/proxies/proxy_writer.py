@@ -8,22 +8,15 @@ import numpy as np
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
 from grs_agents.files import write_bytes, write_json, write_text
-from grs_agents.geometry import to_vec3
-from grs_agents.library import (
-    MANIFEST,
-    Asset,
-    Manifest,
-    Shape,
-    box_inertia,
-    color_name_from_rgb,
-    encode_png,
-    mesh_volume,
-    read_manifest,
-)
-from grs_agents.library.formats import format_urdf_text
+from grs_agents.geometry.transforms import to_vec3
+from grs_agents.library.asset import MANIFEST, Asset, Manifest, read_manifest
+from grs_agents.library.colors import color_name_from_rgb
+from grs_agents.library.formats.urdf import format_urdf_text
+from grs_agents.library.mesh_files import box_inertia, encode_png, mesh_volume
+from grs_agents.library.shapes import Shape
 from grs_agents.perception.proxies.meshes import hull_mesh, mesh_to_obj_text
 from grs_agents.perception.proxies.primitive_proxy import Proxy
-from grs_agents.perception.shapes import Collider
+from grs_agents.perception.shapes.colliders import Collider
 from grs_agents.perception.types import Array
 
 _MASS_RANGE = (0.02, 2.0)

@@ -9,7 +9,7 @@ from typing import Any, cast
 from pydantic import ValidationError
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import read_json
+from grs_agents.foreign.files import read_json
 from grs_agents.perception.types import Camera
 
 KEYS = "fx fy cx cy width height depth_scale"

@@ -12,7 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from grs_agents import content
 from grs_agents.errors import InputError
-from grs_agents.foreign import MOST_PIXELS, is_folder, list_folder_names, path_exists
+from grs_agents.foreign.files import is_folder, list_folder_names, path_exists
+from grs_agents.foreign.pictures import MOST_PIXELS
 from grs_agents.perception.reading import point_cloud
 from grs_agents.perception.reading.bop import PREFIX, is_bop_source, parse_bop_source
 from grs_agents.perception.reading.frame_assembly import MOST_FRAME_PIXELS, Recording
@@ -22,7 +23,7 @@ from grs_agents.perception.reading.picture import SUFFIXES, Picture
 from grs_agents.perception.reading.scene_folder import is_scene_file_name
 from grs_agents.perception.reading.scene_source import check_scene_source, finish_recording, read_scene
 from grs_agents.perception.types import Camera, RGBDFrame
-from grs_agents.sandbox import ForeignReader, Reading
+from grs_agents.sandbox.host.foreign_reader import ForeignReader, Reading
 
 _WORKER = "grs_agents.perception.reading.worker"
 _MOST_LINKS = 1_000

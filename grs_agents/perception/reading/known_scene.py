@@ -5,7 +5,8 @@ from typing import Any, Final
 
 from grs_agents.errors import InputError
 from grs_agents.files import copy_folder
-from grs_agents.foreign import check_run_folder, is_folder, path_exists, read_json
+from grs_agents.foreign.files import is_folder, path_exists, read_json
+from grs_agents.foreign.run_folder import check_run_folder
 from grs_agents.perception.reading.bop import is_bop_source
 from grs_agents.perception.types import SceneDescription, read_scene_description
 

@@ -9,7 +9,7 @@ import numpy as np
 from grs_agents.perception.reading.frame_assembly import assemble_frame
 from grs_agents.perception.reading.masks import read_masks
 from grs_agents.perception.reading.scene_source import read_recording
-from grs_agents.sandbox import answer_or_refuse, send_blob
+from grs_agents.sandbox.harness.answers import answer_or_refuse, send_blob
 
 
 def inside(request: dict[str, Any]) -> dict[str, Any]:

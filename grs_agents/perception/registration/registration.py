@@ -7,8 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from grs_agents.base import Pose, Quat, Vec3
-from grs_agents.geometry import matrix_to_quaternion, pose_matrix, rotation_about_axis, rotation_about_z, to_vec3
-from grs_agents.library import Library, matrix_from_quaternion
+from grs_agents.geometry.transforms import (
+    matrix_to_quaternion,
+    pose_matrix,
+    rotation_about_axis,
+    rotation_about_z,
+    to_vec3,
+)
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import matrix_from_quaternion
 from grs_agents.perception.asset_surfaces import (
     Cloud,
     Surface,
@@ -28,7 +35,7 @@ from grs_agents.perception.registration.pose_cost import (
 )
 from grs_agents.perception.registration.pose_hypotheses import propose_initial_poses, propose_shifted_poses
 from grs_agents.perception.registration.silhouette import SeenSilhouette
-from grs_agents.perception.segmentation import fit_asset_to_box
+from grs_agents.perception.segmentation.candidates import fit_asset_to_box
 from grs_agents.perception.types import Array, Mask, PoseMethod, RGBDFrame, TableFrame, UprightBox
 
 CONFIG = DEFAULT.registration

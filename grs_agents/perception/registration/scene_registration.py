@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.perception.asset_surfaces import asset_surface_at_pose
 from grs_agents.perception.picture_files import load_mask, save_candidates_after_earlier
 from grs_agents.perception.registration.registration import Registered, register_asset

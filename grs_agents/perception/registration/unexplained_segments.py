@@ -18,7 +18,7 @@ from grs_agents.perception.image_geometry import (
     mask_bounding_slices,
     pixels_in_mask,
 )
-from grs_agents.perception.segmentation import measure_candidates
+from grs_agents.perception.segmentation.candidates import measure_candidates
 from grs_agents.perception.table_finding import measured_depth_at_points, pixels_to_robot_frame
 from grs_agents.perception.types import Array, Candidate, Mask, RGBDFrame, TableFrame
 

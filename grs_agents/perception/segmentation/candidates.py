@@ -9,7 +9,7 @@ import numpy as np
 
 from grs_agents.base import Quat, Vec3
 from grs_agents.errors import InputError
-from grs_agents.geometry import matrix_to_quaternion
+from grs_agents.geometry.transforms import matrix_to_quaternion
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (
     THINNEST,

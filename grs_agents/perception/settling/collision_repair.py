@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import matrix_to_quaternion
-from grs_agents.library import Library
+from grs_agents.geometry.transforms import matrix_to_quaternion
+from grs_agents.library.library import Library
 from grs_agents.mujoco_import import mujoco
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.registration import Registered, register_asset, registration_cost
+from grs_agents.perception.registration.registration import Registered, register_asset, registration_cost
 from grs_agents.perception.settling.depenetration import overlap_depth_by_pair, overlap_depth_of_object
 from grs_agents.perception.settling.settling import (
     PlacedObject,
@@ -22,7 +22,7 @@ from grs_agents.perception.settling.settling import (
     to_instance_objects,
 )
 from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, UprightBox
-from grs_agents.sim.world import World
+from grs_agents.sim.world.compilation import World
 
 CONFIG = DEFAULT.settling.repair
 

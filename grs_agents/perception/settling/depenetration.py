@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from grs_agents.mujoco_import import mujoco
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.sim.world import World
+from grs_agents.sim.world.compilation import World
 
 CONFIG = DEFAULT.settling.depenetration
 

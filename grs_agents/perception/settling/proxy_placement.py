@@ -9,14 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from grs_agents.geometry import matrix_to_quaternion, pose_matrix, to_vec3
-from grs_agents.library import Library, matrix_from_quaternion
+from grs_agents.geometry.transforms import matrix_to_quaternion, pose_matrix, to_vec3
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import matrix_from_quaternion
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.proxies import Proxy, primitive_proxy, write_proxy
+from grs_agents.perception.proxies.primitive_proxy import Proxy, primitive_proxy
+from grs_agents.perception.proxies.proxy_writer import write_proxy
 from grs_agents.perception.settling.collider_clearance import PlacedColliders, Rank, clear_colliders, colliders_of_asset
 from grs_agents.perception.settling.settling import Placed, PlacedObject, RestState, to_instance_objects
 from grs_agents.perception.settling.twin_report import settle_and_measure_fidelity
-from grs_agents.perception.shapes import lower_underside, object_pose
+from grs_agents.perception.shapes.colliders import lower_underside
+from grs_agents.perception.shapes.view import object_pose
 from grs_agents.perception.types import Mask, RGBDFrame, Solid, TableFrame, TwinReport, UprightBox
 
 CONFIG = DEFAULT.settling.clearance

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.perception.asset_surfaces import Surface, asset_surface_at_pose
 from grs_agents.perception.image_geometry import pixels_in_mask
-from grs_agents.perception.proxies import EstimatedVolume, Surroundings, clip_boxes
-from grs_agents.perception.registration import match_pieces_to_objects
+from grs_agents.perception.proxies.box_clipping import EstimatedVolume, clip_boxes
+from grs_agents.perception.proxies.neighbors import Surroundings
+from grs_agents.perception.registration.unexplained_segments import match_pieces_to_objects
 from grs_agents.perception.settling.settling import PlacedObject
 from grs_agents.perception.table_finding import pixels_to_robot_frame
 from grs_agents.perception.types import Array, Mask, RGBDFrame, Solid, TableFrame, UprightBox

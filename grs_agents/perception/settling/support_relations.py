@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.perception.asset_surfaces import Surface, Tree, asset_surface_at_pose
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import convex_footprint_hull, points_in_hull_mask

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import pixels_in_mask
 from grs_agents.perception.settling.settling import (
@@ -16,7 +16,8 @@ from grs_agents.perception.settling.settling import (
     to_instance_objects,
 )
 from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, TwinReport
-from grs_agents.sim.rendering import VisibleScene, render_along_rays
+from grs_agents.sim.rendering.plain_pictures import render_along_rays
+from grs_agents.sim.rendering.views import VisibleScene
 
 CONFIG = DEFAULT.settling
 

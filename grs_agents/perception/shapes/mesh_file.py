@@ -7,15 +7,12 @@ from typing import Literal
 
 import numpy as np
 
-from grs_agents.geometry import rotation_about_z
-from grs_agents.library.importing import (
-    UP_TO_Z,
-    ImportOptions,
-    SourceFolder,
-    merge_mesh_parts,
-    read_mesh,
-    simplify_textured_mesh,
-)
+from grs_agents.geometry.transforms import rotation_about_z
+from grs_agents.library.importing.mesh_reader import read_mesh
+from grs_agents.library.importing.mesh_simplification import simplify_textured_mesh
+from grs_agents.library.importing.source_folder import SourceFolder
+from grs_agents.library.importing.texture_atlas import merge_mesh_parts
+from grs_agents.library.importing.types import UP_TO_Z, ImportOptions
 from grs_agents.perception.asset_surfaces import Cloud, align_point_clouds, sample_triangle_points
 from grs_agents.perception.shapes.configuration import DEFAULT
 from grs_agents.perception.shapes.drawing import compare_mesh_with_photo

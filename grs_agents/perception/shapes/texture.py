@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from grs_agents.library import encode_png
+from grs_agents.library.mesh_files import encode_png
 from grs_agents.perception.shapes.configuration import DEFAULT
 from grs_agents.perception.shapes.drawing import draw_depth
 from grs_agents.perception.shapes.observation import (

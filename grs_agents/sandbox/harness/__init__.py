@@ -1,5 +1,1 @@
 """What runs inside the sandbox: the zygote, its children, and the tests of a program."""
-
-from grs_agents.lazy_exports import attach_lazy_exports
-
-__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)

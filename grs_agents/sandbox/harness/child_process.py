@@ -19,16 +19,17 @@ from typing import Any, NoReturn
 from grs_agents import content
 from grs_agents.sandbox.harness import channel
 from grs_agents.sandbox.harness.captured_error import CapturedError
-from grs_agents.sandbox.isolation import (
-    Allowance,
+from grs_agents.sandbox.isolation import kernel
+from grs_agents.sandbox.isolation.hardening import (
     HardeningError,
     create_file_rules,
     harden_process,
-    kernel,
     prepare_hardening_before_fork,
-    set_resource_limits,
 )
-from grs_agents.sandbox.protocol import Limits, Settings, startup, wire
+from grs_agents.sandbox.isolation.privileges import Allowance, set_resource_limits
+from grs_agents.sandbox.protocol import startup, wire
+from grs_agents.sandbox.protocol.report import Limits
+from grs_agents.sandbox.protocol.startup import Settings
 
 _DESCRIPTORS = 128
 _FRAMES, _TRACE = 3, 4

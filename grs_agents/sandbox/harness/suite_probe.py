@@ -9,7 +9,7 @@ from typing import Any
 
 from grs_agents.sandbox.harness.captured_error import CapturedError
 from grs_agents.sandbox.harness.suite_runner import load_program, seed_everything
-from grs_agents.sandbox.protocol import SIMULATION_FILE, TESTS_FILE, describe_error
+from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, describe_error
 
 
 class _FirstFailure(unittest.TestResult):

@@ -27,7 +27,7 @@ from grs_agents.sandbox.harness.captured_error import CapturedError
 from grs_agents.sandbox.harness.channel import report_progress
 from grs_agents.sandbox.harness.fixture_episodes import FixtureEpisodes
 from grs_agents.sandbox.harness.tamper_detection import Integrity, find_overridden_method, find_shadowed_method
-from grs_agents.sandbox.protocol import SIMULATION_FILE, TESTS_FILE, RaisedIn, describe_error, shorten_paths
+from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, RaisedIn, describe_error, shorten_paths
 
 _KEPT_OUTPUT = 4000
 

@@ -14,7 +14,7 @@ from types import FunctionType, ModuleType
 from typing import Any, NamedTuple
 
 from grs_agents.sandbox.harness.captured_error import CapturedError
-from grs_agents.sandbox.protocol import SIMULATION_FILE, TESTS_FILE, RaisedIn
+from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, RaisedIn
 
 _UNITTEST = ("unittest", "unittest.case", "unittest.result", "unittest.suite", "unittest.util")
 _STANDARD = ("json", "json.encoder", "contextlib", "traceback")

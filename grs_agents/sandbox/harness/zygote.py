@@ -21,7 +21,11 @@ from pathlib import Path
 
 from grs_agents.sandbox.harness import child_process
 from grs_agents.sandbox.isolation import resource_usage
-from grs_agents.sandbox.protocol import EXPLAIN, Limits, Order, Settings, delete_folder_contents, startup, wire
+from grs_agents.sandbox.protocol import startup, wire
+from grs_agents.sandbox.protocol.report import Limits
+from grs_agents.sandbox.protocol.scratch_folders import delete_folder_contents
+from grs_agents.sandbox.protocol.startup import EXPLAIN, Settings
+from grs_agents.sandbox.protocol.wire import Order
 
 
 class Forked:

@@ -1,5 +1,1 @@
 """What runs outside the sandbox: it starts workers, hands out work and reads what comes back."""
-
-from grs_agents.lazy_exports import attach_lazy_exports
-
-__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)

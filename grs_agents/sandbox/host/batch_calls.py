@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from grs_agents.sandbox.host.sandbox import Sandbox
-from grs_agents.sandbox.protocol import CallResult, Limits
+from grs_agents.sandbox.protocol.report import CallResult, Limits
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from grs_agents.config import Limits
+from grs_agents.config.schema import Limits
 from grs_agents.errors import InputError
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sandbox.host.zygote_process import SandboxError
-from grs_agents.sandbox.protocol import CallResult
+from grs_agents.sandbox.protocol.report import CallResult
 
 READING = Limits(wall_seconds=60, cpu_seconds=20, memory_mib=480, scratch_mib=1, output_mib=256)
 """The most that reading a scene costs, beside 110 MiB of a worker: 64 million pixels of RGB take 450 MiB and 1 s."""

@@ -10,11 +10,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from grs_agents.sandbox.harness import CapturedError
+from grs_agents.sandbox.harness.captured_error import CapturedError
 from grs_agents.sandbox.host.streams import run_call_in_child
 from grs_agents.sandbox.host.zygote_process import DOCTOR, SandboxError, Zygote
 from grs_agents.sandbox.isolation import allowlist
-from grs_agents.sandbox.protocol import Limits
+from grs_agents.sandbox.protocol.report import Limits
 
 _LIMITS = Limits(wall_seconds=20, cpu_seconds=10, memory_mib=256)
 

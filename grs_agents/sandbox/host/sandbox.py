@@ -13,16 +13,18 @@ from grs_agents import content
 from grs_agents.sandbox.host import isolation_probe
 from grs_agents.sandbox.host.streams import run_call_in_child
 from grs_agents.sandbox.host.zygote_process import DOCTOR, Plan, SandboxError, Zygote
-from grs_agents.sandbox.isolation import (
+from grs_agents.sandbox.isolation import allowlist
+from grs_agents.sandbox.isolation.backends import (
     BACKEND_REMEDIES,
     LAYERS,
     Backend,
     BackendChoice,
-    allowlist,
     backend_candidates,
     missing_requirements,
 )
-from grs_agents.sandbox.protocol import CallResult, Limits, remove_orphaned_folders, wire
+from grs_agents.sandbox.protocol import wire
+from grs_agents.sandbox.protocol.report import CallResult, Limits
+from grs_agents.sandbox.protocol.scratch_folders import remove_orphaned_folders
 
 
 class Sandbox:

@@ -12,8 +12,11 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 from grs_agents.sandbox.host.zygote_process import DOCTOR, END_SECONDS, START_SECONDS, SandboxError, Zygote
-from grs_agents.sandbox.isolation import ENTRY_BYTES, LAYERS
-from grs_agents.sandbox.protocol import EXPLAIN, CallOutcome, CallResult, Limits, wire
+from grs_agents.sandbox.isolation.backends import LAYERS
+from grs_agents.sandbox.isolation.resource_usage import ENTRY_BYTES
+from grs_agents.sandbox.protocol import wire
+from grs_agents.sandbox.protocol.report import CallOutcome, CallResult, Limits
+from grs_agents.sandbox.protocol.startup import EXPLAIN
 
 _KEPT_OUTPUT = 64 << 10
 _KEPT_ERROR = 8000

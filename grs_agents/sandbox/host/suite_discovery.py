@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from types import UnionType
 
 from grs_agents.python_parsing import parse_python
-from grs_agents.sandbox.harness import called_function_name, is_assertion_name
+from grs_agents.sandbox.harness.assertion_count import called_function_name, is_assertion_name
 
 _Function = ast.FunctionDef | ast.AsyncFunctionDef
 MAX_SOURCE = 1 << 20

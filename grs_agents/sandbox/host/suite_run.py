@@ -12,17 +12,19 @@ from grs_agents.base import Frozen
 from grs_agents.sandbox.host.batch_calls import BatchResult, call_tool_for_each_item
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sandbox.host.suite_discovery import ExpectedTests, discover_tests, parse_program
-from grs_agents.sandbox.protocol import (
+from grs_agents.sandbox.protocol.report import (
     EXITED,
-    SIMULATION_FILE,
-    TESTS_FILE,
     CallResult,
     CaseOutcome,
     Limits,
-    RaisedIn,
     ReportOutcome,
     TestCase,
     TestReport,
+)
+from grs_agents.sandbox.protocol.tracebacks import (
+    SIMULATION_FILE,
+    TESTS_FILE,
+    RaisedIn,
     describe_error,
     describe_stack_dump,
     shorten_paths,

@@ -11,8 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from grs_agents.errors import GrsError
-from grs_agents.sandbox.isolation import Backend, allowlist, backends, command_lines
-from grs_agents.sandbox.protocol import ENVIRONMENT, Limits, Scratch, Settings, startup, wire
+from grs_agents.sandbox.isolation import allowlist, backends, command_lines
+from grs_agents.sandbox.isolation.backends import Backend
+from grs_agents.sandbox.protocol import startup, wire
+from grs_agents.sandbox.protocol.report import Limits
+from grs_agents.sandbox.protocol.scratch_folders import Scratch
+from grs_agents.sandbox.protocol.startup import ENVIRONMENT, Settings
 
 START_SECONDS = 60.0
 END_SECONDS = 15.0

@@ -43,7 +43,7 @@ def missing_requirements(backend: Backend) -> list[tuple[str, str]]:
     if backend in ("bubblewrap", "landlock"):
         if sys.platform != "linux":
             return [(f"it needs Linux, this is {sys.platform}", "use Linux")]
-        from grs_agents.sandbox.isolation import hardening  # here, since Windows lacks modules that it imports
+        from grs_agents.sandbox.isolation import hardening
 
         lacks = hardening.find_missing_layers()
         gaps = [f"no {layer}: {lacks[layer]}" for layer in ("landlock", "seccomp") if layer in lacks]

@@ -1,5 +1,1 @@
 """The robots: kinematics, limits, tools, and the paths of their joints."""
-
-from grs_agents.lazy_exports import attach_lazy_exports
-
-__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)

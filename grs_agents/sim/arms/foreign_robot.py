@@ -3,7 +3,7 @@
 from functools import lru_cache
 from pathlib import Path
 
-from grs_agents.sandbox import READING, ForeignReader
+from grs_agents.sandbox.host.foreign_reader import READING, ForeignReader
 
 _WORKER = "grs_agents.sim.arms.worker"
 

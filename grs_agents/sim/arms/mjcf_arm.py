@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.errors import InputError
-from grs_agents.geometry import FloatArray
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.arm_parts import ROBOT_CONTYPE, add_position_actuator, add_suction_cup

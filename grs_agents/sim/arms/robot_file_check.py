@@ -9,9 +9,9 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import read_bytes
-from grs_agents.library import read_png_size
-from grs_agents.library.formats import check_xml_safety
+from grs_agents.foreign.files import read_bytes
+from grs_agents.library.formats.model_file import check_xml_safety
+from grs_agents.library.mesh_files import read_png_size
 
 LARGEST: Final = 4_000_000
 """Of an MJCF file, bytes; meshes count on their own."""

@@ -4,7 +4,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from grs_agents.sandbox import answer_or_refuse
+from grs_agents.sandbox.harness.answers import answer_or_refuse
 from grs_agents.sim.arms.mjcf_arm import load_arm
 
 

@@ -1,5 +1,3 @@
 """What generated programs import: CLIPort's Task, Environment, utilities and PyBullet's calls."""
 
-from grs_agents.lazy_exports import attach_lazy_exports
-
-__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)
+from grs_agents.sim.cliport.task import PublishedTask as PublishedTask

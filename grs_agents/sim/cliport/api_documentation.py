@@ -4,13 +4,14 @@ import inspect
 from collections.abc import Callable
 from typing import Any, Literal
 
-from grs_agents.sim.arms import get_arm
+from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.cliport import pybullet, utils
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.task import Task
-from grs_agents.sim.expert import Oracle
+from grs_agents.sim.expert.oracle import Oracle
 from grs_agents.sim.instance import goal
-from grs_agents.sim.world import COLORS, templates
+from grs_agents.sim.world import templates
+from grs_agents.sim.world.colors import COLORS
 
 _TASK = (
     "additional_reset",

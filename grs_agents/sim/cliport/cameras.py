@@ -9,12 +9,14 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry import FloatArray, transforms
-from grs_agents.library import Library
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.library.library import Library
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim import rendering
-from grs_agents.sim.instance import InstanceObject, SimulationError
-from grs_agents.sim.rendering import FRONT, LEFT, RIGHT, Picture, View, VisibleScene
+from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance.task_instance import InstanceObject
+from grs_agents.sim.rendering.plain_pictures import render_along_rays, render_observation
+from grs_agents.sim.rendering.views import FRONT, LEFT, RIGHT, Picture, View, VisibleScene
 
 CameraConfig = dict[str, Any]
 
@@ -59,7 +61,7 @@ def render_from_camera_config(sight: VisibleScene, config: Mapping[str, Any]) ->
     pixels: FloatArray = np.indices((height, width)).astype(np.float64) + 0.5
     local = np.stack([(pixels[1] - cx) / fx, (pixels[0] - cy) / fy, np.ones((height, width))], axis=-1)
     directions = local @ transforms.quaternion_to_matrix(rotation).T
-    return rendering.render_along_rays(sight, np.array(position), directions)
+    return render_along_rays(sight, np.array(position), directions)
 
 
 _FAR: Final = 100.0
@@ -78,7 +80,7 @@ def render_top_down_maps(
     x, y = float(bounds[0, 0]) + cells[1] * pixel, float(bounds[1, 0]) + cells[0] * pixel
     eye = np.array([bounds[0].mean(), bounds[1].mean(), _FAR])
     directions = np.stack([x - eye[0], y - eye[1], np.full(x.shape, -_FAR)], axis=-1) / _FAR
-    picture = rendering.render_along_rays(VisibleScene(objects, library), eye, directions)
+    picture = render_along_rays(VisibleScene(objects, library), eye, directions)
     height = np.where(picture.depth > 0, _FAR - picture.depth, 0)
     return picture.color, np.maximum(height, 0).astype(np.float32), np.maximum(picture.owner, 0)
 
@@ -93,7 +95,7 @@ class Observation(Mapping[str, Any]):
     def __getitem__(self, key: str) -> tuple[npt.NDArray[Any], ...]:
         if key not in ("color", "depth"):
             raise KeyError(key)
-        images = self._images or rendering.render_observation(self._sight)
+        images = self._images or render_observation(self._sight)
         self._images = images
         return images[key]
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from grs_agents.sim.instance import UnsupportedError
+from grs_agents.sim.instance.episode import UnsupportedError
 
 
 class Suction:

@@ -9,32 +9,30 @@ import numpy as np
 
 from grs_agents.base import Pose, Vec3
 from grs_agents.errors import GrsError
-from grs_agents.library import Library
-from grs_agents.sim.arms import get_arm
+from grs_agents.library.library import Library
+from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.cliport import end_effectors, pybullet
 from grs_agents.sim.cliport.cameras import Observation
 from grs_agents.sim.cliport.workcell import Workcell
-from grs_agents.sim.goals import ScoredTask, StrictScorer
-from grs_agents.sim.instance import (
+from grs_agents.sim.goals.strict_score import StrictScorer
+from grs_agents.sim.goals.task_accounting import ScoredTask
+from grs_agents.sim.instance.episode import (
     ActionRecord,
     Episode,
-    InstanceObject,
     Recorder,
     SimulationError,
     make_stop_from_error,
     set_last_recorder,
 )
-from grs_agents.sim.motion import PickPlace, PickPlaceResult, Push, PushResult, placement
-from grs_agents.sim.world import (
-    DEFAULT_BUDGET,
-    Budget,
-    Prism,
-    load_object_model,
-    object_prism_at_pose,
-    parse_pose,
-    signed_outline_gaps,
-    templates,
-)
+from grs_agents.sim.instance.task_instance import InstanceObject
+from grs_agents.sim.motion import placement
+from grs_agents.sim.motion.pick_place import PickPlace, PickPlaceResult
+from grs_agents.sim.motion.push import Push, PushResult
+from grs_agents.sim.world import templates
+from grs_agents.sim.world.budget import DEFAULT_BUDGET, Budget
+from grs_agents.sim.world.footprints import Prism, object_prism_at_pose, signed_outline_gaps
+from grs_agents.sim.world.spec import load_object_model
+from grs_agents.sim.world.tabletop import parse_pose
 
 _SETTLED, _SUNK = 0.01, 0.03
 """What settling moves sideways, or lets fall, by more than this did not stay where the program put it, metres."""

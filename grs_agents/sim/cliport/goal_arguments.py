@@ -7,8 +7,9 @@ from typing import Any, cast
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.sim.instance import Goal, SimulationError, Zone
-from grs_agents.sim.world import is_number, is_vector, parse_pose
+from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance.goal import Goal, Zone
+from grs_agents.sim.world.tabletop import is_number, is_vector, parse_pose
 
 _METRICS = {"zone_with_z_match": "zone"}
 """Of LoHo-Ravens, whose heights the strict score asks for anyway."""

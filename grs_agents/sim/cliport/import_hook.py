@@ -15,7 +15,7 @@ from typing import Any, Final, cast
 from grs_agents.sim.cliport import end_effectors, lohoravens, pybullet, rotations, utils
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.task import PublishedTask
-from grs_agents.sim.instance import UnsupportedError
+from grs_agents.sim.instance.episode import UnsupportedError
 from grs_agents.sim.world import templates
 
 PACKAGES: Final = ("cliport", "pybullet", "pybullet_utils", "pybullet_data", "transforms3d")

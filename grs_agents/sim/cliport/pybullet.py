@@ -11,14 +11,11 @@ from pydantic import ValidationError
 
 from grs_agents.base import Quat, Vec3
 from grs_agents.geometry import transforms
-from grs_agents.sim.instance import (
-    InstanceTie,
-    InvalidValueError,
-    SimulationError,
-    UnsupportedError,
-    describe_first_error,
-)
-from grs_agents.sim.world import Tabletop, parse_pose, templates
+from grs_agents.sim.instance.episode import InvalidValueError, SimulationError, UnsupportedError
+from grs_agents.sim.instance.faults import describe_first_error
+from grs_agents.sim.instance.task_instance import InstanceTie
+from grs_agents.sim.world import templates
+from grs_agents.sim.world.tabletop import Tabletop, parse_pose
 
 GEOM_SPHERE, GEOM_BOX, GEOM_CYLINDER, GEOM_MESH = 2, 3, 4, 5
 _TEMPLATES: Final = {

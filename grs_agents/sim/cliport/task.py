@@ -9,23 +9,23 @@ from typing import Any, Final, cast
 import numpy as np
 
 from grs_agents.base import Pose, Quat, Vec3
-from grs_agents.geometry import FloatArray, transforms
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.cliport import end_effectors, lohoravens
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.goal_arguments import UNSTATED, GoalArguments, convert_to_goal, states_no_object
 from grs_agents.sim.cliport.task_helpers import TaskKit, add_kitting_objects
-from grs_agents.sim.expert import Oracle, PushOracle
-from grs_agents.sim.goals import StrictScorer, TaskAccounting, task_accounting
-from grs_agents.sim.instance import (
-    POSITION_TOLERANCE,
-    ROTATION_TOLERANCE,
-    Goal,
-    GoalOutcome,
-    NoFreeSpaceError,
-    SimulationError,
-)
+from grs_agents.sim.expert.oracle import Oracle
+from grs_agents.sim.expert.push_oracle import PushOracle
+from grs_agents.sim.goals import task_accounting
+from grs_agents.sim.goals.strict_score import StrictScorer
+from grs_agents.sim.goals.task_accounting import TaskAccounting
+from grs_agents.sim.instance.episode import GoalOutcome, NoFreeSpaceError, SimulationError
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.task_instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
 from grs_agents.sim.motion import placement
-from grs_agents.sim.world import Prism, collider_prisms_at_pose, templates
+from grs_agents.sim.world import templates
+from grs_agents.sim.world.footprints import Prism, collider_prisms_at_pose
 
 _PATIENCE = 200
 _ORIGIN: Pose = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))

@@ -13,14 +13,19 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat
-from grs_agents.geometry import FloatArray, transforms
-from grs_agents.library import read_surface
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.library.mesh_files import read_surface
 from grs_agents.sim.cliport import cameras
 from grs_agents.sim.cliport.environment import Environment
-from grs_agents.sim.goals import TaskAccounting
-from grs_agents.sim.instance import InstanceTie, NoFreeSpaceError, SimulationError
+from grs_agents.sim.goals.task_accounting import TaskAccounting
+from grs_agents.sim.instance.episode import NoFreeSpaceError, SimulationError
+from grs_agents.sim.instance.task_instance import InstanceTie
 from grs_agents.sim.motion import placement
-from grs_agents.sim.world import COLORS, Prism, Tabletop, parse_pose, rotation_matrix_2d, templates
+from grs_agents.sim.world import templates
+from grs_agents.sim.world.colors import COLORS
+from grs_agents.sim.world.footprints import Prism, rotation_matrix_2d
+from grs_agents.sim.world.tabletop import Tabletop, parse_pose
 
 _BEAD: Final = "sphere/sphere_rope.urdf"
 _BEAD_RADIUS: Final = 0.005

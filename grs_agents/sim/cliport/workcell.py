@@ -9,12 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose
-from grs_agents.geometry import FloatArray, transforms
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.cliport import cameras, end_effectors
-from grs_agents.sim.instance import SimulationError, UnsupportedError
+from grs_agents.sim.instance.episode import SimulationError, UnsupportedError
 from grs_agents.sim.motion import placement, tool_paths
-from grs_agents.sim.rendering import VisibleScene
-from grs_agents.sim.world import Recording, Tabletop, parse_pose
+from grs_agents.sim.rendering.views import VisibleScene
+from grs_agents.sim.world.recording import Recording
+from grs_agents.sim.world.tabletop import Tabletop, parse_pose
 
 _SPEED: Final = 1.0
 """Radians a second of the fastest joint in ``movej``."""

@@ -10,20 +10,23 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import FloatArray, transforms
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.expert import placement_planner
 from grs_agents.sim.expert.tilted_placement import TRIES, find_tilted_place_pose
-from grs_agents.sim.goals import (
+from grs_agents.sim.goals.scene_view import (
     SceneView,
-    ScoredTask,
     carried_object_ids,
     describe_unmovables,
     has_toppled,
     make_oracle_stop,
 )
-from grs_agents.sim.instance import Goal, Stop, set_last_recorder
-from grs_agents.sim.motion import BlockedTarget, ReachTest, Spot, describe_out_of_reach, find_grasp, format_point
-from grs_agents.sim.world import Tabletop
+from grs_agents.sim.goals.task_accounting import ScoredTask
+from grs_agents.sim.instance.episode import Stop, set_last_recorder
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.motion.grasp import find_grasp
+from grs_agents.sim.motion.placement import BlockedTarget, ReachTest, Spot, describe_out_of_reach, format_point
+from grs_agents.sim.world.tabletop import Tabletop
 
 _SAMPLES: Final = 24
 _MISS: Final = 0.02

@@ -11,9 +11,10 @@ from grs_agents.geometry import transforms
 from grs_agents.sim.expert.pose_placement import choose_pose_target
 from grs_agents.sim.expert.relation_placement import RelationPlanner
 from grs_agents.sim.expert.zone_packing import find_occupied_zone_target, pack_objects_into_zone, unplaced_zone_members
-from grs_agents.sim.goals import SceneView, ScoredTask
-from grs_agents.sim.instance import Goal, Zone
-from grs_agents.sim.motion import (
+from grs_agents.sim.goals.scene_view import SceneView
+from grs_agents.sim.goals.task_accounting import ScoredTask
+from grs_agents.sim.instance.goal import Goal, Zone
+from grs_agents.sim.motion.placement import (
     BlockedTarget,
     ReachTest,
     Region,
@@ -23,7 +24,7 @@ from grs_agents.sim.motion import (
     rotated_outline_at_origin,
     wrap_angle,
 )
-from grs_agents.sim.world import Prism, rest_heights_at_offsets
+from grs_agents.sim.world.footprints import Prism, rest_heights_at_offsets
 
 _CLIMB: Final = 0.012
 """What is put aside comes to rest no more than this above where it was: never on top of its neighbours, metres."""

@@ -9,9 +9,10 @@ import numpy as np
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
 from grs_agents.sim.expert.zone_packing import unplaced_objects
-from grs_agents.sim.goals import SceneView, ScoredTask, describe_unmovables, is_placement_stable, make_oracle_stop
-from grs_agents.sim.instance import Goal
-from grs_agents.sim.motion import (
+from grs_agents.sim.goals.scene_view import SceneView, describe_unmovables, is_placement_stable, make_oracle_stop
+from grs_agents.sim.goals.task_accounting import ScoredTask
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.motion.placement import (
     TALLEST_STACK,
     BlockedTarget,
     FloatArray,
@@ -23,7 +24,7 @@ from grs_agents.sim.motion import (
     rotated_outline_at_origin,
     wrap_angle,
 )
-from grs_agents.sim.world import (
+from grs_agents.sim.world.footprints import (
     Prism,
     find_nearby_prisms,
     margins_inside_outline,

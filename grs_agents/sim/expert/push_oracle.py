@@ -10,13 +10,18 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry import FloatArray, transforms
-from grs_agents.sim.arms import BLADE_THICKNESS, BLADE_WIDTH
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.sim.arms.arm_parts import BLADE_THICKNESS, BLADE_WIDTH
 from grs_agents.sim.expert.oracle import Action, Oracle
-from grs_agents.sim.goals import SceneView, ScoredTask, make_oracle_stop, object_footprint_as_zone
-from grs_agents.sim.instance import Goal, Stop
-from grs_agents.sim.motion import HEIGHT, action_points_for_stroke
-from grs_agents.sim.world import Tabletop, rectangle_outline, rotation_matrix_2d, signed_outline_gaps
+from grs_agents.sim.goals.relation_rules import object_footprint_as_zone
+from grs_agents.sim.goals.scene_view import SceneView, make_oracle_stop
+from grs_agents.sim.goals.task_accounting import ScoredTask
+from grs_agents.sim.instance.episode import Stop
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.motion.push import HEIGHT, action_points_for_stroke
+from grs_agents.sim.world.footprints import rectangle_outline, rotation_matrix_2d, signed_outline_gaps
+from grs_agents.sim.world.tabletop import Tabletop
 
 BoolArray = npt.NDArray[np.bool_]
 _LANES: Final = 11

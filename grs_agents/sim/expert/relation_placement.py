@@ -16,18 +16,16 @@ from grs_agents.sim.expert.zone_packing import (
     yaw_turns_to_try,
     zone_to_region,
 )
-from grs_agents.sim.goals import (
-    SceneView,
-    ScoredTask,
-    describe_tilt,
+from grs_agents.sim.goals.relation_rules import (
     explain_goal_shortfalls,
     explain_object_shortfall,
-    has_toppled,
-    make_oracle_stop,
     object_footprint_as_zone,
 )
-from grs_agents.sim.instance import Goal, Stop
-from grs_agents.sim.motion import (
+from grs_agents.sim.goals.scene_view import SceneView, describe_tilt, has_toppled, make_oracle_stop
+from grs_agents.sim.goals.task_accounting import ScoredTask
+from grs_agents.sim.instance.episode import Stop
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.motion.placement import (
     BlockedTarget,
     FloatArray,
     ReachTest,
@@ -40,7 +38,7 @@ from grs_agents.sim.motion import (
     rotated_outline_at_origin,
     wrap_angle,
 )
-from grs_agents.sim.world import Prism, rest_heights_at_offsets, signed_outline_gaps
+from grs_agents.sim.world.footprints import Prism, rest_heights_at_offsets, signed_outline_gaps
 
 _GAPS: Final = (0.015, 0.006, 0.003)
 _MARGIN: Final = 0.3

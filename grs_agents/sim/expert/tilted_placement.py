@@ -6,8 +6,9 @@ import numpy as np
 
 from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import transforms
-from grs_agents.sim.goals import SceneView, ScoredTask, is_target_tilted
-from grs_agents.sim.instance import Goal
+from grs_agents.sim.goals.scene_view import SceneView, is_target_tilted
+from grs_agents.sim.goals.task_accounting import ScoredTask
+from grs_agents.sim.instance.goal import Goal
 
 TRIES: Final = 2
 """How often an object is placed tilted before it is let down upright, in case the arm cannot tilt so far."""

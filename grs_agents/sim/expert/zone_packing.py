@@ -7,9 +7,11 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.geometry import transforms
-from grs_agents.sim.goals import SceneView, ScoredTask, describe_unmovables, make_oracle_stop
-from grs_agents.sim.instance import Stop, Zone
-from grs_agents.sim.motion import (
+from grs_agents.sim.goals.scene_view import SceneView, describe_unmovables, make_oracle_stop
+from grs_agents.sim.goals.task_accounting import ScoredTask
+from grs_agents.sim.instance.episode import Stop
+from grs_agents.sim.instance.goal import Zone
+from grs_agents.sim.motion.placement import (
     TALLEST_STACK,
     BlockedTarget,
     FloatArray,
@@ -23,7 +25,7 @@ from grs_agents.sim.motion import (
     rotated_outline_at_origin,
     wrap_angle,
 )
-from grs_agents.sim.world import Prism, margins_inside_outline, signed_outline_gaps
+from grs_agents.sim.world.footprints import Prism, margins_inside_outline, signed_outline_gaps
 
 GAPS: Final = (0.025, 0.012, 0.006, 0.003)
 """Free space asked for between neighbours in a zone, metres: as generous as fits."""

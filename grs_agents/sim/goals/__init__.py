@@ -1,5 +1,1 @@
 """Whether goals hold: relations between objects, the published score and the strict one."""
-
-from grs_agents.lazy_exports import attach_lazy_exports
-
-__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)

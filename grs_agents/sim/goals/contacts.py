@@ -8,9 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Frozen
-from grs_agents.geometry import FloatArray
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.world import Prism, Tabletop, signed_outline_gaps
+from grs_agents.sim.world.footprints import Prism, signed_outline_gaps
+from grs_agents.sim.world.tabletop import Tabletop
 
 _POINT: Final = np.zeros((1, 2))
 _AWAKE: Final = 50

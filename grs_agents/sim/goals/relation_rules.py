@@ -9,8 +9,10 @@ import numpy.typing as npt
 
 from grs_agents.geometry import transforms
 from grs_agents.sim.goals.scene_view import SceneView, describe_tilt, has_toppled, is_at_rest, supporting_object_ids
-from grs_agents.sim.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE, UPRIGHT_WITHIN, Goal, Kind, Zone
-from grs_agents.sim.world import distance_between_outlines, margins_inside_outline, volume_share_in_zones
+from grs_agents.sim.instance.goal import UPRIGHT_WITHIN, Goal, Kind, Zone
+from grs_agents.sim.instance.task_instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
+from grs_agents.sim.world.collision_volumes import volume_share_in_zones
+from grs_agents.sim.world.footprints import distance_between_outlines, margins_inside_outline
 
 WHOLE: Final = 0.985
 """Share of an object's volume from which on it counts as wholly in a zone."""

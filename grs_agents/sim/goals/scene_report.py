@@ -8,7 +8,8 @@ from grs_agents.base import Vec3
 from grs_agents.geometry import transforms
 from grs_agents.sim.goals.relation_rules import object_footprint_as_zone
 from grs_agents.sim.goals.scene_view import SceneView, cannot_topple
-from grs_agents.sim.instance import Goal, ObjectMotion, Zone
+from grs_agents.sim.instance.episode import ObjectMotion
+from grs_agents.sim.instance.goal import Goal, Zone
 
 _MOST_NAMED: Final = 8
 _MOVED: Final = 0.02

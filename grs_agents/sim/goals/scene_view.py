@@ -11,13 +11,15 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import FloatArray, transforms
-from grs_agents.library import ObjectModel
-from grs_agents.sim.instance import ROTATION_TOLERANCE, Goal, Outcome, Stop
-from grs_agents.sim.world import (
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.library.shapes import ObjectModel
+from grs_agents.sim.instance.episode import Outcome, Stop
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.task_instance import ROTATION_TOLERANCE
+from grs_agents.sim.world.collision_volumes import Volume
+from grs_agents.sim.world.footprints import (
     Prism,
-    Tabletop,
-    Volume,
     collider_prisms_at_pose,
     convex_hull,
     find_nearby_prisms,
@@ -27,6 +29,7 @@ from grs_agents.sim.world import (
     rotation_matrix_2d,
     signed_outline_gaps,
 )
+from grs_agents.sim.world.tabletop import Tabletop
 
 _POINT = np.zeros((1, 2))
 

@@ -37,8 +37,11 @@ from grs_agents.sim.goals.scene_view import (
     supporting_object_ids,
 )
 from grs_agents.sim.goals.task_accounting import ScoredTask, symmetric_yaw_difference
-from grs_agents.sim.instance import EndState, Goal, GoalOutcome
-from grs_agents.sim.world import Tabletop, margins_inside_outline, object_prism_at_pose, volume_share_in_zones
+from grs_agents.sim.instance.episode import EndState, GoalOutcome
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.world.collision_volumes import volume_share_in_zones
+from grs_agents.sim.world.footprints import margins_inside_outline, object_prism_at_pose
+from grs_agents.sim.world.tabletop import Tabletop
 
 _HEIGHT: Final = 0.015
 """Farthest from the height that a target says, metres, whatever ``pos_eps`` is; less than half the least of levels."""

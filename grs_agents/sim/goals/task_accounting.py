@@ -14,18 +14,16 @@ from grs_agents.geometry import transforms
 from grs_agents.sim.goals.relation_rules import explain_goal_shortfalls
 from grs_agents.sim.goals.scene_report import describe_goal
 from grs_agents.sim.goals.scene_view import SceneView
-from grs_agents.sim.instance import (
+from grs_agents.sim.instance.episode import GoalOutcome, SimulationError
+from grs_agents.sim.instance.goal import LONGEST_SENTENCE, Goal, normalise_goal_rewards
+from grs_agents.sim.instance.task_instance import (
     LARGEST_POS_EPS,
     LARGEST_ROT_EPS,
-    LONGEST_SENTENCE,
     POSITION_TOLERANCE,
     ROTATION_TOLERANCE,
-    Goal,
-    GoalOutcome,
-    SimulationError,
-    normalise_goal_rewards,
 )
-from grs_agents.sim.world import Tabletop, is_number, volume_share_in_zones
+from grs_agents.sim.world.collision_volumes import volume_share_in_zones
+from grs_agents.sim.world.tabletop import Tabletop, is_number
 
 
 def symmetric_yaw_difference(first: float, second: float, symmetry: float) -> float:

@@ -1,5 +1,1 @@
 """A task as data: objects, goals, and how an episode with them ended."""
-
-from grs_agents.lazy_exports import attach_lazy_exports
-
-__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)

@@ -4,10 +4,10 @@ from typing import Final
 
 import numpy as np
 
-from grs_agents.geometry import FloatArray
-from grs_agents.sim.instance import SimulationError
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.motion.grasp import find_object_in_seal
-from grs_agents.sim.world import Physics
+from grs_agents.sim.world.physics import Physics
 
 CONTROL_RATE: Final = 25.0
 """Hz: ten steps of 4 ms."""

@@ -9,9 +9,11 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import FloatArray, transforms
-from grs_agents.sim.arms import CUP_RADIUS, WAYPOINT_STEPS
-from grs_agents.sim.instance import Outcome
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.sim.arms.arm_parts import CUP_RADIUS
+from grs_agents.sim.arms.joint_paths import WAYPOINT_STEPS
+from grs_agents.sim.instance.episode import Outcome
 from grs_agents.sim.motion import grasp
 from grs_agents.sim.motion.placement import format_point
 from grs_agents.sim.motion.tool_paths import (
@@ -30,7 +32,8 @@ from grs_agents.sim.motion.tool_paths import (
     split_into_yaw_and_tilt,
     tool_up_axis,
 )
-from grs_agents.sim.world import Physics, Prism
+from grs_agents.sim.world.footprints import Prism
+from grs_agents.sim.world.physics import Physics
 
 FREE_SPEED: Final = 1.2
 HELD_SPEED: Final = 0.8

@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import FloatArray, transforms
-from grs_agents.sim.arms import Arm
-from grs_agents.sim.instance import Stop
-from grs_agents.sim.world import (
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.instance.episode import Stop
+from grs_agents.sim.world.footprints import (
     Prism,
     least_outline_gaps,
     margins_inside_outline,

@@ -9,17 +9,13 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Quat, Vec3
-from grs_agents.geometry import FloatArray, transforms
-from grs_agents.sim.arms import Arm, rotations_about_z, trapezoidal_profile
-from grs_agents.sim.world import (
-    CUP,
-    GRAVITY,
-    Nozzle,
-    Prism,
-    find_nearby_prisms,
-    nearest_point_of_outline,
-    signed_outline_gaps,
-)
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.arms.joint_paths import rotations_about_z, trapezoidal_profile
+from grs_agents.sim.world.footprints import Prism, find_nearby_prisms, nearest_point_of_outline, signed_outline_gaps
+from grs_agents.sim.world.nozzles import CUP, Nozzle
+from grs_agents.sim.world.suction import GRAVITY
 
 _DETOURS: Final = (0.35, 0.45, 0.28, 0.55, 0.70)
 _UPRIGHT: Final = 0.02

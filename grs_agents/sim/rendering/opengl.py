@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import GrsError
-from grs_agents.geometry import FloatArray
-from grs_agents.library import Lens
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.library.asset_rendering import Lens
 from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.rendering.stage import ARM_GROUP, Stage
 

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry import FloatArray
-from grs_agents.library import Lens
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.library.asset_rendering import Lens
 from grs_agents.sim.rendering.lighting import Lighting
 from grs_agents.sim.rendering.rays import RayCaster
 from grs_agents.sim.rendering.scenery import Backdrop, Scenery

@@ -6,9 +6,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry import FloatArray
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.arms import Arm
+from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.rendering.stage import add_robot
 
 _SLICES: Final = 24

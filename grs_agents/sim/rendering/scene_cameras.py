@@ -8,15 +8,17 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError, UnknownNameError
-from grs_agents.geometry import FloatArray, pose_matrix, transforms
-from grs_agents.library import Lens, Library
-from grs_agents.sim.instance import InstanceCamera, TaskInstance
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray, pose_matrix
+from grs_agents.library.asset_rendering import Lens
+from grs_agents.library.library import Library
+from grs_agents.sim.instance.task_instance import InstanceCamera, TaskInstance
 from grs_agents.sim.rendering import opengl
 from grs_agents.sim.rendering.lenses import lens_from_field_of_view, resize_lens, view_pose
 from grs_agents.sim.rendering.ray_painter import RayPainter
 from grs_agents.sim.rendering.stage import LARGEST_PICTURE, Stage, scene_props_from_instance
 from grs_agents.sim.rendering.views import FRONT, Picture
-from grs_agents.sim.world import Physics
+from grs_agents.sim.world.physics import Physics
 
 Backend = Literal["auto", "egl", "osmesa", "rays"]
 BACKENDS: Final[tuple[Backend, ...]] = get_args(Backend)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry import FloatArray
-from grs_agents.library import Lens
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.library.asset_rendering import Lens
 from grs_agents.sim.rendering.lenses import lens_ray_directions
 from grs_agents.sim.rendering.lighting import Lighting
 from grs_agents.sim.rendering.stage import SKY, Stage
-from grs_agents.sim.world import read_table_pattern
+from grs_agents.sim.world.appearance import read_table_pattern
 
 Floats = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.int64]

@@ -8,19 +8,20 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.geometry import FloatArray, pose_matrix
-from grs_agents.library import Library, Shape, add_shape_geom, add_texture_file
+from grs_agents.geometry.transforms import FloatArray, pose_matrix
+from grs_agents.library.library import Library
+from grs_agents.library.mujoco_shapes import add_shape_geom, add_texture_file
+from grs_agents.library.shapes import Shape
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.arms import Arm, get_arm, replace_cup_with_spatula, set_arm_visuals
-from grs_agents.sim.instance import InstanceLight, InstanceObject, InstanceTable, TaskInstance
-from grs_agents.sim.world import (
-    COLORS,
-    TIMESTEP,
-    Physics,
-    create_base_world_spec,
-    load_object_model,
-    set_light_and_table,
-)
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.arms.arm_looks import set_arm_visuals
+from grs_agents.sim.arms.arm_parts import replace_cup_with_spatula
+from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.instance.task_instance import InstanceLight, InstanceObject, InstanceTable, TaskInstance
+from grs_agents.sim.world.appearance import set_light_and_table
+from grs_agents.sim.world.colors import COLORS
+from grs_agents.sim.world.physics import Physics
+from grs_agents.sim.world.spec import TIMESTEP, create_base_world_spec, load_object_model
 
 _GREY: Final = (0.7, 0.7, 0.7, 1.0)
 LARGEST_PICTURE: Final = 2048

@@ -7,7 +7,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.library import Library, PaintedTriangles, Shape, build_textured_triangles, sample_triangle_colors
+from grs_agents.library.asset_rendering import PaintedTriangles, build_textured_triangles, sample_triangle_colors
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import Shape
 
 Floats = npt.NDArray[np.float32]
 _CELLS: Final = 48

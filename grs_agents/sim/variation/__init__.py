@@ -1,5 +1,4 @@
 """Variations of a task: the same instance with its things elsewhere, heavier, in another light, among others."""
 
-from grs_agents.lazy_exports import attach_lazy_exports
-
-__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)
+from grs_agents.sim.variation.types import Variation as Variation
+from grs_agents.sim.variation.vary import vary_instance as vary_instance

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from grs_agents.sim.instance import InstanceLight, InstanceTable, TaskInstance
+from grs_agents.sim.instance.task_instance import InstanceLight, InstanceTable, TaskInstance
 
 _ASIDE: Final = 0.6
 """Metres that the light may be moved along x and y, either way; half of it upwards."""

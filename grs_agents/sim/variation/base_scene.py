@@ -11,26 +11,28 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.errors import GrsError
-from grs_agents.geometry import FloatArray, transforms
-from grs_agents.library import Library
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.library.library import Library
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.cliport import Environment
-from grs_agents.sim.goals import SceneView, match_rows_to_targets
-from grs_agents.sim.instance import Goal, InstanceObject, SimulationError, TaskInstance, hash_instance
+from grs_agents.sim.cliport.environment import Environment
+from grs_agents.sim.goals.scene_view import SceneView
+from grs_agents.sim.goals.strict_score import match_rows_to_targets
+from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance, hash_instance
 from grs_agents.sim.rollouts import InstanceTask, score_goals_by_latest_mention
 from grs_agents.sim.variation.parts import Part, find_parts
 from grs_agents.sim.variation.places import Place, outline_of_zone, prisms_of_objects
-from grs_agents.sim.world import (
+from grs_agents.sim.world.compilation import compile_world, reset_world_to_poses
+from grs_agents.sim.world.footprints import (
     Prism,
-    compile_world,
     find_nearby_prisms,
     find_prisms_at_pose,
-    instance_to_spec,
-    load_object_model,
     margins_inside_outline,
-    reset_world_to_poses,
     signed_outline_gaps,
 )
+from grs_agents.sim.world.spec import instance_to_spec, load_object_model
 
 Pair = tuple[int, int]
 """Ids of two objects, the lower one first; -1 is the arm, or what stands around it."""

@@ -6,11 +6,16 @@ from typing import Final
 
 import numpy as np
 
-from grs_agents.geometry import FloatArray, transforms
-from grs_agents.library import Asset, Library
-from grs_agents.sim.instance import InstanceObject, SimulationError, TaskInstance
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.library.asset import Asset
+from grs_agents.library.library import Library
+from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
 from grs_agents.sim.variation.places import outline_of_zone, prisms_of_objects
-from grs_agents.sim.world import FIRST_BYSTANDER, load_object_model, object_prism_at_pose, signed_outline_gaps
+from grs_agents.sim.world.bystanders import FIRST_BYSTANDER
+from grs_agents.sim.world.footprints import object_prism_at_pose, signed_outline_gaps
+from grs_agents.sim.world.spec import load_object_model
 
 _WITHIN: Final = ((0.25, -0.5), (0.8, 0.5))
 """Where they may stand, metres: lowest and highest x, y."""

@@ -10,9 +10,9 @@ from typing import Final
 
 import numpy as np
 
-from grs_agents.library import Library
-from grs_agents.sim.goals import SceneView, enclosing_object_ids, supporting_object_ids
-from grs_agents.sim.instance import TaskInstance
+from grs_agents.library.library import Library
+from grs_agents.sim.goals.scene_view import SceneView, enclosing_object_ids, supporting_object_ids
+from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.sim.variation.places import (
     OwnedPlaces,
     Place,
@@ -20,7 +20,7 @@ from grs_agents.sim.variation.places import (
     find_owned_places,
     prisms_of_objects,
 )
-from grs_agents.sim.world import Prism
+from grs_agents.sim.world.footprints import Prism
 
 _LEANING: Final = 0.3
 """A contact whose normal rises more steeply than this (sine of the angle) carries something."""

@@ -7,17 +7,19 @@ from typing import Final
 
 import numpy as np
 
-from grs_agents.geometry import FloatArray, transforms
-from grs_agents.library import Library
-from grs_agents.sim.instance import Goal, InstanceObject, TaskInstance, Zone
-from grs_agents.sim.world import (
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.library.library import Library
+from grs_agents.sim.instance.goal import Goal, Zone
+from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
+from grs_agents.sim.world.footprints import (
     Prism,
-    load_object_model,
     margins_inside_outline,
     object_prism_at_pose,
     rectangle_outline,
     signed_outline_gaps,
 )
+from grs_agents.sim.world.spec import load_object_model
 
 Place = tuple[int, int]
 """A target or a zone of a goal: the number of the goal, and its own in that goal."""

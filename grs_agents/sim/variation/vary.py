@@ -7,17 +7,16 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
-from grs_agents.library import Library
-from grs_agents.sim.instance import (
+from grs_agents.library.library import Library
+from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance.goal import Goal, Zone
+from grs_agents.sim.instance.task_instance import (
     HEAVIEST,
     LEAST_FRICTION,
     LIGHTEST,
     MOST_FRICTION,
-    Goal,
     InstanceObject,
-    SimulationError,
     TaskInstance,
-    Zone,
 )
 from grs_agents.sim.variation.appearance import vary_light, vary_table
 from grs_agents.sim.variation.base_scene import BaseScene, measure_base_scene, read_masses_and_frictions

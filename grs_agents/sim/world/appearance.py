@@ -7,9 +7,11 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.library import Library, ObjectModel, add_texture_file
+from grs_agents.library.library import Library
+from grs_agents.library.mujoco_shapes import add_texture_file
+from grs_agents.library.shapes import ObjectModel
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.instance import InstanceLight, InstanceObject, InstanceTable
+from grs_agents.sim.instance.task_instance import InstanceLight, InstanceObject, InstanceTable
 
 TABLE_SIDE: Final = 2.4
 """Of the square top of the table, metres."""

@@ -10,7 +10,7 @@ from itertools import count
 from typing import Final
 
 from grs_agents.geometry import transforms
-from grs_agents.sim.instance import InstanceObject, TaskInstance
+from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
 
 FIRST_BYSTANDER: Final = 50_000
 """Ids of bystanders begin here, so that those of a task's objects count from 1 as ever."""

@@ -8,9 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import FloatArray, hull_half_spaces, transforms
-from grs_agents.library import Library, ObjectModel, Shape, read_vertices
-from grs_agents.sim.instance import Zone
+from grs_agents.geometry import transforms
+from grs_agents.geometry.hulls import hull_half_spaces
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.library.library import Library
+from grs_agents.library.mesh_files import read_vertices
+from grs_agents.library.shapes import ObjectModel, Shape
+from grs_agents.sim.instance.goal import Zone
 from grs_agents.sim.world.footprints import cached_per_model
 
 _POINTS: Final = 600

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from grs_agents.sim.instance import SimulationError
+from grs_agents.sim.instance.episode import SimulationError
 
 
 def color_to_rgba(color: str | Sequence[float], what: str = "") -> tuple[float, float, float, float]:

@@ -6,9 +6,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from grs_agents.geometry import FloatArray
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.arms import DOWN, WAYPOINT_STEPS
+from grs_agents.sim.arms.arm_parts import DOWN
+from grs_agents.sim.arms.joint_paths import WAYPOINT_STEPS
 from grs_agents.sim.world.compilation import World
 from grs_agents.sim.world.joint_way import JointWay
 from grs_agents.sim.world.suction import GRAVITY, Cup

@@ -8,8 +8,9 @@ from typing import Concatenate, ParamSpec, TypeVar
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.geometry import FloatArray, transforms
-from grs_agents.library import ObjectModel, Shape
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.library.shapes import ObjectModel, Shape
 
 Value = TypeVar("Value")
 Rest = ParamSpec("Rest")

@@ -6,8 +6,10 @@ from itertools import accumulate, pairwise
 
 import numpy as np
 
-from grs_agents.geometry import FloatArray
-from grs_agents.sim.arms import WAYPOINT_STEPS, Arm, joint_paths
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.sim.arms import joint_paths
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.arms.joint_paths import WAYPOINT_STEPS
 
 _TOP_SPEED = 0.95
 """How much of its joints' speeds the arm is told to use, since it swings a little beyond."""

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from grs_agents.sim.arms import CUP_RADIUS
+from grs_agents.sim.arms.arm_parts import CUP_RADIUS
 
 _VACUUM: Final = 15.0 / CUP_RADIUS**2
 """Newtons for each square metre of radius squared: 60 kPa below the air's pressure on a disk of 20 mm (18.8 N), times

@@ -6,10 +6,13 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.base import Pose, Quat, Vec3
-from grs_agents.geometry import FloatArray, transforms
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.arms import DOWN, ROBOT_CONTYPE, WAYPOINT_STEPS
-from grs_agents.sim.instance import InstanceObject, SimulationError
+from grs_agents.sim.arms.arm_parts import DOWN, ROBOT_CONTYPE
+from grs_agents.sim.arms.joint_paths import WAYPOINT_STEPS
+from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance.task_instance import InstanceObject
 from grs_agents.sim.world.budget import Budget
 from grs_agents.sim.world.compilation import World, reset_world_to_poses
 from grs_agents.sim.world.contact_free_motion import ContactFreeMotion

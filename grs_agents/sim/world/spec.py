@@ -7,17 +7,22 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from grs_agents.library import Library, ObjectModel, Shape, add_shape_geom, convex_mesh_volume, shape_volume
+from grs_agents.library.library import Library
+from grs_agents.library.mesh_files import convex_mesh_volume
+from grs_agents.library.mujoco_shapes import add_shape_geom
+from grs_agents.library.shapes import ObjectModel, Shape, shape_volume
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.arms import ROBOT_CONTYPE, Arm, get_arm, replace_cup_with_spatula
-from grs_agents.sim.instance import (
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.arms.arm_parts import ROBOT_CONTYPE, replace_cup_with_spatula
+from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance.task_instance import (
     HEAVIEST,
     LEAST_FRICTION,
     LIGHTEST,
     MOST_FRICTION,
     InstanceObject,
     InstanceTie,
-    SimulationError,
     TaskInstance,
 )
 from grs_agents.sim.world import templates

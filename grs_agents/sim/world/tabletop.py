@@ -11,18 +11,14 @@ import numpy as np
 from pydantic import ValidationError
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import FloatArray, transforms
-from grs_agents.library import Library, ObjectModel
-from grs_agents.sim.arms import Arm
-from grs_agents.sim.instance import (
-    InstanceObject,
-    InstanceTie,
-    InvalidValueError,
-    NoFreeSpaceError,
-    Recorder,
-    SimulationError,
-    describe_first_error,
-)
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import ObjectModel
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.instance.episode import InvalidValueError, NoFreeSpaceError, Recorder, SimulationError
+from grs_agents.sim.instance.faults import describe_first_error
+from grs_agents.sim.instance.task_instance import InstanceObject, InstanceTie
 from grs_agents.sim.world import budget, bystanders, compilation, footprints, spec, templates
 from grs_agents.sim.world.collision_volumes import Volume, sample_collision_volume
 from grs_agents.sim.world.colors import color_to_rgba

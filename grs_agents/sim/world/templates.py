@@ -11,11 +11,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.config import Limits
+from grs_agents.config.schema import Limits
 from grs_agents.errors import InputError
-from grs_agents.library import Library, known_placeholder_stems, resolve_template_values
-from grs_agents.sim.arms import DEFAULT, get_arm
-from grs_agents.sim.instance import LARGEST_VALUE, InstanceObject
+from grs_agents.library.library import Library
+from grs_agents.library.urdf_templates import known_placeholder_stems, resolve_template_values
+from grs_agents.sim.arms.registry import DEFAULT, get_arm
+from grs_agents.sim.instance.task_instance import LARGEST_VALUE, InstanceObject
 from grs_agents.sim.world import budget
 
 Values = Mapping[str, tuple[float | str, ...]]

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from grs_agents.foreign import read_npz, read_picture
-from grs_agents.sandbox import answer_or_refuse, send_blob
+from grs_agents.foreign.arrays import read_npz
+from grs_agents.foreign.pictures import read_picture
+from grs_agents.sandbox.harness.answers import answer_or_refuse, send_blob
 
 
 def inside(request: dict[str, Any]) -> dict[str, Any]:

@@ -3,7 +3,18 @@
 from collections import Counter
 from typing import Any, cast
 
-from grs_agents import trace
+from grs_agents.trace.events import (
+    Decision,
+    Finding,
+    ProgramVersion,
+    Prompt,
+    Reply,
+    RunEnded,
+    RunStarted,
+    TaskDefined,
+    TestsRun,
+    ToolCall,
+)
 from grs_agents.views.common.safe_text import to_markdown_cell, to_markdown_code_block, to_viewer_markdown
 
 _HINT = (
@@ -12,29 +23,29 @@ _HINT = (
 )
 
 
-def format_run_start(event: trace.RunStarted) -> str:
+def format_run_start(event: RunStarted) -> str:
     """What the run is, before any decision."""
     return to_viewer_markdown(f"### Run {event.run_id}\n\nGraph **{event.graph}**, seed {event.seed}.\n\n{_HINT}\n")
 
 
-def format_run_end(event: trace.RunEnded) -> str:
+def format_run_end(event: RunEnded) -> str:
     """The verdict on the run, and how to see its film: the viewer opens here."""
     return to_viewer_markdown(f"### {event.status}\n\n{event.reason}\n\n{_HINT}\n")
 
 
-def format_decision(event: trace.Decision) -> str:
+def format_decision(event: Decision) -> str:
     """The router's verdict and reason."""
     policy = f" (policy {event.policy})" if event.policy else ""
     return to_viewer_markdown(f"### route → **{event.verdict}**{policy}\n\n{event.explanation}")
 
 
-def format_prompt(event: trace.Prompt) -> str:
+def format_prompt(event: Prompt) -> str:
     """A prompt under a heading that says who asked whom."""
     pictures = f", {len(event.images)} picture{'s' * (len(event.images) > 1)}" if event.images else ""
     return to_viewer_markdown(f"**{event.role}** → {event.model}{pictures}\n\n---\n\n{event.text}")
 
 
-def format_reply(event: trace.Reply) -> str:
+def format_reply(event: Reply) -> str:
     """A reply under a heading with tokens, seconds and what went wrong."""
     cost = f"{event.input_tokens} + {event.output_tokens} tokens, {event.seconds:.1f} s"
     head = f"{event.model} → **{event.role}**, {cost}"
@@ -43,7 +54,7 @@ def format_reply(event: trace.Reply) -> str:
     return to_viewer_markdown(f"{head}{finish}{error}\n\n---\n\n{event.text}")
 
 
-def format_tool_call(event: trace.ToolCall) -> str:
+def format_tool_call(event: ToolCall) -> str:
     """A call of a tool: what was asked, and what the model was told."""
     failed = "" if event.ok else ", **failed**"
     asked = [f"**{name}**\n\n{to_markdown_code_block(str(value), 'python')}" for name, value in event.arguments.items()]
@@ -52,14 +63,14 @@ def format_tool_call(event: trace.ToolCall) -> str:
     return to_viewer_markdown("\n\n".join([head, *asked, "---", told]))
 
 
-def format_program(event: trace.ProgramVersion, source: str) -> str:
+def format_program(event: ProgramVersion, source: str) -> str:
     """A program with syntax colours."""
     author = f" by {event.author_role}" if event.author_role else ""
     head = f"**{event.path}**, version {event.number}{author}, sha256 {event.sha256[:10]}"
     return to_viewer_markdown(f"{head}\n\n{to_markdown_code_block(source, 'python')}")
 
 
-def format_task(event: trace.TaskDefined) -> str:
+def format_task(event: TaskDefined) -> str:
     """The fields of the task."""
     lines = [f"- **{key}**: {format_field_value(value)}" for key, value in event.task.items()]
     return to_viewer_markdown("### Task\n\n" + "\n".join(lines))
@@ -70,7 +81,7 @@ def format_field_value(value: Any) -> str:
     return ", ".join(map(str, cast("list[Any]", value))) if isinstance(value, list) else str(value)
 
 
-def format_test_report(event: trace.TestsRun) -> str:
+def format_test_report(event: TestsRun) -> str:
     """A test report as a table, then each traceback."""
     report = event.report
     cases = get_test_cases(event)
@@ -109,19 +120,19 @@ def format_oracle_episode(case: dict[str, Any]) -> str:
     return told if episode else ""
 
 
-def get_test_cases(event: trace.TestsRun) -> list[dict[str, Any]]:
+def get_test_cases(event: TestsRun) -> list[dict[str, Any]]:
     """The test cases of a report; none where it broke off before any ran."""
     cases: list[dict[str, Any]] | None = event.report.get("cases")
     return cases or []
 
 
-def format_outcome_counts(event: trace.TestsRun) -> str:
+def format_outcome_counts(event: TestsRun) -> str:
     """How many test cases of a report ended how, e.g. ``2 passed, 1 failed``; empty if none ran."""
     outcomes = Counter(str(case.get("outcome")) for case in get_test_cases(event))
     return ", ".join(f"{number} {outcome}" for outcome, number in outcomes.items())
 
 
-def format_audit(findings: list[trace.Finding]) -> str:
+def format_audit(findings: list[Finding]) -> str:
     """What the audit has found so far, as a table."""
     rows = [
         f"| {to_markdown_cell(finding.check)} | **{format_finding_verdict(finding)}** "
@@ -133,6 +144,6 @@ def format_audit(findings: list[trace.Finding]) -> str:
     )
 
 
-def format_finding_verdict(finding: trace.Finding) -> str:
+def format_finding_verdict(finding: Finding) -> str:
     """How a check of the audit came out, in a word."""
     return "passed" if finding.passed else "failed"

@@ -3,7 +3,24 @@
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from grs_agents import trace
+from grs_agents.trace.events import (
+    Decision,
+    Event,
+    Finding,
+    NodeEnded,
+    NodeStarted,
+    Note,
+    ProgramVersion,
+    Prompt,
+    Reply,
+    Rollout,
+    RunEnded,
+    RunStarted,
+    SceneStage,
+    TaskDefined,
+    TestsRun,
+    ToolCall,
+)
 from grs_agents.views.common.event_markdown import format_outcome_counts
 
 Status = Literal["running", "done", "failed", "interrupted"]
@@ -24,7 +41,7 @@ class Step:
     output_tokens: int = 0
     cost: float | None = None  # of its model calls in US dollars; None where no provider told it
     details: list[str] = field(default_factory=list[str])  # what came of it, one phrase each
-    events: list[trace.Event] = field(default_factory=list[trace.Event])  # all that happened in it, start and end too
+    events: list[Event] = field(default_factory=list[Event])  # all that happened in it, start and end too
 
     @property
     def total_tokens(self) -> int:
@@ -32,9 +49,9 @@ class Step:
         return self.input_tokens + self.output_tokens
 
     @property
-    def model_replies(self) -> list[trace.Reply]:
+    def model_replies(self) -> list[Reply]:
         """The answers of its models."""
-        return [event for event in self.events if isinstance(event, trace.Reply)]
+        return [event for event in self.events if isinstance(event, Reply)]
 
     @property
     def problem_summary(self) -> str:
@@ -43,9 +60,9 @@ class Step:
             return self.details[-1] if self.details else self.status
         problem = ""
         for event in self.events:
-            if isinstance(event, trace.TestsRun) and event.report.get("outcome") != "passed":
+            if isinstance(event, TestsRun) and event.report.get("outcome") != "passed":
                 problem = f"tests: {summarise_event(event)}"
-            elif isinstance(event, trace.Finding) and not event.passed:
+            elif isinstance(event, Finding) and not event.passed:
                 problem = f"{event.check}: {event.detail}"
         return problem
 
@@ -61,32 +78,32 @@ class Steps:
     def __init__(self) -> None:
         self.rows: list[Step] = []
         self._steps: dict[int, Step] = {}  # by the sequence of the event that started them
-        self.ended: trace.RunEnded | None = None
-        self.decision: trace.Decision | None = None
+        self.ended: RunEnded | None = None
+        self.decision: Decision | None = None
 
     @property
     def running_step(self) -> Step | None:
         """The step that is running, the one that started last if several are."""
         return next((step for step in reversed(self.rows) if step.status == "running"), None)
 
-    def add_event(self, event: trace.Event) -> None:
+    def add_event(self, event: Event) -> None:
         """Take one more event in."""
-        if isinstance(event, trace.RunStarted):  # what ran when an earlier attempt died
+        if isinstance(event, RunStarted):  # what ran when an earlier attempt died
             self._interrupt_running_steps()
-        elif isinstance(event, trace.NodeStarted):
+        elif isinstance(event, NodeStarted):
             step = Step(len(self.rows) + 1, event.node, event.visit, event.attempt, event.time)
             step.events.append(event)
             self.rows.append(step)
             self._steps[event.sequence] = step
-        elif isinstance(event, trace.NodeEnded):
+        elif isinstance(event, NodeEnded):
             self._end_step(event)
-        elif isinstance(event, trace.RunEnded):
+        elif isinstance(event, RunEnded):
             self.ended = event
             self._interrupt_running_steps()
         elif step := self._find_step_of_event(event):
             self._add_event_to_step(step, event)
 
-    def _find_step_of_event(self, event: trace.Event) -> Step | None:
+    def _find_step_of_event(self, event: Event) -> Step | None:
         """The step that an event belongs to; of threads that do not say so, the one that runs."""
         return self.running_step if event.step is None else self._steps.get(event.step)
 
@@ -95,7 +112,7 @@ class Steps:
             if step.status == "running":
                 step.status = "interrupted"
 
-    def _end_step(self, event: trace.NodeEnded) -> None:
+    def _end_step(self, event: NodeEnded) -> None:
         step = self._find_step_of_event(event)
         if step is not None:
             step.status = "failed" if event.error else "done"
@@ -104,11 +121,11 @@ class Steps:
             if event.error:
                 step.details.append(event.error)
 
-    def _add_event_to_step(self, step: Step, event: trace.Event) -> None:
+    def _add_event_to_step(self, step: Step, event: Event) -> None:
         step.events.append(event)
-        if isinstance(event, trace.Decision):
+        if isinstance(event, Decision):
             self.decision = event
-        if isinstance(event, trace.Reply):
+        if isinstance(event, Reply):
             step.input_tokens += event.input_tokens
             step.output_tokens += event.output_tokens
             if event.cost is not None:
@@ -118,51 +135,51 @@ class Steps:
             step.details.append(text)
 
 
-def summarise_event(event: trace.Event) -> str:
+def summarise_event(event: Event) -> str:
     """What ``event`` adds to a step, as a phrase; empty for events that speak for themselves."""
     match event:
-        case trace.SceneStage():
+        case SceneStage():
             text = _summarise_scene_stage(event)
-        case trace.TaskDefined():
+        case TaskDefined():
             text = str(event.task.get("task-name") or "")
-        case trace.ProgramVersion():
+        case ProgramVersion():
             text = f"{event.program} v{event.number}"
-        case trace.TestsRun():
+        case TestsRun():
             text = format_outcome_counts(event) or str(event.report.get("outcome"))
-        case trace.Decision():
+        case Decision():
             text = f"→ {event.verdict}: {event.explanation}"
-        case trace.Rollout():
+        case Rollout():
             text = f"seed {event.seed}: {event.outcome}, reward {event.reward:.2f}"
         case _:
             text = _summarise_notice(event)
     return text
 
 
-def _summarise_notice(event: trace.Event) -> str:
+def _summarise_notice(event: Event) -> str:
     """What went wrong or was asked on the way."""
     match event:
-        case trace.Finding(passed=False):
+        case Finding(passed=False):
             text = f"{event.check} failed: {event.detail}"
-        case trace.Reply(error=error) if error:
+        case Reply(error=error) if error:
             text = f"reply of {event.role} not used: {error}"
-        case trace.ToolCall():
+        case ToolCall():
             told = (line for line in event.result.splitlines() if not line.startswith("=="))
             text = f"{event.tool}: {next(told, '')[:100]}"
-        case trace.Note(level="warning" | "error"):
+        case Note(level="warning" | "error"):
             text = event.text
         case _:  # it speaks for itself
             text = ""
     return text
 
 
-def _summarise_scene_stage(event: trace.SceneStage) -> str:
+def _summarise_scene_stage(event: SceneStage) -> str:
     objects: list[Any] | None = event.summary.get("objects")
     coverage: dict[str, Any] | None = event.summary.get("coverage")
     told = f", coverage {coverage['share']:.2f}" if coverage else ""
     return event.stage if objects is None else f"{event.stage}: {len(objects)} objects{told}"
 
 
-def group_events_into_steps(events: list[trace.Event]) -> list[Step]:
+def group_events_into_steps(events: list[Event]) -> list[Step]:
     """The steps of a whole run."""
     folded = Steps()
     for event in events:
@@ -176,43 +193,43 @@ _BEGIN_AND_END = {"run_started": "●", "run_ended": "●", "node_started": "▶
 _MARKS = {**_BEGIN_AND_END, "prompt": "→", "reply": "←", "finding": "✓"}
 
 
-def format_event_line(event: trace.Event) -> str:
+def format_event_line(event: Event) -> str:
     """``event`` in words, after a mark that tells its kind at a glance."""
     return f"{_MARKS.get(event.kind, '•')} {_event_line_text(event)}"
 
 
-def _event_line_text(event: trace.Event) -> str:
+def _event_line_text(event: Event) -> str:
     match event:
-        case trace.RunStarted():
+        case RunStarted():
             text = f"run {event.run_id} starts"
-        case trace.RunEnded():
+        case RunEnded():
             text = f"{event.status}: {event.reason}"
-        case trace.NodeStarted():
+        case NodeStarted():
             text = f"{event.node}, visit {event.visit}"
-        case trace.NodeEnded():
+        case NodeEnded():
             text = f"{event.node} {event.seconds:.2f} s {event.error}"
-        case trace.Prompt():
+        case Prompt():
             text = f"prompt of {event.role}"
-        case trace.Reply():
+        case Reply():
             text = f"reply of {event.role}, {event.input_tokens + event.output_tokens} tokens {event.error}"
-        case trace.Finding(passed=True):
+        case Finding(passed=True):
             text = f"{event.check}: {event.detail}"
-        case trace.Note():
+        case Note():
             text = event.text
         case _:
             text = summarise_event(event)
     return text.rstrip()
 
 
-def event_log_level(event: trace.Event) -> Level:
+def event_log_level(event: Event) -> Level:
     """How much attention ``event`` asks for."""
-    if isinstance(event, trace.Note):
+    if isinstance(event, Note):
         return _NOTE_LEVELS[event.level]
-    if isinstance(event, trace.NodeEnded | trace.Prompt | trace.Reply):
-        return "ERROR" if isinstance(event, trace.NodeEnded) and event.error else "DEBUG"
+    if isinstance(event, NodeEnded | Prompt | Reply):
+        return "ERROR" if isinstance(event, NodeEnded) and event.error else "DEBUG"
     wants_attention = (
         event.kind == "decision"
-        or (isinstance(event, trace.Finding) and not event.passed)
-        or (isinstance(event, trace.RunEnded) and event.status != "accepted")
+        or (isinstance(event, Finding) and not event.passed)
+        or (isinstance(event, RunEnded) and event.status != "accepted")
     )
     return "WARN" if wants_attention else "INFO"

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import decode_elsewhere
-from grs_agents.sandbox import ForeignReader
+from grs_agents.foreign.elsewhere import decode_elsewhere
+from grs_agents.sandbox.host.foreign_reader import ForeignReader
 
 _WORKER = "grs_agents.views.common.decoding_worker"
 _KINDS = "buifU"

@@ -8,8 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import read_bytes, read_npz
-from grs_agents.sim.instance import MAX_BYTES, InstanceError, TaskInstance, parse_instance_json, resolve_robot_path
+from grs_agents.foreign.arrays import read_npz
+from grs_agents.foreign.files import read_bytes
+from grs_agents.sim.instance.robot_file import resolve_robot_path
+from grs_agents.sim.instance.task_instance import MAX_BYTES, InstanceError, TaskInstance, parse_instance_json
 
 Array = npt.NDArray[np.float32]
 _REMEDY = "restore the file or run again"

@@ -12,9 +12,10 @@ import numpy.typing as npt
 from pydantic import ValidationError
 
 from grs_agents.base import Pose
-from grs_agents.library import Library, matrix_from_quaternion
-from grs_agents.sim.instance import InstanceObject
-from grs_agents.sim.world import load_object_model
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import matrix_from_quaternion
+from grs_agents.sim.instance.task_instance import InstanceObject
+from grs_agents.sim.world.spec import load_object_model
 
 Rectangle = tuple[int, int, int, int]
 """Left, top, width and height in pixels."""

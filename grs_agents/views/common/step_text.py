@@ -5,8 +5,22 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from grs_agents import trace
 from grs_agents.errors import InputError
+from grs_agents.trace.events import (
+    Decision,
+    Event,
+    Finding,
+    NodeEnded,
+    Note,
+    ProgramVersion,
+    Prompt,
+    Reply,
+    Rollout,
+    SceneStage,
+    TaskDefined,
+    TestsRun,
+    ToolCall,
+)
 from grs_agents.views.common.event_markdown import (
     format_finding_verdict,
     format_oracle_episode,
@@ -44,68 +58,68 @@ def iter_step_sections(step: Step) -> Iterator[Section]:
             yield section
 
 
-def make_event_section(event: trace.Event) -> Section | None:
+def make_event_section(event: Event) -> Section | None:
     """``event`` under a heading; None for what needs no words."""
     match event:
-        case trace.Prompt() | trace.Reply() | trace.ToolCall():
+        case Prompt() | Reply() | ToolCall():
             section = _make_exchange_section(event)
-        case trace.ProgramVersion():
+        case ProgramVersion():
             section = Section(f"{event.program} version {event.number}, {event.path}", event.diff)
-        case trace.TestsRun():
+        case TestsRun():
             section = Section(f"tests: {event.report.get('outcome')}", _format_test_report(event))
-        case trace.Decision():
+        case Decision():
             section = Section(f"decision of policy {event.policy}: {event.verdict}", event.explanation)
-        case trace.TaskDefined():
+        case TaskDefined():
             section = Section("task", json.dumps(event.task, indent=2, ensure_ascii=False))
-        case trace.SceneStage():
+        case SceneStage():
             section = _make_scene_section(event)
-        case trace.Rollout():
+        case Rollout():
             section = _make_rollout_section(event)
-        case trace.Finding():
+        case Finding():
             section = _make_finding_section(event)
-        case trace.Note():
+        case Note():
             section = Section(event.level, event.text)
-        case trace.NodeEnded():
+        case NodeEnded():
             section = _make_node_end_section(event)
         case _:
             section = None
     return section
 
 
-def _make_exchange_section(event: trace.Prompt | trace.Reply | trace.ToolCall) -> Section:
-    if isinstance(event, trace.Prompt):
+def _make_exchange_section(event: Prompt | Reply | ToolCall) -> Section:
+    if isinstance(event, Prompt):
         return _make_prompt_section(event)
-    return _make_reply_section(event) if isinstance(event, trace.Reply) else _make_tool_call_section(event)
+    return _make_reply_section(event) if isinstance(event, Reply) else _make_tool_call_section(event)
 
 
-def _make_prompt_section(event: trace.Prompt) -> Section:
+def _make_prompt_section(event: Prompt) -> Section:
     pictures = "".join(f"\n[picture {name}]" for name in event.images)
     return Section(f"prompt of {event.role} to {event.model} (call {event.call})", event.text + pictures)
 
 
-def _make_tool_call_section(event: trace.ToolCall) -> Section:
+def _make_tool_call_section(event: ToolCall) -> Section:
     asked = "\n".join(f"{name}: {value}" for name, value in event.arguments.items())
     failed = "" if event.ok else ", failed"
     heading = f"{event.role} calls {event.tool}{failed}, {event.seconds:.1f} s"
     return Section(heading, f"{asked}\n\n{event.result}".strip())
 
 
-def _make_scene_section(event: trace.SceneStage) -> Section:
+def _make_scene_section(event: SceneStage) -> Section:
     return Section(f"scene: {event.stage}", "\n".join(f"[{kind} {name}]" for kind, name in event.files.items()))
 
 
-def _make_rollout_section(event: trace.Rollout) -> Section:
+def _make_rollout_section(event: Rollout) -> Section:
     moved = f"moved {', '.join(event.moved)}" if event.moved else "moved nothing"
     text = f"{event.steps} steps, doing nothing earns {event.idle_reward:.2f}; {moved}"
     return Section(f"rollout of seed {event.seed}: {event.outcome}, reward {event.reward:.2f}", text)
 
 
-def _make_finding_section(event: trace.Finding) -> Section:
+def _make_finding_section(event: Finding) -> Section:
     asked = f"\nasked: {event.bound}" if event.bound else ""
     return Section(f"audit, {event.check}: {format_finding_verdict(event)}", event.measured + asked)
 
 
-def _make_node_end_section(event: trace.NodeEnded) -> Section | None:
+def _make_node_end_section(event: NodeEnded) -> Section | None:
     """What the node made of the state, or the error that ended it."""
     if event.error:
         return Section("error", event.error)
@@ -113,7 +127,7 @@ def _make_node_end_section(event: trace.NodeEnded) -> Section | None:
     return Section("state", "\n".join(lines)) if lines else None
 
 
-def _make_reply_section(event: trace.Reply) -> Section:
+def _make_reply_section(event: Reply) -> Section:
     cached = f" ({event.cached_tokens} from the cache)" if event.cached_tokens else ""
     cost = "" if event.cost is None else f", ${event.cost:.4f}"
     ending = f", {event.finish_reason}" if event.finish_reason else ""
@@ -122,7 +136,7 @@ def _make_reply_section(event: trace.Reply) -> Section:
     return Section(heading, event.text + (f"\n\nnot used: {event.error}" if event.error else ""))
 
 
-def _format_test_report(event: trace.TestsRun) -> str:
+def _format_test_report(event: TestsRun) -> str:
     message = str(event.report.get("message") or "")
     parts = [format_outcome_counts(event), message, *map(_format_test_case, get_test_cases(event))]
     return "\n\n".join(part for part in parts if part)

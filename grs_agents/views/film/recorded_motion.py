@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.rendering import Stage
-from grs_agents.views.common import Motion
+from grs_agents.sim.rendering.stage import Stage
+from grs_agents.views.common.rollout_motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
 

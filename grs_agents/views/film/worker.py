@@ -37,9 +37,9 @@ class _Stages:
 
     def set_up_rollout_stage(self, rollout: dict[str, Any]) -> tuple[Any, Any, Any]:
         """The stage, with everything where the rollout began, the motion, and the joints of the arm in it."""
-        from grs_agents.library import Library
-        from grs_agents.sim.rendering import Stage, scene_props_from_instance
-        from grs_agents.views.common import read_motion, read_task_instance
+        from grs_agents.library.library import Library
+        from grs_agents.sim.rendering.stage import Stage, scene_props_from_instance
+        from grs_agents.views.common.rollout_motion import read_motion, read_task_instance
         from grs_agents.views.film.recorded_motion import recover_joint_positions
 
         props = scene_props_from_instance(read_task_instance(Path(rollout["instance"])))
@@ -104,7 +104,9 @@ def _make_opengl_renderer(mujoco: Any, stage: Any, order: dict[str, Any]) -> Cal
 
 
 def _make_raycast_renderer(stage: Any, order: dict[str, Any]) -> Callable[[], Image]:
-    from grs_agents.sim.rendering import RayPainter, View, lens_from_field_of_view, view_pose
+    from grs_agents.sim.rendering.lenses import lens_from_field_of_view, view_pose
+    from grs_agents.sim.rendering.ray_painter import RayPainter
+    from grs_agents.sim.rendering.views import View
 
     azimuth, elevation = np.deg2rad(order["azimuth"]), np.deg2rad(order["elevation"])
     ahead = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])

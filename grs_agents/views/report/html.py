@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.terminal import escape_control_chars
-from grs_agents.views.common import Rectangle
+from grs_agents.terminal.control_characters import escape_control_chars
+from grs_agents.views.common.scene_objects import Rectangle
 
 Verdict = Literal["", "good", "bad"]
 """The class, and so the colour, of what went well or wrong."""

@@ -6,18 +6,20 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from grs_agents import trace
-from grs_agents.foreign import find_member_file, read_bytes
-from grs_agents.views.common import Step, event_markdown, group_events_into_steps
+from grs_agents.foreign.files import read_bytes
+from grs_agents.foreign.run_folder import find_member_file
+from grs_agents.trace.events import Event, Finding, ProgramVersion, RunStarted, TaskDefined
+from grs_agents.views.common import event_markdown
+from grs_agents.views.common.event_steps import Step, group_events_into_steps
 from grs_agents.views.report import html, pictures
 from grs_agents.views.report.steps import render_findings, render_steps
 
 
-def render_html_report(record: dict[str, Any], events: Sequence[trace.Event], sources: pictures.Sources) -> str:
+def render_html_report(record: dict[str, Any], events: Sequence[Event], sources: pictures.Sources) -> str:
     """The page."""
     steps = group_events_into_steps(list(events))
     photo, drawn = pictures.merge_scene_stage_summaries(events), pictures.draw_last_audit_rollouts(events, sources)
-    findings = pictures.last_audit_events(events, trace.Finding)
+    findings = pictures.last_audit_events(events, Finding)
     held = sum(finding.passed for finding in findings)
     audit = html.render_collapsible("each check", render_findings(findings), opened=held < len(findings))
     rejected = record.get("status") == "rejected"
@@ -37,10 +39,10 @@ def render_html_report(record: dict[str, Any], events: Sequence[trace.Event], so
     return html.render_page(f"GRS run {record.get('id', '')}", [part for part in parts if part])
 
 
-def _render_header(record: dict[str, Any], events: Sequence[trace.Event], steps: Sequence[Step]) -> str:
+def _render_header(record: dict[str, Any], events: Sequence[Event], steps: Sequence[Step]) -> str:
     """The task in words, the verdict with its reason, and what it took."""
     status = str(record.get("status", "?"))
-    tasks = [event.task for event in events if isinstance(event, trace.TaskDefined)]
+    tasks = [event.task for event in events if isinstance(event, TaskDefined)]
     task: dict[str, Any] = tasks[-1] if tasks else {}
     name = record.get("id", "run")
     title = task.get("task-description") or task.get("task-name") or name
@@ -57,9 +59,9 @@ def _render_header(record: dict[str, Any], events: Sequence[trace.Event], steps:
     )
 
 
-def _list_header_facts(record: dict[str, Any], events: Sequence[trace.Event], steps: Sequence[Step]) -> Iterator[str]:
+def _list_header_facts(record: dict[str, Any], events: Sequence[Event], steps: Sequence[Step]) -> Iterator[str]:
     yield str(record.get("id", "run"))
-    started = next((event for event in events if isinstance(event, trace.RunStarted)), None)
+    started = next((event for event in events if isinstance(event, RunStarted)), None)
     if started:
         yield f"graph {started.graph}"
         yield f"seed {started.seed}"
@@ -81,9 +83,9 @@ def _render_counts_and_seconds(record: dict[str, Any]) -> str:
     return html.render_collapsible("counts and seconds", table) if rows else ""
 
 
-def _render_programs(events: Sequence[trace.Event], folder: Path) -> Iterator[str]:
+def _render_programs(events: Sequence[Event], folder: Path) -> Iterator[str]:
     """Both programs as they ended."""
-    last = {event.program: event for event in events if isinstance(event, trace.ProgramVersion)}
+    last = {event.program: event for event in events if isinstance(event, ProgramVersion)}
     for program, event in last.items():
         file = find_member_file(folder, event.path)
         if file is not None:

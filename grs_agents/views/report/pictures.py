@@ -10,24 +10,35 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents import trace
 from grs_agents.errors import GrsError
-from grs_agents.foreign import find_member_file, read_picture, resolve_member_file
-from grs_agents.library import Lens, Library
-from grs_agents.sim.rendering import render_from_camera, resize_lens, scene_props_from_instance
-from grs_agents.sim.world import FIRST_BYSTANDER
-from grs_agents.views.common import (
+from grs_agents.foreign.pictures import read_picture
+from grs_agents.foreign.run_folder import find_member_file, resolve_member_file
+from grs_agents.library.asset_rendering import Lens
+from grs_agents.library.library import Library
+from grs_agents.sim.rendering.lenses import resize_lens
+from grs_agents.sim.rendering.stage import scene_props_from_instance
+from grs_agents.sim.rendering.textured_pictures import render_from_camera
+from grs_agents.sim.world.bystanders import FIRST_BYSTANDER
+from grs_agents.trace.events import Event, Finding, NodeStarted, Rollout, SceneStage
+from grs_agents.views.common.rollout_motion import read_task_instance
+from grs_agents.views.common.scene_objects import (
     Rectangle,
     format_object_size,
     mask_bounding_boxes,
     object_display_name,
     object_mask_label,
-    read_task_instance,
 )
-from grs_agents.views.film import RolloutShot, Take, draw_take_captions, encode_animation, make_film_take, render_takes
+from grs_agents.views.film.rollout_film import (
+    RolloutShot,
+    Take,
+    draw_take_captions,
+    encode_animation,
+    make_film_take,
+    render_takes,
+)
 from grs_agents.views.report import html
 
-AuditEvent = TypeVar("AuditEvent", trace.Rollout, trace.Finding)
+AuditEvent = TypeVar("AuditEvent", Rollout, Finding)
 Image = npt.NDArray[np.uint8]
 FILM_RATE = 8.0
 """Pictures a second of the film, or fewer: it has at most so many in all."""
@@ -56,7 +67,7 @@ class Sources:
 class DrawnRollout:
     """A rollout with its pictures: a film's, or the first and the last."""
 
-    event: trace.Rollout
+    event: Rollout
     images: list[Image] = field(default_factory=list[Image])
     rate: float = 0.0  # pictures a second of a film; 0 if it is none
     problem: str = ""  # why there is no picture
@@ -83,20 +94,20 @@ class _DrawingPlan:
         return DrawnRollout(self.take[0].event, list(shown), self.rate)
 
 
-def last_audit_events(events: Sequence[trace.Event], kind: type[AuditEvent]) -> list[AuditEvent]:
+def last_audit_events(events: Sequence[Event], kind: type[AuditEvent]) -> list[AuditEvent]:
     """Return the last audit's rollouts or findings, or the rollouts that the node ``conclude`` played."""
-    nodes = ("audit", "conclude") if kind is trace.Rollout else ("audit",)
-    starts = [at for at, event in enumerate(events) if isinstance(event, trace.NodeStarted) and event.node in nodes]
+    nodes = ("audit", "conclude") if kind is Rollout else ("audit",)
+    starts = [at for at, event in enumerate(events) if isinstance(event, NodeStarted) and event.node in nodes]
     for at in reversed(starts or [0]):
-        judged = [event for event in events[at:] if isinstance(event, trace.Rollout | trace.Finding)]
+        judged = [event for event in events[at:] if isinstance(event, Rollout | Finding)]
         if judged:
             return [event for event in judged if isinstance(event, kind)]
     return []
 
 
-def draw_last_audit_rollouts(events: Sequence[trace.Event], sources: Sources) -> list[DrawnRollout]:
+def draw_last_audit_rollouts(events: Sequence[Event], sources: Sources) -> list[DrawnRollout]:
     """The rollouts of the last audit; the first that failed, or else the first, as a film."""
-    played = last_audit_events(events, trace.Rollout)
+    played = last_audit_events(events, Rollout)
     failed = (event for event in played if event.cause or event.outcome != "success")
     filmed = next(failed, next(iter(played), None))
     planned = [_plan_rollout(event, sources, event is filmed) for event in played]
@@ -105,7 +116,7 @@ def draw_last_audit_rollouts(events: Sequence[trace.Event], sources: Sources) ->
     return [plan if isinstance(plan, DrawnRollout) else next(drawn) for plan in planned]
 
 
-def _plan_rollout(event: trace.Rollout, sources: Sources, filmed: bool) -> _DrawingPlan | DrawnRollout:
+def _plan_rollout(event: Rollout, sources: Sources, filmed: bool) -> _DrawingPlan | DrawnRollout:
     """What is to be drawn of a rollout; what came of it where nothing can be."""
     if not (event.instance and event.recording and find_member_file(sources.folder, event.recording)):
         return DrawnRollout(event)
@@ -163,11 +174,11 @@ class PhotoParts:
     objects: list[dict[str, Any]] = field(default_factory=list[dict[str, Any]])
 
 
-def merge_scene_stage_summaries(events: Sequence[trace.Event]) -> PhotoParts:
+def merge_scene_stage_summaries(events: Sequence[Event]) -> PhotoParts:
     """What later stages say replaces what earlier ones said."""
     parts = PhotoParts()
     for event in events:
-        if isinstance(event, trace.SceneStage):
+        if isinstance(event, SceneStage):
             parts.files.update(event.files)
             parts.camera.update(event.summary.get("camera") or {})
             parts.objects = event.summary.get("objects") or parts.objects
@@ -179,7 +190,7 @@ def render_photo_or_twin(photo: PhotoParts, folder: Path) -> str:
     return _render_photo_over_twin(photo.files, folder) or _render_annotated_photo(photo, folder)
 
 
-def render_scene(events: Sequence[trace.Event], photo: PhotoParts, sources: Sources) -> Iterator[str]:
+def render_scene(events: Sequence[Event], photo: PhotoParts, sources: Sources) -> Iterator[str]:
     """The photo with a numbered box around each object, the task as the photo's camera would see it, and the objects
     as a table."""
     sources.report_drawing_progress("the camera's view of the simulation")
@@ -196,9 +207,9 @@ def _object_row_cells(index: int, item: dict[str, Any]) -> tuple[object, ...]:
     return object_mask_label(item, index), object_display_name(item), format_object_size(item), asset, description
 
 
-def _find_bystander_labels(events: Sequence[trace.Event], folder: Path) -> dict[int, str]:
+def _find_bystander_labels(events: Sequence[Event], folder: Path) -> dict[int, str]:
     """What the objects of the scene are, by their place in its list, that no goal of the last audit's task is about."""
-    played = [event.instance for event in last_audit_events(events, trace.Rollout) if event.instance]
+    played = [event.instance for event in last_audit_events(events, Rollout) if event.instance]
     try:
         objects = read_task_instance(resolve_member_file(folder, played[0])).objects if played else ()
     except GrsError:  # the picture of the task says so
@@ -247,9 +258,9 @@ def _render_photo_over_twin(files: dict[str, str], folder: Path) -> str:
     )
 
 
-def _render_task_view(events: Sequence[trace.Event], sources: Sources, camera: dict[str, Any]) -> str:
+def _render_task_view(events: Sequence[Event], sources: Sources, camera: dict[str, Any]) -> str:
     """The task as the camera of the photo would see it; nothing of a run that came to none."""
-    played = [event for event in last_audit_events(events, trace.Rollout) if event.instance]
+    played = [event for event in last_audit_events(events, Rollout) if event.instance]
     if not played or not camera.get("T_robot_cam"):
         return ""
     try:

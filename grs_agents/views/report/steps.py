@@ -4,13 +4,11 @@ had failed and the reason for the fix."""
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from grs_agents import trace
-from grs_agents.views.common import (
-    Step,
-    event_markdown,
-    format_finding_verdict,
-    make_event_section,
-)
+from grs_agents.trace.events import Decision, Event, Finding, ProgramVersion, Reply, TestsRun, ToolCall
+from grs_agents.views.common import event_markdown
+from grs_agents.views.common.event_markdown import format_finding_verdict
+from grs_agents.views.common.event_steps import Step
+from grs_agents.views.common.step_text import make_event_section
 from grs_agents.views.report import html
 
 _FEW = 3
@@ -24,22 +22,22 @@ class _Evidence:
     """What the next fix answers: the failures found last, and the reason for the fix."""
 
     failures: list[tuple[str, str]] = field(default_factory=list[tuple[str, str]])  # what failed, and how
-    decision: trace.Decision | None = None
+    decision: Decision | None = None
 
     def add_step(self, step: Step) -> None:
         """Take in what ``step`` found."""
         found = [failure for event in step.events for failure in _list_failures_in_event(event)]
-        if found or any(isinstance(event, trace.TestsRun) for event in step.events):
+        if found or any(isinstance(event, TestsRun) for event in step.events):
             self.failures = found
         for event in step.events:
-            if isinstance(event, trace.Decision):
+            if isinstance(event, Decision):
                 self.decision = event
 
 
-def _list_failures_in_event(event: trace.Event) -> Iterator[tuple[str, str]]:
-    if isinstance(event, trace.Finding) and not event.passed:
+def _list_failures_in_event(event: Event) -> Iterator[tuple[str, str]]:
+    if isinstance(event, Finding) and not event.passed:
         yield f"audit: {event.check}", event.detail
-    if isinstance(event, trace.TestsRun):
+    if isinstance(event, TestsRun):
         for case in event_markdown.get_test_cases(event):
             if case.get("outcome") not in ("passed", "skipped"):
                 what = case.get("traceback") or case.get("message") or case.get("outcome")
@@ -76,13 +74,13 @@ def _render_step(step: Step, body: str, opened: bool) -> str:
     return f'<details class="step"{" open" if opened else ""}>{summary}\n{body}</details>'
 
 
-def _is_program_fix(event: trace.Event) -> bool:
-    return isinstance(event, trace.ProgramVersion) and event.parent is not None and bool(event.diff)
+def _is_program_fix(event: Event) -> bool:
+    return isinstance(event, ProgramVersion) and event.parent is not None and bool(event.diff)
 
 
-def _render_program_fix(event: trace.Event, evidence: _Evidence) -> str:
+def _render_program_fix(event: Event, evidence: _Evidence) -> str:
     """What changed, beside what had failed and why this program was to change."""
-    assert isinstance(event, trace.ProgramVersion)
+    assert isinstance(event, ProgramVersion)
     why = evidence.decision
     head = f"Why {why.verdict}" + (f", by policy {why.policy}" if why.policy else "") if why else ""
     reason = f"<h4>{html.escape_html(head)}</h4>{html.render_paragraph(why.explanation)}" if why else ""
@@ -96,20 +94,20 @@ def _render_program_fix(event: trace.Event, evidence: _Evidence) -> str:
     return html.render_side_by_side(f"<div>{''.join(failures)}{rest}{reason}</div>", f"<div>{changed}</div>")
 
 
-def _format_program_version(event: trace.ProgramVersion) -> str:
+def _format_program_version(event: ProgramVersion) -> str:
     author = f" by {event.author_role}" if event.author_role else ""
     return f"{event.program}, version {event.number}{author}"
 
 
-def _render_events(events: Iterable[trace.Event]) -> Iterator[str]:
-    findings: list[trace.Finding] = []
+def _render_events(events: Iterable[Event]) -> Iterator[str]:
+    findings: list[Finding] = []
     for event in events:
         match event:
-            case trace.Finding():
+            case Finding():
                 findings.append(event)
-            case trace.TestsRun():
+            case TestsRun():
                 yield render_tests(event)
-            case trace.ProgramVersion() if _is_program_fix(event):
+            case ProgramVersion() if _is_program_fix(event):
                 pass  # stands above
             case _:
                 yield _render_section(event)
@@ -117,11 +115,11 @@ def _render_events(events: Iterable[trace.Event]) -> Iterator[str]:
         yield render_findings(findings)
 
 
-def _render_section(event: trace.Event) -> str:
+def _render_section(event: Event) -> str:
     section = make_event_section(event)
     if section is None:
         return ""
-    failed = (isinstance(event, trace.Reply) and event.error) or (isinstance(event, trace.ToolCall) and not event.ok)
+    failed = (isinstance(event, Reply) and event.error) or (isinstance(event, ToolCall) and not event.ok)
     if section.text:
         return html.render_collapsible(
             section.heading, html.render_code_block(section.text), False, "bad" if failed else ""
@@ -129,7 +127,7 @@ def _render_section(event: trace.Event) -> str:
     return html.render_paragraph(section.heading)
 
 
-def render_tests(event: trace.TestsRun) -> str:
+def render_tests(event: TestsRun) -> str:
     """A run of the tests: each test in the colour of its outcome, with the traceback of those that failed."""
     parts = [html.render_paragraph(event.report["message"], "bad")] if event.report.get("message") else []
     for case in event_markdown.get_test_cases(event):
@@ -143,7 +141,7 @@ def render_tests(event: trace.TestsRun) -> str:
     return "".join(parts)
 
 
-def render_findings(findings: Sequence[trace.Finding]) -> str:
+def render_findings(findings: Sequence[Finding]) -> str:
     """The checks of an audit, those that failed in red."""
     cells = [(one.check, format_finding_verdict(one), one.measured, one.bound) for one in findings]
     colors: list[html.Verdict] = ["" if one.passed else "bad" for one in findings]

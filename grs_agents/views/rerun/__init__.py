@@ -1,5 +1,1 @@
 """The rerun recording of a run. Importing its modules imports rerun, which is slow."""
-
-from grs_agents.lazy_exports import attach_lazy_exports
-
-__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)

@@ -5,10 +5,29 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from grs_agents import trace
-from grs_agents.foreign import read_bytes, resolve_member_file
-from grs_agents.library import Library
-from grs_agents.views.common import event_log_level, event_markdown, format_event_line, replace_undrawable_chars
+from grs_agents.foreign.files import read_bytes
+from grs_agents.foreign.run_folder import resolve_member_file
+from grs_agents.library.library import Library
+from grs_agents.trace.events import (
+    Decision,
+    Event,
+    Finding,
+    NodeEnded,
+    NodeStarted,
+    ProgramVersion,
+    Prompt,
+    Reply,
+    Rollout,
+    RunEnded,
+    RunStarted,
+    SceneStage,
+    TaskDefined,
+    TestsRun,
+    ToolCall,
+)
+from grs_agents.views.common import event_markdown
+from grs_agents.views.common.event_steps import event_log_level, format_event_line
+from grs_agents.views.common.safe_text import replace_undrawable_chars
 from grs_agents.views.rerun.recording import Clock, Paths, Recording
 from grs_agents.views.rerun.rollout_view import RolloutView, rollout_duration
 from grs_agents.views.rerun.scene_view import SceneView, log_picture
@@ -24,7 +43,7 @@ _LONGEST = 400
 _STEPS = rr.components.InterpolationMode.StepAfter
 
 
-def log_program_version(recording: Recording, folder: Path, event: trace.ProgramVersion) -> None:
+def log_program_version(recording: Recording, folder: Path, event: ProgramVersion) -> None:
     """Show one version: its file as a document, its diff as coloured lines."""
     path = Paths.SIMULATION if event.program == "simulation" else Paths.TESTS
     source = read_bytes(resolve_member_file(folder, event.path)).decode("utf-8", "replace")
@@ -37,7 +56,7 @@ def log_program_version(recording: Recording, folder: Path, event: trace.Program
     recording.log_columns(Paths.DIFF, np.zeros(len(lines)), columns)
 
 
-def _list_diff_lines(event: trace.ProgramVersion, source: str) -> list[str]:
+def _list_diff_lines(event: ProgramVersion, source: str) -> list[str]:
     """The lines of the diff without its file names; of a first version only how long it is."""
     if event.parent is None or not event.diff:
         return [f"  {len(source.splitlines())} lines, new"]
@@ -57,17 +76,17 @@ class EventView:
         self._rollouts = RolloutView(folder, library)
         self._tokens = 0
         self._picture: str | None = None
-        self._findings: list[trace.Finding] = []
+        self._findings: list[Finding] = []
         self._recording: Recording | None = None
 
-    def track_event_without_logging(self, event: trace.Event) -> None:
+    def track_event_without_logging(self, event: Event) -> None:
         """Take in an event that an earlier part of the recording shows."""
         self._remember_event_context(event)
         self._clock.advance_to_event(event)
-        if isinstance(event, trace.Rollout):
+        if isinstance(event, Rollout):
             self._clock.advance_by_seconds(rollout_duration(self._folder, event))
 
-    def write_event(self, event: trace.Event) -> None:
+    def write_event(self, event: Event) -> None:
         """Show ``event``; it is in the file a moment later."""
         self._remember_event_context(event)
         recording = self._open_recording()
@@ -107,67 +126,67 @@ class EventView:
                 self._machine.log_current_state(recording)
         return self._recording
 
-    def _remember_event_context(self, event: trace.Event) -> None:
+    def _remember_event_context(self, event: Event) -> None:
         """Keep what later events are shown with."""
-        if isinstance(event, trace.RunStarted):
+        if isinstance(event, RunStarted):
             self._run_id = event.run_id
-        elif isinstance(event, trace.Reply):
+        elif isinstance(event, Reply):
             self._tokens += event.input_tokens + event.output_tokens
-        elif isinstance(event, trace.Finding):
+        elif isinstance(event, Finding):
             self._findings.append(event)
-        elif isinstance(event, trace.NodeStarted) and event.node == "audit":
+        elif isinstance(event, NodeStarted) and event.node == "audit":
             self._findings.clear()
         self._machine.track_event(event)
 
-    def _log_event(self, recording: Recording, event: trace.Event) -> None:
-        if isinstance(event, trace.RunStarted | trace.RunEnded | trace.NodeStarted):
+    def _log_event(self, recording: Recording, event: Event) -> None:
+        if isinstance(event, RunStarted | RunEnded | NodeStarted):
             self._machine.log_current_state(recording)
         for path, markdown in self._documents_for_event(event):
             recording.log_markdown(path, markdown)
         match event:
-            case trace.NodeEnded():
+            case NodeEnded():
                 recording.log_row(f"{Paths.METRICS}/seconds/{event.node}", rr.Scalars, scalars=[event.seconds])
-            case trace.Prompt():
+            case Prompt():
                 self._log_prompt_picture(recording, event)
-            case trace.Reply():
+            case Reply():
                 recording.log_row(f"{Paths.METRICS}/tokens", rr.Scalars, scalars=[self._tokens])
-            case trace.ProgramVersion():
+            case ProgramVersion():
                 log_program_version(recording, self._folder, event)
-            case trace.TestsRun():
+            case TestsRun():
                 _log_test_counts(recording, event)
-            case trace.SceneStage():
+            case SceneStage():
                 self._scene.show_scene_stage(recording, event)
-            case trace.Rollout():
+            case Rollout():
                 self._log_rollout(recording, event)
             case _:
                 pass
 
-    def _documents_for_event(self, event: trace.Event) -> list[tuple[str, str]]:
+    def _documents_for_event(self, event: Event) -> list[tuple[str, str]]:
         """The documents that ``event`` changes: where and what."""
         match event:
-            case trace.RunStarted():
+            case RunStarted():
                 shown = (Paths.DECISION, event_markdown.format_run_start(event))
-            case trace.RunEnded():
+            case RunEnded():
                 shown = (Paths.DECISION, event_markdown.format_run_end(event))
-            case trace.Decision():
+            case Decision():
                 shown = (Paths.DECISION, event_markdown.format_decision(event))
-            case trace.Prompt():
+            case Prompt():
                 shown = (Paths.PROMPT, event_markdown.format_prompt(event))
-            case trace.Reply():
+            case Reply():
                 shown = (Paths.REPLY, event_markdown.format_reply(event))
-            case trace.ToolCall():
+            case ToolCall():
                 shown = (Paths.REPLY, event_markdown.format_tool_call(event))
-            case trace.TestsRun():
+            case TestsRun():
                 shown = (Paths.REPORT, event_markdown.format_test_report(event))
-            case trace.TaskDefined():
+            case TaskDefined():
                 shown = (Paths.TASK, event_markdown.format_task(event))
-            case trace.Finding():
+            case Finding():
                 shown = (Paths.AUDIT, event_markdown.format_audit(self._findings))
             case _:
                 return []
         return [shown]
 
-    def _log_prompt_picture(self, recording: Recording, event: trace.Prompt) -> None:
+    def _log_prompt_picture(self, recording: Recording, event: Prompt) -> None:
         """The first picture of the prompt, if it is another than the one shown."""
         picture = event.images[0] if event.images else None
         if picture and self._picture is None:
@@ -176,13 +195,13 @@ class EventView:
             log_picture(recording, Paths.IMAGE, resolve_member_file(self._folder, picture))
             self._picture = picture
 
-    def _log_rollout(self, recording: Recording, event: trace.Rollout) -> None:
+    def _log_rollout(self, recording: Recording, event: Rollout) -> None:
         self._clock.advance_by_seconds(self._rollouts.show_rollout(recording, event))
         reward = rr.Scalars.columns(scalars=[event.reward])
         recording.log_columns(f"{Paths.METRICS}/reward", np.array([rollout_duration(self._folder, event)]), reward)
 
 
-def _log_test_counts(recording: Recording, event: trace.TestsRun) -> None:
+def _log_test_counts(recording: Recording, event: TestsRun) -> None:
     cases = event_markdown.get_test_cases(event)
     passed = sum(case.get("outcome") == "passed" for case in cases)
     for outcome, count in (("passed", passed), ("failed", len(cases) - passed)):

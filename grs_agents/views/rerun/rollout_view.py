@@ -12,22 +12,25 @@ import rerun as rr
 
 from grs_agents.base import Pose
 from grs_agents.errors import InputError
-from grs_agents.foreign import find_member_file, read_picture, resolve_member_file
-from grs_agents.library import Library, Shape, matrix_from_quaternion, read_surface
-from grs_agents.sim.arms import get_arm
-from grs_agents.sim.instance import InstanceObject, InstanceTable, TaskInstance
-from grs_agents.sim.rendering import build_robot_meshes
-from grs_agents.sim.world import load_object_model
-from grs_agents.trace import Rollout
-from grs_agents.views.common import (
+from grs_agents.foreign.pictures import read_picture
+from grs_agents.foreign.run_folder import find_member_file, resolve_member_file
+from grs_agents.library.library import Library
+from grs_agents.library.mesh_files import read_surface
+from grs_agents.library.shapes import Shape, matrix_from_quaternion
+from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.instance.task_instance import InstanceObject, InstanceTable, TaskInstance
+from grs_agents.sim.rendering.robot_meshes import build_robot_meshes
+from grs_agents.sim.world.spec import load_object_model
+from grs_agents.trace.events import Rollout
+from grs_agents.views.common.rollout_motion import (
     Motion,
     find_grasps,
-    library_with_run_assets,
     read_motion,
     read_motion_duration,
     read_task_instance,
-    replace_undrawable_chars,
 )
+from grs_agents.views.common.safe_text import replace_undrawable_chars
+from grs_agents.views.common.scene_objects import library_with_run_assets
 from grs_agents.views.rerun.recording import Paths, Recording
 from grs_agents.views.rerun.waiting import clear_placeholder, log_table_top
 

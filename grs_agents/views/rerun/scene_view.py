@@ -11,10 +11,11 @@ import numpy.typing as npt
 import rerun as rr
 
 from grs_agents.foreign import pictures as foreign
-from grs_agents.foreign import resolve_member_file
-from grs_agents.library import Library
-from grs_agents.trace import SceneStage
-from grs_agents.views.common import (
+from grs_agents.foreign.run_folder import resolve_member_file
+from grs_agents.library.library import Library
+from grs_agents.trace.events import SceneStage
+from grs_agents.views.common.safe_text import replace_undrawable_chars, to_markdown_cell, to_viewer_markdown
+from grs_agents.views.common.scene_objects import (
     build_twin_objects,
     format_object_size,
     library_with_run_assets,
@@ -22,9 +23,6 @@ from grs_agents.views.common import (
     modification_time_ns,
     object_display_name,
     object_mask_label,
-    replace_undrawable_chars,
-    to_markdown_cell,
-    to_viewer_markdown,
 )
 from grs_agents.views.rerun.recording import Paths, Recording
 from grs_agents.views.rerun.rollout_view import log_asset_shapes

@@ -7,8 +7,8 @@ import numpy.typing as npt
 import rerun as rr
 from PIL import Image, ImageDraw, ImageFont
 
-from grs_agents.sim.instance import InstanceTable
-from grs_agents.sim.world import TABLE_CENTER, TABLE_SIDE
+from grs_agents.sim.instance.task_instance import InstanceTable
+from grs_agents.sim.world.appearance import TABLE_CENTER, TABLE_SIDE
 from grs_agents.views.rerun.recording import Paths, Recording
 
 NOT_YET = "*Not yet.*"

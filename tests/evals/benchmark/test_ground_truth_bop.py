@@ -12,8 +12,11 @@ from evals.benchmark.ground_truth import read_labelled
 from evals.benchmark.ground_truth_bop import bop_sources
 from evals.synthesis import Recipe, SynthesisedScene, synthesise
 from grs_agents.errors import InputError
-from grs_agents.library import IDENTITY_PLACEMENT, Library, build_posed_triangles, matrix_from_quaternion
-from grs_agents.perception import find_table, measure_candidates
+from grs_agents.library.library import Library
+from grs_agents.library.posed_meshes import build_posed_triangles
+from grs_agents.library.shapes import IDENTITY_PLACEMENT, matrix_from_quaternion
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.table_finding import find_table
 
 RECIPE = Recipe(seed=11, objects=4, distractors=0, tilt=55.0, sensor="time_of_flight", width=320, height=240)
 

@@ -3,7 +3,7 @@
 import pytest
 
 from evals.synthesis import Recipe, SynthesisedScene, synthesise
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 
 SMALL = Recipe(seed=5, objects=4, distractors=1, tilt=50.0, sensor="time_of_flight", width=160, height=120)
 

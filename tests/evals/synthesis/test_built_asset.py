@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from evals.synthesis.built_asset import BuiltAsset, png
-from grs_agents.library import Asset
+from grs_agents.library.asset import Asset
 
 
 def test_files_are_written_below_the_root(tmp_path: Path) -> None:

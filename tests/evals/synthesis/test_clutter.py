@@ -5,7 +5,8 @@ import pytest
 
 from evals.synthesis import SynthesisError
 from evals.synthesis.clutter import CENTER, REACH, settle_heap
-from grs_agents.library import Library, matrix_from_quaternion
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import matrix_from_quaternion
 
 _NAMES = "HOPE/Milk HOPE/Cookies block/red_block HOPE/Tuna bowl/bowl HOPE/Corn HOPE/Popcorn mug/mug"
 OBJECTS = tuple(f"{name}.urdf" for name in _NAMES.split())

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from evals.synthesis.colliders import box, lifted, open_box, ring, stadium
-from grs_agents.library import merge_bounds, shape_bounds
+from grs_agents.library.shapes import merge_bounds, shape_bounds
 
 LENGTHS = st.floats(0.01, 0.5)
 

@@ -8,7 +8,7 @@ from evals.synthesis.built_asset import write_assets
 from evals.synthesis.distractors import build_distractors
 from evals.synthesis.packages import FORMS
 from evals.synthesis.products import build_products
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 
 
 def test_strange_things_are_assets_of_the_size_they_say(tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ import pytest
 
 from evals.benchmark.ground_truth import read_labelled
 from evals.synthesis import Recipe, SynthesisedScene, SynthesisError, recipes, synthesise
-from grs_agents.library import Library
-from grs_agents.sim.arms import get_arm
+from grs_agents.library.library import Library
+from grs_agents.sim.arms.registry import get_arm
 
 CROWDED = Recipe(
     seed=3, objects=4, distractors=0, absent=2, arm=True, walls=True, tilt=60.0, sensor="stereo", width=160, height=120

@@ -8,7 +8,9 @@ import pytest
 from evals.benchmark.ground_truth import LabelledScene, read_labelled
 from evals.synthesis.drawing import PerfectImage, draw_scene
 from evals.synthesis.scenery import random_scenery
-from grs_agents.library import Library, Placement, build_posed_triangles
+from grs_agents.library.library import Library
+from grs_agents.library.posed_meshes import build_posed_triangles
+from grs_agents.library.shapes import Placement
 from tests.pictures import read_picture
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from evals.benchmark.ground_truth import read_labelled
 from evals.synthesis import SENSORS, SynthesisedScene, SynthesisError, recipes, synthesise
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from tests.evals.synthesis.conftest import SMALL
 
 

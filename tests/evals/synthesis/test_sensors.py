@@ -9,7 +9,7 @@ from evals.synthesis import SENSORS, SensorKind
 from evals.synthesis.drawing import PerfectImage
 from evals.synthesis.sensors import stereo_depth, structured_light_depth, time_of_flight_depth
 from evals.synthesis.sensors.common import noisy_rgb, occluded_from_second_eye, smooth_noise
-from grs_agents.perception import Camera
+from grs_agents.perception.types import Camera
 
 SHAPE = (120, 160)
 CAMERA = Camera(fx=525, fy=525, cx=79.5, cy=59.5, width=160, height=120, depth_scale=0.001)

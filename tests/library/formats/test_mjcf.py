@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
-from grs_agents.library import matrix_from_quaternion
-from grs_agents.library.formats import read_mjcf
+from grs_agents.library.formats.mjcf import read_mjcf
+from grs_agents.library.shapes import matrix_from_quaternion
 from grs_agents.mujoco_import import mujoco
 
 CUBE = (

@@ -7,14 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.library import (
-    ObjectModel,
-    Shape,
-    format_urdf_text,
-    matrix_from_quaternion,
-    quaternion_from_rpy,
-    read_urdf,
-)
+from grs_agents.library.formats.urdf import format_urdf_text, read_urdf
+from grs_agents.library.shapes import ObjectModel, Shape, matrix_from_quaternion, quaternion_from_rpy
 
 SIZES = st.floats(0.001, 2.0)
 VECTORS = st.tuples(*[st.floats(-1, 1)] * 3)

@@ -12,21 +12,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from grs_agents.library import mesh_volume
-from grs_agents.library.importing import (
-    ImportOptions,
-    RefusedError,
-    SourceFolder,
-    SourceItem,
-    SourceModel,
-    find_item_files,
-    find_source_items,
-    merge_mesh_parts,
-    open_import_source,
-    read_mesh,
-    read_urdf_or_mjcf,
-    slugify_name,
-)
+from grs_agents.library.importing.archives import open_import_source
+from grs_agents.library.importing.asset_discovery import find_item_files, find_source_items, slugify_name
+from grs_agents.library.importing.mesh_reader import read_mesh
+from grs_agents.library.importing.model_descriptions import read_urdf_or_mjcf
+from grs_agents.library.importing.source_folder import SourceFolder
+from grs_agents.library.importing.texture_atlas import merge_mesh_parts
+from grs_agents.library.importing.types import ImportOptions, RefusedError, SourceItem, SourceModel
+from grs_agents.library.mesh_files import mesh_volume
 from grs_agents.mujoco_import import mujoco
 from tests.library.importing import models
 

@@ -12,14 +12,10 @@ import numpy as np
 import pytest
 from PIL import features
 
-from grs_agents.library.importing import (
-    ImportOptions,
-    MeshPart,
-    RefusedError,
-    SourceFolder,
-    merge_mesh_parts,
-    read_mesh,
-)
+from grs_agents.library.importing.mesh_reader import read_mesh
+from grs_agents.library.importing.source_folder import SourceFolder
+from grs_agents.library.importing.texture_atlas import merge_mesh_parts
+from grs_agents.library.importing.types import ImportOptions, MeshPart, RefusedError
 from tests.cli.command import grs
 from tests.library.importing.gltf_files import BLUE, GREEN, RED, SIZE, WHITE, GltfFile, box_arrays, quarters
 from tests.needs import require

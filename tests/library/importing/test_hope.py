@@ -8,15 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.library import Library
-from grs_agents.library.importing import (
-    HOPE,
-    ImportOptions,
-    ImportRun,
-    find_shipped_hope_asset,
-    open_import_source,
-    verify_asset,
-)
+from grs_agents.library.importing.archives import HOPE, open_import_source
+from grs_agents.library.importing.drop_testing import verify_asset
+from grs_agents.library.importing.importer import ImportRun
+from grs_agents.library.importing.mesh_appearance import find_shipped_hope_asset
+from grs_agents.library.importing.types import ImportOptions
+from grs_agents.library.library import Library
 from tests.needs import needs
 
 FOLDER = os.environ.get("HOPE_MESHES", "")

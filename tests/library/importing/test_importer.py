@@ -6,19 +6,14 @@ from pathlib import Path
 import pytest
 
 from evals.synthesis import Recipe
-from grs_agents.library import Library
-from grs_agents.library.importing import (
-    ImportOptions,
-    ImportOutcome,
-    ImportRun,
-    Journal,
-    asset_view_path,
-    build_asset_colliders,
-    open_import_source,
-    run_drop_test,
-    verify_asset,
-)
-from grs_agents.perception.matching import match_by_features
+from grs_agents.library.importing.archives import open_import_source
+from grs_agents.library.importing.asset_writing import asset_view_path
+from grs_agents.library.importing.drop_testing import build_asset_colliders, run_drop_test, verify_asset
+from grs_agents.library.importing.importer import ImportRun
+from grs_agents.library.importing.journal import Journal
+from grs_agents.library.importing.types import ImportOptions, ImportOutcome
+from grs_agents.library.library import Library
+from grs_agents.perception.matching.feature_matcher import match_by_features
 from tests.library.importing import models
 from tests.perception.matching.photo import request_of
 

@@ -15,7 +15,7 @@ import pytest
 import trimesh
 
 from grs_agents.errors import InputError
-from grs_agents.library.importing import download_objects, load_objaverse_package, search_objaverse
+from grs_agents.library.importing.objaverse import download_objects, load_objaverse_package, search_objaverse
 from tests.needs import require
 
 TOLD: dict[str, dict[str, object]] = {

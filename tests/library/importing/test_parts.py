@@ -9,23 +9,14 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.library.importing import (
-    UP_TO_Z,
-    ConvexHull,
-    MeshPart,
-    RefusedError,
-    SourceFolder,
-    Up,
-    choose_up_axis_by_height,
-    collider_volume,
-    compute_convex_hull,
-    decompose_into_convex_parts,
-    guess_length_unit,
-    merge_mesh_parts,
-    run_drop_test,
-    simplify_textured_mesh,
-    slugify_name,
-)
+from grs_agents.library.importing.asset_discovery import slugify_name
+from grs_agents.library.importing.asset_preparation import choose_up_axis_by_height, guess_length_unit
+from grs_agents.library.importing.convex_decomposition import compute_convex_hull, decompose_into_convex_parts
+from grs_agents.library.importing.drop_testing import collider_volume, run_drop_test
+from grs_agents.library.importing.mesh_simplification import simplify_textured_mesh
+from grs_agents.library.importing.source_folder import SourceFolder
+from grs_agents.library.importing.texture_atlas import merge_mesh_parts
+from grs_agents.library.importing.types import UP_TO_Z, ConvexHull, MeshPart, RefusedError, Up
 from tests.library.importing import models
 
 

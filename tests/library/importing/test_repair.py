@@ -8,8 +8,9 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.library import mesh_volume
-from grs_agents.library.importing import Ints, TexturedMesh, repair_mesh
+from grs_agents.library.importing.convex_decomposition import repair_mesh
+from grs_agents.library.importing.types import Ints, TexturedMesh
+from grs_agents.library.mesh_files import mesh_volume
 
 SPHERE: Any = trimesh.creation.icosphere(2, 0.05)
 

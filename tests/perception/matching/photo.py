@@ -5,9 +5,11 @@ from pathlib import Path
 import numpy as np
 
 from evals.synthesis import Recipe, synthesise
-from grs_agents.library import Library
-from grs_agents.perception import MatchEvidence, RGBDFrame, find_table, measure_candidates
-from grs_agents.perception.matching import MatchRequest, Segment
+from grs_agents.library.library import Library
+from grs_agents.perception.matching.types import MatchRequest, Segment
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.table_finding import find_table
+from grs_agents.perception.types import MatchEvidence, RGBDFrame
 
 
 def unasked(*_: object) -> MatchEvidence:

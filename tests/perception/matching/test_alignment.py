@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.library import Library
-from grs_agents.perception import Tree
-from grs_agents.perception.matching import load_appearance
+from grs_agents.library.library import Library
+from grs_agents.perception.asset_surfaces import Tree
+from grs_agents.perception.matching.asset_appearance import load_appearance
 
 LIBRARY = Library()
 ROUND, CUBE, BOX, MUG = "HOPE/Corn.urdf", "block/red_block.urdf", "HOPE/Popcorn.urdf", "mug/mug.urdf"

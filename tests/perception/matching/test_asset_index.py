@@ -7,7 +7,7 @@ import pytest
 
 from evals.benchmark.retrieval import synthetic_vectors
 from grs_agents.errors import InputError
-from grs_agents.perception.matching import DIMENSIONS, AssetIndex, embed_object
+from grs_agents.perception.matching.asset_index import DIMENSIONS, AssetIndex, embed_object
 
 NAMES = [f"asset/{number}" for number in range(3000)]
 VECTORS = synthetic_vectors(3000, np.random.default_rng(0))

@@ -6,14 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from evals.synthesis import Recipe
-from grs_agents.library import Asset, Library
-from grs_agents.perception.matching import (
-    asset_confidences,
-    confidence_inputs,
-    confidence_of_fitting_asset,
-    match_by_features,
-    rank_assets_per_segment,
-)
+from grs_agents.library.asset import Asset
+from grs_agents.library.library import Library
+from grs_agents.perception.matching.confidence import asset_confidences, confidence_inputs, confidence_of_fitting_asset
+from grs_agents.perception.matching.feature_matcher import match_by_features, rank_assets_per_segment
 from tests.perception.matching.photo import request_of
 
 shares = st.floats(0.001, 0.9)

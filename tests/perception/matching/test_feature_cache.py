@@ -5,8 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.library import Library
-from grs_agents.perception.matching import cache_folder_path, hash_asset_files, load_cached_arrays, save_cached_arrays
+from grs_agents.library.library import Library
+from grs_agents.perception.matching.feature_cache import (
+    cache_folder_path,
+    hash_asset_files,
+    load_cached_arrays,
+    save_cached_arrays,
+)
 
 ARRAYS = {"points": np.arange(6.0).reshape(2, 3), "cell": np.array(0.5)}
 

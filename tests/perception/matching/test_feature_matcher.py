@@ -9,20 +9,17 @@ import pytest
 
 from evals.synthesis import Recipe
 from grs_agents.errors import ConfigError
-from grs_agents.library import Library, Manifest
-from grs_agents.perception import MatchEvidence, Shown
-from grs_agents.perception.matching import (
-    MatchRequest,
-    Picture,
-    Segment,
-    match_by_clip,
-    match_by_features,
+from grs_agents.library.asset import Manifest
+from grs_agents.library.library import Library
+from grs_agents.perception.matching.clip_matcher import Picture, match_by_clip, open_clip_embedder
+from grs_agents.perception.matching.feature_matcher import match_by_features, matchable_assets
+from grs_agents.perception.matching.model_matcher import (
     match_by_features_and_model,
     match_by_model,
-    matchable_assets,
-    open_clip_embedder,
     shuffle_assets_for_prompt,
 )
+from grs_agents.perception.matching.types import MatchRequest, Segment
+from grs_agents.perception.types import MatchEvidence, Shown
 from tests.perception.matching.photo import request_of, unasked
 
 LIBRARY = Library()

@@ -13,10 +13,14 @@ import pytest
 from evals.benchmark.ground_truth import LabelledScene, read_labelled
 from evals.benchmark.match_types import f1_precision_recall
 from evals.synthesis import Recipe, recipes, synthesise
-from grs_agents.library import Library
-from grs_agents.library.importing import HOPE, ImportOptions, ImportRun, open_import_source
-from grs_agents.perception import find_table, measure_candidates
-from grs_agents.perception.matching import MatchRequest, Segment, match_by_features
+from grs_agents.library.importing.archives import HOPE, open_import_source
+from grs_agents.library.importing.importer import ImportRun
+from grs_agents.library.importing.types import ImportOptions
+from grs_agents.library.library import Library
+from grs_agents.perception.matching.feature_matcher import match_by_features
+from grs_agents.perception.matching.types import MatchRequest, Segment
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.table_finding import find_table
 from tests.needs import needs
 from tests.perception.matching.photo import request_of, unasked
 

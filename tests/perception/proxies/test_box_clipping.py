@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.perception import Array, EstimatedVolume, UprightBox, clip_boxes
+from grs_agents.perception.proxies.box_clipping import EstimatedVolume, clip_boxes
+from grs_agents.perception.types import Array, UprightBox
 
 NOTHING: Array = np.zeros((0, 3))
 

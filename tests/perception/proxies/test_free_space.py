@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from grs_agents.perception import observed_free_points_mask
+from grs_agents.perception.proxies.free_space import observed_free_points_mask
 from tests.perception.settling.photo import LIBRARY, MILK, photo_of, standing
 
 

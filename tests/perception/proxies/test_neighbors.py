@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from grs_agents.library import Library
-from grs_agents.perception import Surroundings
+from grs_agents.library.library import Library
+from grs_agents.perception.proxies.neighbors import Surroundings
 
 LIBRARY = Library()
 TURNED = (0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5))

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.library import Library, ObjectModel, Shape
-from grs_agents.perception.proxies import inside_colliders_mask
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import ObjectModel, Shape
+from grs_agents.perception.proxies.meshes import inside_colliders_mask
 
 LIBRARY = Library()
 COORDINATE = st.floats(-0.2, 0.2)

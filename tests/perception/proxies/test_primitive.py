@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
-from grs_agents.library import Library
-from grs_agents.perception import Solid
-from grs_agents.perception.proxies import primitive_proxy, write_proxy
+from grs_agents.library.library import Library
+from grs_agents.perception.proxies.primitive_proxy import primitive_proxy
+from grs_agents.perception.proxies.proxy_writer import write_proxy
+from grs_agents.perception.types import Solid
 
 EXTENTS = st.tuples(*[st.floats(0.005, 1.0)] * 3)
 COLORS = st.tuples(*[st.floats(0, 1)] * 3)

@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 
 from grs_agents.base import Vec3
-from grs_agents.library import Library, mesh_files
-from grs_agents.perception import Solid, UprightBox
-from grs_agents.perception.proxies import Proxy, primitive_proxy, write_proxy
-from grs_agents.perception.shapes import Hull, TexturedMesh, make_object_view
-from grs_agents.sim.instance import InstanceObject
-from grs_agents.sim.world import build_world, measure_inner_size
+from grs_agents.library import mesh_files
+from grs_agents.library.library import Library
+from grs_agents.perception.proxies.primitive_proxy import Proxy, primitive_proxy
+from grs_agents.perception.proxies.proxy_writer import write_proxy
+from grs_agents.perception.shapes.colliders import Hull
+from grs_agents.perception.shapes.types import TexturedMesh
+from grs_agents.perception.shapes.view import make_object_view
+from grs_agents.perception.types import Solid, UprightBox
+from grs_agents.sim.instance.task_instance import InstanceObject
+from grs_agents.sim.world.collision_volumes import measure_inner_size
+from grs_agents.sim.world.compilation import build_world
 from tests.perception.settling.photo import LIBRARY, MILK, photo_of, standing
 
 SIZE: Vec3 = (0.12, 0.12, 0.08)

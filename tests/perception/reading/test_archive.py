@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from grs_agents.errors import InputError
-from grs_agents.perception import read_scene
+from grs_agents.perception.reading.scene_source import read_scene
 from tests.perception.reading.conftest import Truth, npy_of, write_npz
 
 

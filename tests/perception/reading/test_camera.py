@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from grs_agents.errors import InputError
-from grs_agents.perception import RGBDFrame, read_scene
+from grs_agents.perception.reading.scene_source import read_scene
+from grs_agents.perception.types import RGBDFrame
 from tests.perception.reading.conftest import FORMS, Truth, png
 
 POSE = [[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0.5], [0, 0, 0, 1]]

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from grs_agents.library import Library
-from grs_agents.perception import asset_surface_at_pose, match_pieces_to_objects
+from grs_agents.library.library import Library
+from grs_agents.perception.asset_surfaces import asset_surface_at_pose
+from grs_agents.perception.registration.unexplained_segments import match_pieces_to_objects
 
 LIBRARY = Library()
 SHELL = asset_surface_at_pose("HOPE/Milk.urdf", ((0.5, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0)), LIBRARY)

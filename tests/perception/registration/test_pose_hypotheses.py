@@ -4,11 +4,14 @@ import math
 
 import numpy as np
 
-from grs_agents.geometry import pose_matrix
-from grs_agents.library import Library, matrix_from_quaternion, quaternion_from_rpy
-from grs_agents.perception import Cloud, Mask
-from grs_agents.perception.registration import estimate_leaning_axes, propose_shifted_poses, sample_observed_points
-from grs_agents.perception.settling import PlacedObject
+from grs_agents.geometry.transforms import pose_matrix
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import matrix_from_quaternion, quaternion_from_rpy
+from grs_agents.perception.asset_surfaces import Cloud
+from grs_agents.perception.registration.pose_cost import sample_observed_points
+from grs_agents.perception.registration.pose_hypotheses import estimate_leaning_axes, propose_shifted_poses
+from grs_agents.perception.settling.settling import PlacedObject
+from grs_agents.perception.types import Mask
 from tests.perception.settling.photo import photo_of
 
 LIBRARY = Library()

@@ -6,8 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.library import Library
-from grs_agents.perception import Aabb, UprightBox, deviation_from_measured_box, enclosing_aabb, upright_box_from_aabb
+from grs_agents.library.library import Library
+from grs_agents.perception.registration.size_check import (
+    deviation_from_measured_box,
+    enclosing_aabb,
+    upright_box_from_aabb,
+)
+from grs_agents.perception.types import Aabb, UprightBox
 
 LIBRARY = Library()
 MILK = "HOPE/Milk.urdf"

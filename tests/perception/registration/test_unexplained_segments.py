@@ -2,10 +2,14 @@
 
 import numpy as np
 
-from grs_agents.library import Library
-from grs_agents.perception import asset_surface_at_pose, find_residual_candidates
-from grs_agents.perception.registration import ResidualCandidates, label_residual_pixels
-from grs_agents.perception.settling import PlacedObject
+from grs_agents.library.library import Library
+from grs_agents.perception.asset_surfaces import asset_surface_at_pose
+from grs_agents.perception.registration.unexplained_segments import (
+    ResidualCandidates,
+    find_residual_candidates,
+    label_residual_pixels,
+)
+from grs_agents.perception.settling.settling import PlacedObject
 from tests.perception.settling.photo import photo_of
 
 LIBRARY = Library()

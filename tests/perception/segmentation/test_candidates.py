@@ -11,18 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
-from grs_agents.geometry import matrix_to_quaternion
-from grs_agents.library import Library
-from grs_agents.perception import (
-    Candidate,
-    TableFrame,
-    UprightBox,
+from grs_agents.geometry.transforms import matrix_to_quaternion
+from grs_agents.library.library import Library
+from grs_agents.perception.reading.scene_source import read_scene
+from grs_agents.perception.segmentation.candidates import (
     center_objects_in_workspace,
-    find_table,
     fit_asset_to_box,
     measure_candidates,
-    read_scene,
 )
+from grs_agents.perception.table_finding import find_table
+from grs_agents.perception.types import Candidate, TableFrame, UprightBox
 from tests.perception.conftest import Rendered, Thing, render
 
 SIDE = st.floats(0.02, 0.3)

@@ -6,17 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from grs_agents.perception import (
-    Candidate,
-    FoundObjects,
-    Mask,
-    RGBDFrame,
-    find_objects,
-    find_table,
-    measure_candidates,
-    segment_objects_on_table,
-)
-from grs_agents.perception.segmentation import fit_masks_to_color
+from grs_agents.perception.object_finding import FoundObjects, find_objects
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.segmentation.color_borders import fit_masks_to_color
+from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
+from grs_agents.perception.table_finding import find_table
+from grs_agents.perception.types import Candidate, Mask, RGBDFrame
 from tests.perception import room
 
 

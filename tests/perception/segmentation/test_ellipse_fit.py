@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from grs_agents.perception import Candidate, find_table, measure_candidates
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.table_finding import find_table
+from grs_agents.perception.types import Candidate
 from tests.perception.conftest import Rendered, Thing, render
 
 LOW = (-0.3, 0.0, 0.3)

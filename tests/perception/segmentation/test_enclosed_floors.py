@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
-from grs_agents.perception import RGBDFrame, find_table, raised_pixel_mask, segment_objects_on_table
+from grs_agents.perception.coverage import raised_pixel_mask
+from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
+from grs_agents.perception.table_finding import find_table
+from grs_agents.perception.types import RGBDFrame
 from tests.perception import room
 
 INSIDE = (0.405, -0.095), (0.595, 0.095)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from grs_agents.perception import find_table, robot_frame_point_map
-from grs_agents.perception.segmentation import find_depth_jumps, foreground_pixel_mask, smooth_frame_depth
+from grs_agents.perception.segmentation.patch_cutting import find_depth_jumps, foreground_pixel_mask, smooth_frame_depth
+from grs_agents.perception.table_finding import find_table, robot_frame_point_map
 from tests.perception.conftest import Rendered, Thing, render
 
 

@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from grs_agents.perception import RGBDFrame, find_table, segment_objects_on_table
+from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
+from grs_agents.perception.table_finding import find_table
+from grs_agents.perception.types import RGBDFrame
 from tests.perception.conftest import THINGS, Rendered, Thing, render
 
 

@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.perception import DEFAULT, find_table, segment_objects_on_table
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
+from grs_agents.perception.table_finding import find_table
 from tests.perception.conftest import Thing, render
 
 ONE_BY_ONE = DEFAULT.segmentation.without_rules("low_thing")

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from grs_agents.perception.segmentation import gap_between_parts, measure_part, merge_parts, share_over_footprint
+from grs_agents.perception.segmentation.part_merging import (
+    gap_between_parts,
+    measure_part,
+    merge_parts,
+    share_over_footprint,
+)
 
 
 def _plate(x: float, y: float, z: float, side: float = 0.05) -> np.ndarray:

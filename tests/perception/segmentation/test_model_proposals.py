@@ -7,8 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.perception import DEFAULT, Image, Mask, Proposal, RGBDFrame, find_table, segment_from_proposals
-from grs_agents.perception.segmentation import suppress_duplicate_masks
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.segmentation.model_proposals import (
+    Proposal,
+    segment_from_proposals,
+    suppress_duplicate_masks,
+)
+from grs_agents.perception.table_finding import find_table
+from grs_agents.perception.types import Image, Mask, RGBDFrame
 from tests.perception.conftest import Rendered
 
 ALIKE = DEFAULT.segmentation.proposals.alike

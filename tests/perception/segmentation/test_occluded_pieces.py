@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from grs_agents.perception import RGBDFrame, find_table, robot_frame_point_map
-from grs_agents.perception.segmentation import join_occluded_pieces
+from grs_agents.perception.segmentation.occluded_pieces import join_occluded_pieces
+from grs_agents.perception.table_finding import find_table, robot_frame_point_map
+from grs_agents.perception.types import RGBDFrame
 from tests.perception.conftest import Thing, render
 
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from grs_agents.perception import find_table, robot_frame_point_map, segment_objects_on_table
-from grs_agents.perception.segmentation import OcclusionEdges
+from grs_agents.perception.segmentation.occlusion_edges import OcclusionEdges
+from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
+from grs_agents.perception.table_finding import find_table, robot_frame_point_map
 from tests.perception.conftest import Rendered, Thing, render
 
 NEAR, FAR = 1, 2

@@ -2,14 +2,15 @@
 
 import numpy as np
 
-from grs_agents.perception import DEFAULT, RGBDFrame
-from grs_agents.perception.segmentation import (
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.segmentation.patch_cutting import (
     compute_concavity_map,
     cut_smooth_patches,
     grow_labels,
     join_enclosed_fragments,
     smooth_frame_depth,
 )
+from grs_agents.perception.types import RGBDFrame
 from tests.perception.conftest import Rendered
 
 

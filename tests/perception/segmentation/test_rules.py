@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from grs_agents.errors import UnknownNameError
-from grs_agents.perception import DEFAULT, RULES, RGBDFrame, find_table, segment_objects_on_table
-from grs_agents.perception.segmentation import merge_parts
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.segmentation.configuration import RULES
+from grs_agents.perception.segmentation.part_merging import merge_parts
+from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
+from grs_agents.perception.table_finding import find_table
+from grs_agents.perception.types import RGBDFrame
 from tests.perception.conftest import Thing, render
 
 FRONT = Thing("box", (0.44, 0.0), (0.02, 0.05, 0.08))

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from grs_agents.errors import ConfigError, InputError
-from grs_agents.perception import Image, load_sam2
+from grs_agents.perception.segmentation.sam2_models import load_sam2
+from grs_agents.perception.types import Image
 from tests.needs import needs
 
 RGB: Image = np.random.default_rng(0).integers(0, 256, (60, 80, 3)).astype(np.uint8)

@@ -6,7 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.perception import RGBDFrame, find_table, read_scene, segment_objects_on_table
+from grs_agents.perception.reading.scene_source import read_scene
+from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
+from grs_agents.perception.table_finding import find_table
+from grs_agents.perception.types import RGBDFrame
 from tests.perception.conftest import Rendered, Thing, render
 from tests.pictures import read_picture
 

@@ -5,7 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from grs_agents.perception import DEFAULT, RGBDFrame, find_table, segment_objects_on_table
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
+from grs_agents.perception.table_finding import find_table
+from grs_agents.perception.types import RGBDFrame
 from tests.perception.conftest import Rendered, Thing, render
 
 PLATES = (Thing("box", (0.5, 0.0), (0.1, 0.06, 0.02)), Thing("box", (0.54, 0.0), (0.02, 0.06, 0.08), bottom=0.02))

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.geometry import pose_matrix, rotation_about_z
-from grs_agents.library import Shape
-from grs_agents.perception import Array
-from grs_agents.perception.settling import PlacedColliders, Rank, clear_colliders, colliders_of_asset
-from grs_agents.perception.shapes import Collider, Hull
+from grs_agents.geometry.transforms import pose_matrix, rotation_about_z
+from grs_agents.library.shapes import Shape
+from grs_agents.perception.settling.collider_clearance import PlacedColliders, Rank, clear_colliders, colliders_of_asset
+from grs_agents.perception.shapes.colliders import Collider, Hull
+from grs_agents.perception.types import Array
 from tests.perception.settling.photo import LIBRARY, MILK
 
 BLOCK = Shape(kind="box", size=(0.1, 0.1, 0.2), position=(0.0, 0.0, 0.1))

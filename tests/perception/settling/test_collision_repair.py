@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from grs_agents.perception import Mask, RGBDFrame, TableFrame, UprightBox
-from grs_agents.perception.settling import CollisionRepairs, KnownObject, PlacedObject, repair_collisions
+from grs_agents.perception.settling.collision_repair import CollisionRepairs, KnownObject, repair_collisions
+from grs_agents.perception.settling.settling import PlacedObject
+from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, UprightBox
 from tests.perception.settling.photo import LIBRARY, MILK, photo_of, standing
 
 SOUP = "HOPE/AlphabetSoup.urdf"

@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
-from grs_agents.perception.settling import Separation, deepest_overlap_depth, overlap_depth_by_pair, separate_objects
-from grs_agents.sim.world import World
+from grs_agents.perception.settling.depenetration import (
+    Separation,
+    deepest_overlap_depth,
+    overlap_depth_by_pair,
+    separate_objects,
+)
+from grs_agents.sim.world.compilation import World
 from tests.perception.settling.photo import BLOCK, MILK, standing, world_of
 
 

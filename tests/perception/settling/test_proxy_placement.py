@@ -7,16 +7,18 @@ import numpy as np
 import pytest
 import trimesh
 
-from grs_agents.library import Library, matrix_from_quaternion
-from grs_agents.perception import UprightBox
-from grs_agents.perception.proxies import Proxy, primitive_proxy
-from grs_agents.perception.settling import (
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import matrix_from_quaternion
+from grs_agents.perception.proxies.primitive_proxy import Proxy, primitive_proxy
+from grs_agents.perception.settling.proxy_placement import (
     UnknownObject,
     extend_box_to_support,
     place_with_cleared_colliders,
     settle_with_stable_colliders,
 )
-from grs_agents.perception.shapes import Hull, TexturedMesh
+from grs_agents.perception.shapes.colliders import Hull
+from grs_agents.perception.shapes.types import TexturedMesh
+from grs_agents.perception.types import UprightBox
 from tests.perception.settling.photo import LIBRARY, MILK, photo_of, standing
 
 RED = (0.8, 0.1, 0.1)

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from grs_agents.library import Library
-from grs_agents.perception import UprightBox
-from grs_agents.perception.settling import PlacedObject, Segment, reconcile_segments
+from grs_agents.library.library import Library
+from grs_agents.perception.settling.segment_reconciliation import Segment, reconcile_segments
+from grs_agents.perception.settling.settling import PlacedObject
+from grs_agents.perception.types import UprightBox
 from tests.perception.settling.photo import photo_of
 
 LIBRARY = Library()

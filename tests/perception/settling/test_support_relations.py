@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from grs_agents.base import Pose
-from grs_agents.library import Library
-from grs_agents.perception import Relation, body_from_asset, find_spatial_relations
+from grs_agents.library.library import Library
+from grs_agents.perception.settling.support_relations import body_from_asset, find_spatial_relations
+from grs_agents.perception.types import Relation
 
 LIBRARY = Library()
 HERE = (0.0, 0.0, 0.0, 1.0)

@@ -3,9 +3,9 @@
 import numpy as np
 import trimesh
 
-from grs_agents.geometry import rasterise_triangles
-from grs_agents.perception import Intrinsics
-from grs_agents.perception.shapes import ObjectView
+from grs_agents.geometry.raster import rasterise_triangles
+from grs_agents.perception.shapes.types import ObjectView
+from grs_agents.perception.types import Intrinsics
 
 CAMERA = Intrinsics(fx=520.0, fy=520.0, cx=159.5, cy=119.5, width=320, height=240)
 

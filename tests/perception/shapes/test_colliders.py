@@ -8,16 +8,10 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.library import Shape
-from grs_agents.perception import Array, Mask
-from grs_agents.perception.shapes import (
-    Collider,
-    Hull,
-    ObjectShape,
-    TexturedMesh,
-    clip_hull_corners_to_half_space,
-    fit_colliders,
-)
+from grs_agents.library.shapes import Shape
+from grs_agents.perception.shapes.colliders import Collider, Hull, clip_hull_corners_to_half_space, fit_colliders
+from grs_agents.perception.shapes.types import ObjectShape, TexturedMesh
+from grs_agents.perception.types import Array, Mask
 
 RNG = np.random.default_rng(0)
 

@@ -4,7 +4,8 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.perception.shapes import keep_large_pieces, mesh_zero_level, simplify_closed_mesh
+from grs_agents.perception.shapes.mesh_simplification import simplify_closed_mesh
+from grs_agents.perception.shapes.surface_nets import keep_large_pieces, mesh_zero_level
 
 
 def grid_of(distance, cells=24, size=1.0):

@@ -7,7 +7,8 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.perception.shapes import Hull, fit_colliders, reconstruct_shape
+from grs_agents.perception.shapes.colliders import Hull, fit_colliders
+from grs_agents.perception.shapes.reconstruction import reconstruct_shape
 from tests.perception.shapes.photo import CAMERA, cup, depth_of, depth_of_table, on_table, photograph
 
 

@@ -12,9 +12,10 @@ from typing import Any
 import pytest
 
 from grs_agents import content
-from grs_agents.config import Limits
-from grs_agents.sandbox import CallResult, Sandbox
-from grs_agents.sandbox.isolation import BackendChoice
+from grs_agents.config.schema import Limits
+from grs_agents.sandbox.host.sandbox import Sandbox
+from grs_agents.sandbox.isolation.backends import BackendChoice
+from grs_agents.sandbox.protocol.report import CallResult
 from tests.needs import require
 from tests.sandbox.attacks import kit
 from tests.sandbox.attacks.world import Canaries

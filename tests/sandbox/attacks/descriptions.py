@@ -6,7 +6,7 @@ It runs inside the sandbox, called by a task's ``reset``; ``secret`` is a file t
 from pathlib import Path
 from typing import Any
 
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.sim import Environment
 
 POSE = ((0.5, 0, 0.05), (0, 0, 0, 1))

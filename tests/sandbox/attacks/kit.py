@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from grs_agents.sandbox import CapturedError
+from grs_agents.sandbox.harness.captured_error import CapturedError
 
 World = Mapping[str, Any]
 """The host's canaries, as ``world.Canaries.world`` lists them."""

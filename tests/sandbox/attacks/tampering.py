@@ -90,7 +90,7 @@ def rewritten_events() -> None:
 
 
 def forged_events() -> None:
-    from grs_agents.sandbox import report_progress
+    from grs_agents.sandbox.harness.channel import report_progress
 
     for phase in ("start", "end"):
         report_progress({"item": "TestX.test_a", "phase": phase, "outcome": "passed", "seconds": 0.1})

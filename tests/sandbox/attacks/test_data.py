@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from grs_agents.config import Limits
-from grs_agents.library import Library
+from grs_agents.config.schema import Limits
+from grs_agents.library.library import Library
 from grs_agents.toolkit import ToolContext, load_tool
 from tests.sandbox.attacks import descriptions
 from tests.sandbox.attacks.conftest import Door

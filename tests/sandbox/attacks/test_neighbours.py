@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from grs_agents import content
-from grs_agents.sandbox import CallResult, Sandbox
+from grs_agents.sandbox.host.sandbox import Sandbox
+from grs_agents.sandbox.protocol.report import CallResult
 from tests.sandbox.attacks.conftest import BOUNDS, Door, bounds
 from tests.sandbox.attacks.world import Canaries
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from grs_agents.sandbox import TestRun, run_tests
+from grs_agents.sandbox.host.suite_run import TestRun, run_tests
 from tests.sandbox.attacks import tampering
 from tests.sandbox.attacks.conftest import Door, bounds
 from tests.sandbox.attacks.world import Canaries

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.sandbox.harness import COUNTER, Counter, insert_counter_calls
+from grs_agents.sandbox.harness.assertion_count import COUNTER, Counter, insert_counter_calls
 
 SOURCE = '''
 """A docstring."""

@@ -3,7 +3,7 @@
 import pytest
 
 from grs_agents.errors import GrsError
-from grs_agents.sandbox import report_progress
+from grs_agents.sandbox.harness.channel import report_progress
 
 
 def test_the_host_is_told_to_use_the_sandbox() -> None:

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.sandbox import describe_error, load_program, seed_everything
+from grs_agents.sandbox.harness.suite_runner import load_program, seed_everything
+from grs_agents.sandbox.protocol.tracebacks import describe_error
 
 
 @pytest.fixture(autouse=True)

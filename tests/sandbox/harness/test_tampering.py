@@ -8,7 +8,8 @@ import unittest
 import numpy as np
 import pytest
 
-from grs_agents.sandbox.harness import Integrity, channel, find_overridden_method, find_shadowed_method, suite_runner
+from grs_agents.sandbox.harness import channel, suite_runner
+from grs_agents.sandbox.harness.tamper_detection import Integrity, find_overridden_method, find_shadowed_method
 
 
 def nothing(*_: object) -> None:

@@ -2,8 +2,9 @@
 
 import pytest
 
-from grs_agents.config import Limits
-from grs_agents.sandbox import BatchResult, Sandbox, call_tool_for_each_item
+from grs_agents.config.schema import Limits
+from grs_agents.sandbox.host.batch_calls import BatchResult, call_tool_for_each_item
+from grs_agents.sandbox.host.sandbox import Sandbox
 
 CODE = """
 import os

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.config import Limits
+from grs_agents.config.schema import Limits
 from grs_agents.errors import UnknownNameError
-from grs_agents.sandbox import Sandbox, SandboxError
+from grs_agents.sandbox.host.sandbox import Sandbox
+from grs_agents.sandbox.host.zygote_process import SandboxError
 from tests.sandbox.processes import ends
 from tests.sandbox.snippets import (
     HOST,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.sandbox.host import Streams
+from grs_agents.sandbox.host.streams import Streams
 
 WORKER = """
 import json, os, sys

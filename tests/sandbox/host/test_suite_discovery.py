@@ -4,8 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.sandbox import discover_tests, parse_program
-from grs_agents.sandbox.host import MAX_SOURCE
+from grs_agents.sandbox.host.suite_discovery import MAX_SOURCE, discover_tests, parse_program
 
 SOURCE = """
 import unittest, numpy as np

@@ -7,9 +7,11 @@ from typing import Any
 
 import pytest
 
-from grs_agents.config import Limits
-from grs_agents.nodes import render_evidence
-from grs_agents.sandbox import CallOutcome, CallResult, Sandbox, TestReport, TestRun, run_tests
+from grs_agents.config.schema import Limits
+from grs_agents.nodes.evidence import render_evidence
+from grs_agents.sandbox.host.sandbox import Sandbox
+from grs_agents.sandbox.host.suite_run import TestRun, run_tests
+from grs_agents.sandbox.protocol.report import CallOutcome, CallResult, TestReport
 
 Check = Callable[..., TestReport]
 SHORT = Limits(wall_seconds=1, memory_mib=128, output_mib=1)

@@ -11,9 +11,12 @@ from typing import get_args
 import pytest
 
 import grs_agents
-from grs_agents.config import Config, Limits
-from grs_agents.sandbox import BackendChoice, Sandbox, SandboxError, TestReport
+from grs_agents.config.schema import Config, Limits
+from grs_agents.sandbox.host.sandbox import Sandbox
+from grs_agents.sandbox.host.zygote_process import SandboxError
 from grs_agents.sandbox.isolation import hardening
+from grs_agents.sandbox.isolation.backends import BackendChoice
+from grs_agents.sandbox.protocol.report import TestReport
 from tests.sandbox.processes import ends
 from tests.sandbox.snippets import (
     HOST,

@@ -6,7 +6,7 @@ from bisect import bisect_right
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.sandbox.isolation import (
+from grs_agents.sandbox.isolation.seccomp import (
     NUMBER,
     Answer,
     Branch,

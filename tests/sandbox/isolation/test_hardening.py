@@ -21,7 +21,8 @@ import numpy as np
 import pytest
 
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sandbox.isolation import Allowance, hardening, kernel, landlock, seccomp
+from grs_agents.sandbox.isolation import hardening, kernel, landlock, seccomp
+from grs_agents.sandbox.isolation.privileges import Allowance
 from tests.needs import needs
 from tests.sandbox.confined import NOBODY, PACKAGE, PYTHON, USERS, Got, forked, hardened
 

@@ -9,7 +9,8 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from grs_agents.sandbox.isolation import Allowance, privileges
+from grs_agents.sandbox.isolation import privileges
+from grs_agents.sandbox.isolation.privileges import Allowance
 from tests.needs import needs
 from tests.sandbox.confined import USERS, Got, become, forked
 

@@ -16,7 +16,9 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.sandbox.isolation import NUMBERS, assemble_instructions, encode_instructions, kernel, seccomp
+from grs_agents.sandbox.isolation import kernel, seccomp
+from grs_agents.sandbox.isolation.kernel import NUMBERS
+from grs_agents.sandbox.isolation.seccomp import assemble_instructions, encode_instructions
 from tests.needs import needs
 from tests.sandbox import classic_bpf
 from tests.sandbox.confined import Got, forked, without_new_privileges

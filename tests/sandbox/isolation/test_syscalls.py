@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.sandbox.isolation import ALLOWED, DENIED, NUMBERS
+from grs_agents.sandbox.isolation.kernel import NUMBERS
+from grs_agents.sandbox.isolation.seccomp import ALLOWED, DENIED
 from tests.needs import needs
 
 X86_64_HEADER = Path("/usr/include/x86_64-linux-gnu/asm/unistd_64.h")

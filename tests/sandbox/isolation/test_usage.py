@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.sandbox.isolation import ENTRY_BYTES, count_scratch_bytes, count_threads
-from grs_agents.sandbox.protocol import delete_folder_contents
+from grs_agents.sandbox.isolation.resource_usage import ENTRY_BYTES, count_scratch_bytes, count_threads
+from grs_agents.sandbox.protocol.scratch_folders import delete_folder_contents
 
 MOST = 1 << 30
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.sandbox.protocol import Scratch, remove_folder, remove_orphaned_folders
+from grs_agents.sandbox.protocol.scratch_folders import Scratch, remove_folder, remove_orphaned_folders
 
 
 @pytest.fixture(autouse=True)

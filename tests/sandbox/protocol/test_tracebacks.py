@@ -4,7 +4,7 @@ import linecache
 
 import pytest
 
-from grs_agents.sandbox import SIMULATION_FILE, TESTS_FILE, describe_error, describe_stack_dump
+from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, describe_error, describe_stack_dump
 
 SIMULATION = "def fail(): return 1 / 0\ndef parse(): return int('x')\n"
 TESTS = "def test(): fail()\ndef check(): assert False, 'why\\nnot'\n"

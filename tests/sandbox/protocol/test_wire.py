@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.sandbox.protocol import (
+from grs_agents.sandbox.protocol.wire import (
     MAX_BODY,
     ForgedFrameError,
     FrameError,

@@ -4,7 +4,8 @@ from itertools import product
 
 import pytest
 
-from grs_agents.library import Library, shape_bounds
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import shape_bounds
 
 LIBRARY = Library()
 

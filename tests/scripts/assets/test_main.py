@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from scripts.assets.__main__ import write_library
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from evals.synthesis.built_asset import BuiltAsset
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from scripts.assets.marks import build_marks
 
 LIBRARY = Library()

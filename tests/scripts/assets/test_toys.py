@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.mujoco_import import mujoco
 from scripts.assets.toys import build_toys
 

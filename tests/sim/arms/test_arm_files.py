@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.sim.arms import copy_arm_files, find_arm_file, get_arm
+from grs_agents.sim.arms.arm_files import copy_arm_files, find_arm_file
+from grs_agents.sim.arms.registry import get_arm
 from tests.gantry import GANTRY
 
 MESH = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"

@@ -2,7 +2,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.sim.arms import ArmModel, ur5e
+from grs_agents.sim.arms import ur5e
+from grs_agents.sim.arms.arm_model import ArmModel
 
 ARM = ArmModel(ur5e.UR5e().add)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grs_agents.sim import SimulationError, Zone
-from grs_agents.sim.cliport import convert_to_goal, make_goal
+from grs_agents.sim.cliport.goal_arguments import convert_to_goal, make_goal
 
 POSE = ((0.5, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0))
 

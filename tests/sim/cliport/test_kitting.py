@@ -3,7 +3,7 @@ import pytest
 from sim_scenes import Scripted, at
 
 from grs_agents.sim import Environment, SimulationError, TaskInstance, instantiate, rollout, utils
-from grs_agents.sim.cliport import SYMMETRIES
+from grs_agents.sim.cliport.task_helpers import SYMMETRIES
 from scripts.assets.outlines import outlines
 
 TARGETS = [at(0.45, 0.3, 0.001), at(0.6, 0.3, 0.001), at(0.52, 0.4, 0.001)]

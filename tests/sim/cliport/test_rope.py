@@ -3,7 +3,7 @@ import pytest
 from sim_scenes import UPRIGHT, Scripted, at
 
 from grs_agents.sim import Environment, NoFreeSpaceError, SimulationError, TaskInstance, instantiate, p, rollout, utils
-from grs_agents.sim.expert import predict_dragged_rope
+from grs_agents.sim.expert.oracle import predict_dragged_rope
 
 ENDS = ((0.4, 0.2, 0.0), (0.4, -0.08, 0.0))
 

@@ -3,9 +3,10 @@ import pytest
 from sim_scenes import Scripted, at, pose_goal, zone_goal
 
 from grs_agents.errors import UnknownNameError
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.sim import Environment, Task, inside, instantiate, rollout, run_oracle, upright
-from grs_agents.sim.cliport import PublishedTask, push
+from grs_agents.sim.cliport.end_effectors import push
+from grs_agents.sim.cliport.task import PublishedTask
 
 BLOCK = "block/red_block.urdf"
 BOX = "box/box-template.urdf"

@@ -3,7 +3,7 @@ import pytest
 from sim_scenes import Scripted, at
 
 from grs_agents.sim import Environment, SimulationError, UnsupportedError, utils
-from grs_agents.sim.arms import ArmModel
+from grs_agents.sim.arms.arm_model import ArmModel
 
 
 @pytest.fixture

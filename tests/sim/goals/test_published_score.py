@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from sim_scenes import Scripted, at
 
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.sim import Environment, Zone, utils
 from grs_agents.sim.goals import task_accounting
-from grs_agents.sim.world import sample_collision_volume, volume_share_in_zones
+from grs_agents.sim.world.collision_volumes import sample_collision_volume, volume_share_in_zones
 
 LIBRARY = Library()
 COLORS = ("red", "blue")

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from sim_scenes import Scripted, at, pose_goal, run, zone_goal
 
 from grs_agents.sim import Environment, instantiate, rollout, utils
-from grs_agents.sim.goals import match_rows_to_targets
+from grs_agents.sim.goals.strict_score import match_rows_to_targets
 
 BLOCKS = ("block/red_block.urdf", "block/blue_block.urdf")
 LYING = utils.eulerXYZ_to_quatXYZW((np.pi / 2, 0, 0))

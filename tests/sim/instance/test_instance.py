@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.sim import TaskInstance, rollout
 
 FLAT = (0.0, 0.0, 0.0, 1.0)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
 from grs_agents.sim import InstanceError, TaskInstance, parse_instance_json
-from grs_agents.sim.instance import MAX_BYTES
+from grs_agents.sim.instance.task_instance import MAX_BYTES
 
 POSE = [[0.5, 0.0, 0.02], [0.0, 0.0, 0.0, 1.0]]
 VALID: dict[str, Any] = {

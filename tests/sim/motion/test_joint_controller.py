@@ -5,7 +5,7 @@ import pytest
 from sim_scenes import Scripted, at, pose_goal
 
 from grs_agents.sim import Environment, SimulationError, run_oracle
-from grs_agents.sim.motion import JointController
+from grs_agents.sim.motion.joint_controller import JointController
 
 
 def scene_with_block(robot: str = "ur5e") -> tuple[Environment, Scripted]:

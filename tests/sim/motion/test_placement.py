@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 from sim_scenes import Scripted
 
 from grs_agents.sim import Environment, NoFreeSpaceError
-from grs_agents.sim.world import object_prism_at_pose, signed_outline_gaps
+from grs_agents.sim.world.footprints import object_prism_at_pose, signed_outline_gaps
 
 
 @settings(max_examples=10, deadline=None)

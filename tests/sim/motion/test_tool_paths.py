@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.sim.motion import Pace, motion_profile
+from grs_agents.sim.motion.tool_paths import Pace, motion_profile
 
 TIMESTEP = 0.004
 

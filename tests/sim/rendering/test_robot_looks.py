@@ -5,12 +5,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.mujoco_import import mujoco
-from grs_agents.sim.arms import get_arm
-from grs_agents.sim.instance import TaskInstance
-from grs_agents.sim.rendering import Props, Stage, build_robot_meshes
-from grs_agents.sim.world import compile_world, instance_to_spec
+from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.instance.task_instance import TaskInstance
+from grs_agents.sim.rendering.robot_meshes import build_robot_meshes
+from grs_agents.sim.rendering.stage import Props, Stage
+from grs_agents.sim.world.compilation import compile_world
+from grs_agents.sim.world.spec import instance_to_spec
 
 LIBRARY = Library()
 

@@ -12,10 +12,21 @@ from hypothesis import strategies as st
 
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.geometry import transforms
-from grs_agents.library import Library
-from grs_agents.sim.instance import InstanceCamera, InstanceLight, InstanceObject, InstanceTable, TaskInstance
-from grs_agents.sim.rendering import OpenGLError, SceneCameras, opengl
-from grs_agents.sim.world import Budget, Physics, compile_world, instance_to_spec
+from grs_agents.library.library import Library
+from grs_agents.sim.instance.task_instance import (
+    InstanceCamera,
+    InstanceLight,
+    InstanceObject,
+    InstanceTable,
+    TaskInstance,
+)
+from grs_agents.sim.rendering import opengl
+from grs_agents.sim.rendering.opengl import OpenGLError
+from grs_agents.sim.rendering.scene_cameras import SceneCameras
+from grs_agents.sim.world.budget import Budget
+from grs_agents.sim.world.compilation import compile_world
+from grs_agents.sim.world.physics import Physics
+from grs_agents.sim.world.spec import instance_to_spec
 from tests.needs import needs
 
 LIBRARY = Library()

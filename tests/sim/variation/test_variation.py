@@ -9,7 +9,7 @@ from hypothesis import settings as examples
 from hypothesis import strategies as st
 
 from grs_agents.geometry import transforms
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.sim import (
     Environment,
     InstanceTask,
@@ -20,9 +20,11 @@ from grs_agents.sim import (
     near,
     rollout,
 )
-from grs_agents.sim.arms import get_arm
-from grs_agents.sim.goals import measure_overlaps
-from grs_agents.sim.variation import Variation, measure_base_scene, vary_instance
+from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.goals.contacts import measure_overlaps
+from grs_agents.sim.variation.base_scene import measure_base_scene
+from grs_agents.sim.variation.types import Variation
+from grs_agents.sim.variation.vary import vary_instance
 from tests.sim.sim_scenes import Scripted, at, pose_goal, zone_goal
 
 LIBRARY = Library()

@@ -5,10 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.library import Library, write_background_asset
+from grs_agents.library.background_asset import write_background_asset
+from grs_agents.library.library import Library
 from grs_agents.sim import Environment, InstanceObject, InstanceTask, TaskInstance
-from grs_agents.sim.rendering import View, VisibleScene, render_views
-from grs_agents.sim.world import compute_arm_spheres_at_home
+from grs_agents.sim.rendering.plain_pictures import render_views
+from grs_agents.sim.rendering.views import View, VisibleScene
+from grs_agents.sim.world.compilation import compute_arm_spheres_at_home
 
 SHELF = np.array([[[0.4, -0.3, 0.10], [0.6, -0.1, 0.12]]])
 MESH = (np.array([[0.4, -0.3, 0.12], [0.6, -0.3, 0.12], [0.6, -0.1, 0.12], [0.4, -0.1, 0.12]]),)

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.geometry import hull_half_spaces
-from grs_agents.library import Library, ObjectModel, Shape
+from grs_agents.geometry.hulls import hull_half_spaces
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import ObjectModel, Shape
 from grs_agents.sim import Zone, utils
-from grs_agents.sim.world import sample_collision_volume, volume_share_in_zones
+from grs_agents.sim.world.collision_volumes import sample_collision_volume, volume_share_in_zones
 
 LIBRARY = Library()
 AT_ORIGIN = ((0.0, 0.0, 0.0), utils.IDENTITY)

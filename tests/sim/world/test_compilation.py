@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 from sim_scenes import at
 
-from grs_agents.library import Library, convex_mesh_volume
-from grs_agents.perception.proxies import box_mesh, mesh_to_obj_text, revolved_mesh
-from grs_agents.sim.instance import InstanceObject
-from grs_agents.sim.world import build_world
+from grs_agents.library.library import Library
+from grs_agents.library.mesh_files import convex_mesh_volume
+from grs_agents.perception.proxies.meshes import box_mesh, mesh_to_obj_text, revolved_mesh
+from grs_agents.sim.instance.task_instance import InstanceObject
+from grs_agents.sim.world.compilation import build_world
 
 HAMMER = """<robot name="hammer"><link name="hammer">
 <inertial><mass value="0.4"/><inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial>

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from sim_scenes import Scripted, at
 
-from grs_agents.geometry import FloatArray, transforms
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim import Environment
-from grs_agents.sim.motion import PickPlace
+from grs_agents.sim.motion.pick_place import PickPlace
 
 
 def scene_of(*assets: tuple[str, float, float, float], robot: str = "ur5e") -> Environment:

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.sim.world import footprints
 
 LIBRARY = Library()

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.mujoco_import import mujoco
 from grs_agents.sim import InstanceObject, TaskInstance, rollout
-from grs_agents.sim.instance import HEAVIEST
-from grs_agents.sim.world import compile_world, fill_in_masses_and_frictions, instance_to_spec
+from grs_agents.sim.instance.task_instance import HEAVIEST
+from grs_agents.sim.world.compilation import compile_world
+from grs_agents.sim.world.spec import fill_in_masses_and_frictions, instance_to_spec
 from tests.test_examples import EXAMPLES, instance_of
 
 SOLVED = ("put_in_bowls", "lay_rope_along_line")

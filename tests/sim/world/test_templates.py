@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from grs_agents.errors import GrsError
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.sim import Environment, InstanceObject, Task
 
 KIT = "kitting/object-template.urdf"

@@ -1,8 +1,9 @@
 """Ties between objects: what is tied, and what counts as a bead of a rope."""
 
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.sim import InstanceObject, InstanceTie
-from grs_agents.sim.world import build_world, find_object_ids_in_point_ties
+from grs_agents.sim.world.compilation import build_world
+from grs_agents.sim.world.spec import find_object_ids_in_point_ties
 
 FLAT = (0.0, 0.0, 0.0, 1.0)
 ORIGIN = ((0.0, 0.0, 0.0), FLAT)

@@ -3,8 +3,9 @@
 from collections.abc import Callable
 from typing import Any
 
-from grs_agents.trace import Decision, Finding, NodeEnded, Note, RunEnded, read_events
-from grs_agents.views.common import event_log_level, format_event_line
+from grs_agents.trace.events import Decision, Finding, NodeEnded, Note, RunEnded
+from grs_agents.trace.log import read_events
+from grs_agents.views.common.event_steps import event_log_level, format_event_line
 
 
 def test_every_event_of_a_run_has_words(script: Callable[[], Any]) -> None:

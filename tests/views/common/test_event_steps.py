@@ -3,8 +3,9 @@
 from collections.abc import Callable
 from typing import Any
 
-from grs_agents.trace import NodeEnded, NodeStarted, Note, RunEnded, read_events
-from grs_agents.views.common import Steps, group_events_into_steps
+from grs_agents.trace.events import NodeEnded, NodeStarted, Note, RunEnded
+from grs_agents.trace.log import read_events
+from grs_agents.views.common.event_steps import Steps, group_events_into_steps
 
 
 def test_a_run_becomes_one_step_a_visit(script: Callable[[], Any]) -> None:

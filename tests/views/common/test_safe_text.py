@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.views.common import (
+from grs_agents.views.common.safe_text import (
     LONGEST,
     replace_undrawable_chars,
     to_markdown_cell,

@@ -8,16 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
-from grs_agents.terminal import escape_control_chars
-from grs_agents.trace import Finding, NodeEnded, NodeStarted, read_events
-from grs_agents.views.common import (
-    Step,
-    Steps,
-    find_last_failed_step,
-    find_step_by_number,
-    group_events_into_steps,
-    iter_step_sections,
-)
+from grs_agents.terminal.control_characters import escape_control_chars
+from grs_agents.trace.events import Finding, NodeEnded, NodeStarted
+from grs_agents.trace.log import read_events
+from grs_agents.views.common.event_steps import Step, Steps, group_events_into_steps
+from grs_agents.views.common.step_text import find_last_failed_step, find_step_by_number, iter_step_sections
 from tests.views.conftest import DIFF, SECOND
 
 

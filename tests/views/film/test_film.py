@@ -12,24 +12,22 @@ import pytest
 from PIL import Image
 
 from grs_agents.errors import GrsError, InputError
-from grs_agents.library import Library
+from grs_agents.library.library import Library
 from grs_agents.mujoco_import import mujoco
 from grs_agents.sim import TaskInstance, rollout
-from grs_agents.sim.arms import get_arm
-from grs_agents.sim.rendering import Stage, scene_props_from_instance
-from grs_agents.trace import NodeStarted, Rollout
-from grs_agents.views.common import find_grasps, read_motion, read_task_instance
-from grs_agents.views.film import (
+from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.rendering.stage import Stage, scene_props_from_instance
+from grs_agents.trace.events import NodeStarted, Rollout
+from grs_agents.views.common.rollout_motion import find_grasps, read_motion, read_task_instance
+from grs_agents.views.film import rollout_film
+from grs_agents.views.film.captions import draw_captions, write_moment_captions
+from grs_agents.views.film.recorded_motion import recover_joint_positions, show_recorded_frame
+from grs_agents.views.film.rollout_film import (
     RolloutShot,
-    draw_captions,
     find_recorded_rollout,
     play_in_mujoco_window,
-    recover_joint_positions,
     render_takes,
-    rollout_film,
-    show_recorded_frame,
     write_film,
-    write_moment_captions,
 )
 from tests.views.conftest import write_rollout
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.views.rerun import Recording, build_run_blueprint
+from grs_agents.views.rerun.recording import Recording
+from grs_agents.views.rerun.viewer_layout import build_run_blueprint
 
 
 @pytest.fixture

@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.trace import NodeStarted, Note
-from grs_agents.views.rerun import Clock
+from grs_agents.trace.events import NodeStarted, Note
+from grs_agents.views.rerun.recording import Clock
 
 
 @given(st.lists(st.booleans() | st.floats(0, 30), max_size=60))

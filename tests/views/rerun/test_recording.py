@@ -4,7 +4,8 @@ import gc
 import weakref
 from pathlib import Path
 
-from grs_agents.views.rerun import Recording, build_run_blueprint
+from grs_agents.views.rerun.recording import Recording
+from grs_agents.views.rerun.viewer_layout import build_run_blueprint
 
 
 def test_a_stream_that_nobody_closed_is_not_deleted(tmp_path: Path) -> None:

@@ -13,19 +13,16 @@ import pytest
 from rerun.blueprint import View
 from rerun.chunk import RrdReader
 
-from grs_agents.library import Library
-from grs_agents.sim.arms import get_arm
-from grs_agents.trace import Decision, Event, NodeStarted, ProgramVersion, Prompt, Reply, Rollout, read_events
-from grs_agents.trace import TestsRun as Tested
-from grs_agents.views.common import format_event_line
-from grs_agents.views.rerun import (
-    Paths,
-    RerunView,
-    build_run_blueprint,
-    find_rerun_program,
-    rebuild_rrd_file,
-    viewer_environment,
-)
+from grs_agents.library.library import Library
+from grs_agents.sim.arms.registry import get_arm
+from grs_agents.trace.events import Decision, Event, NodeStarted, ProgramVersion, Prompt, Reply, Rollout
+from grs_agents.trace.events import TestsRun as Tested
+from grs_agents.trace.log import read_events
+from grs_agents.views.common.event_steps import format_event_line
+from grs_agents.views.rerun.recording import Paths
+from grs_agents.views.rerun.rerun_view import RerunView, rebuild_rrd_file
+from grs_agents.views.rerun.viewer import find_rerun_program, viewer_environment
+from grs_agents.views.rerun.viewer_layout import build_run_blueprint
 from tests.needs import needs
 from tests.views.looking import connected, picture, viewer
 

@@ -8,10 +8,11 @@ import pytest
 from rerun.chunk import RrdReader
 
 from grs_agents.errors import InputError
-from grs_agents.library import Library
-from grs_agents.sim.instance import InstanceObject, TaskInstance
-from grs_agents.trace import Rollout
-from grs_agents.views.rerun import Paths, Recording, RolloutView, rollout_duration
+from grs_agents.library.library import Library
+from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
+from grs_agents.trace.events import Rollout
+from grs_agents.views.rerun.recording import Paths, Recording
+from grs_agents.views.rerun.rollout_view import RolloutView, rollout_duration
 
 
 def rollout(

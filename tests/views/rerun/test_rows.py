@@ -6,7 +6,7 @@ from pathlib import Path
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from grs_agents.views.rerun import Moment, Rows
+from grs_agents.views.rerun.recording import Moment, Rows
 
 
 def test_rows_are_sent_together_each_at_its_moment(tmp_path: Path) -> None:

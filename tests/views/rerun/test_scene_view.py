@@ -8,9 +8,10 @@ import pytest
 from rerun.chunk import RrdReader
 
 from grs_agents.errors import InputError
-from grs_agents.library import Library
-from grs_agents.trace import SceneStage
-from grs_agents.views.rerun import Paths, Recording, SceneView
+from grs_agents.library.library import Library
+from grs_agents.trace.events import SceneStage
+from grs_agents.views.rerun.recording import Paths, Recording
+from grs_agents.views.rerun.scene_view import SceneView
 
 CAMERA = {"fx": 50.0, "fy": 50.0, "cx": 16.0, "cy": 12.0, "width": 32, "height": 24, "depth_scale": 0.001}
 

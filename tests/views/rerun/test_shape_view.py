@@ -3,8 +3,9 @@
 import pytest
 import rerun as rr
 
-from grs_agents.library import Library, Shape
-from grs_agents.views.rerun import TEXTURE_EDGE, shape_to_rerun
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import Shape
+from grs_agents.views.rerun.rollout_view import TEXTURE_EDGE, shape_to_rerun
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,10 @@ from pathlib import Path
 
 from rerun.chunk import RrdReader
 
-from grs_agents.trace import NodeStarted, RunEnded, RunStarted
-from grs_agents.views.rerun import MachineView, Moment, Paths, Recording, build_run_blueprint
+from grs_agents.trace.events import NodeStarted, RunEnded, RunStarted
+from grs_agents.views.rerun.recording import Moment, Paths, Recording
+from grs_agents.views.rerun.state_machine_view import MachineView
+from grs_agents.views.rerun.viewer_layout import build_run_blueprint
 
 
 def test_the_graph_of_the_run_is_shown_with_visits(tmp_path: Path) -> None:

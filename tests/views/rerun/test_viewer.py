@@ -7,8 +7,15 @@ from pathlib import Path
 import pytest
 
 from grs_agents.errors import InputError
-from grs_agents.views import WebAddress, open_viewer, viewer_command
-from grs_agents.views.rerun import WEB_PORT, find_recordings, has_display, viewer_environment
+from grs_agents.views.rerun.viewer import (
+    WEB_PORT,
+    WebAddress,
+    find_recordings,
+    has_display,
+    open_viewer,
+    viewer_command,
+    viewer_environment,
+)
 from tests.needs import needs
 
 

@@ -6,16 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from grs_agents.library import Library
-from grs_agents.trace import NodeStarted, Rollout, read_events
-from grs_agents.views.rerun import rebuild_rrd_file, record_comparison
+from grs_agents.library.library import Library
+from grs_agents.trace.events import NodeStarted, Rollout
+from grs_agents.trace.log import read_events
+from grs_agents.views.rerun.rerun_view import rebuild_rrd_file, record_comparison
 from tests.needs import needs
 from tests.views.looking import headless, picture
 
 
 def moment(folder: Path, wanted: Callable[[Any], bool]) -> float:
     """Where on the timeline ``replay`` an event is that fits."""
-    from grs_agents.views.rerun import Clock
+    from grs_agents.views.rerun.recording import Clock
 
     clock = Clock()
     for event in read_events(folder / "events.jsonl"):

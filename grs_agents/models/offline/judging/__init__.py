@@ -1,5 +1,1 @@
 """The judge by rules: what a task's words ask for, compared with its goals told in sentences."""
-
-from grs_agents.lazy_exports import attach_lazy_exports
-
-__getattr__, __dir__, __all__ = attach_lazy_exports(__name__, __file__)

@@ -12,7 +12,7 @@ import threading
 from pathlib import Path
 from typing import Any, NoReturn, cast
 
-from grs_agents.sandbox import report_progress
+from grs_agents.sandbox.harness.channel import report_progress
 from tests.sandbox.attacks.kit import REFUSED, World, gets
 
 LOST = ("crashed", "crashed by SIGKILL", "timeout", "error", "forged", "nothing")

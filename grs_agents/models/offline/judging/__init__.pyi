@@ -1,1 +1,0 @@
-from .judge import judge_words as judge_words

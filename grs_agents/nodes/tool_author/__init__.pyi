@@ -1,1 +1,0 @@
-from .author import generate_sim_with_tools as generate_sim_with_tools

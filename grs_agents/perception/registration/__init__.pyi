@@ -1,9 +1,0 @@
-from .pose_cost import sample_observed_points as sample_observed_points
-from .pose_hypotheses import estimate_leaning_axes as estimate_leaning_axes
-from .pose_hypotheses import propose_shifted_poses as propose_shifted_poses
-from .registration import Registered as Registered
-from .registration import register_asset as register_asset
-from .registration import registration_cost as registration_cost
-from .unexplained_segments import ResidualCandidates as ResidualCandidates
-from .unexplained_segments import label_residual_pixels as label_residual_pixels
-from .unexplained_segments import match_pieces_to_objects as match_pieces_to_objects

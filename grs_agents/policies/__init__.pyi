@@ -1,9 +1,0 @@
-from .policy_registry import POLICIES as POLICIES
-from .policy_registry import load_policy as load_policy
-from .types import Cause as Cause
-from .types import EarlierDecision as EarlierDecision
-from .types import Policy as Policy
-from .types import RoutingContext as RoutingContext
-from .types import RoutingDecision as RoutingDecision
-from .types import list_stable_failures as list_stable_failures
-from .types import read_episode as read_episode
