@@ -6,9 +6,9 @@ from pathlib import Path
 from evals.benchmark.ablation_figures import tell_figures
 from evals.benchmark.ablation_runs import make_runs, make_scenes
 from evals.synthesis import Recipe, recipes
-from grs_agents import content
-from grs_agents.batch.scene_list import list_scenes
-from grs_agents.errors import UnknownNameError
+from grs_agents.base import content
+from grs_agents.base.errors import UnknownNameError
+from grs_agents.runs.batch.scene_list import list_scenes
 from grs_agents.runs.experiment_run import ExperimentParser
 from grs_agents.runs.experiments import positive_int
 

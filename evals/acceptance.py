@@ -12,21 +12,20 @@ from typing import Any
 
 from langgraph.runtime import Runtime
 
-from grs_agents import content
 from grs_agents.agents.agent import Agents
 from grs_agents.audit.types import AuditReport
-from grs_agents.base import Frozen
-from grs_agents.config.schema import Config
-from grs_agents.errors import InputError
-from grs_agents.nodes.authoring import generate_sim, generate_task, generate_tests
-from grs_agents.nodes.judging import audit_task, next_step_after_tests, run_tests
-from grs_agents.nodes.services import Services
+from grs_agents.base import Frozen, content
+from grs_agents.base.config.schema import Config
+from grs_agents.base.errors import InputError
+from grs_agents.base.trace.log import EventLog
+from grs_agents.graph.authoring import generate_sim, generate_task, generate_tests
+from grs_agents.graph.judging import audit_task, next_step_after_tests, run_tests
+from grs_agents.graph.policies.policy_registry import load_policy
+from grs_agents.graph.services import Services
 from grs_agents.perception.types import read_scene_description
-from grs_agents.policies.policy_registry import load_policy
 from grs_agents.runs.experiment_run import ExperimentParser
 from grs_agents.runs.sandbox_setup import open_sandbox
 from grs_agents.sandbox.protocol.report import TestReport
-from grs_agents.trace.log import EventLog
 
 FALSE_ALARMS = 0.02
 """The largest share of honest plans that may be rejected."""

@@ -15,12 +15,12 @@ from evals.benchmark.calibration import (
     write_reliability_diagram,
 )
 from grs_agents.base import Frozen
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.library import Library
-from grs_agents.metrics import figures_table, metrics_table, metrics_to_dicts
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.matching.confidence import INPUTS
 from grs_agents.runs.experiment_run import ExperimentParser
+from grs_agents.runs.metrics import figures_table, metrics_table, metrics_to_dicts
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.toolkit import ToolContext
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from evals.benchmark.match_runs import METHODS, match_orders, run_match_orders
 from evals.benchmark.perception_runs import MeasurementOptions, orders_of, synthesised_orders
 from evals.synthesis.recipe_options import add_recipe_options, recipes_from_options
-from grs_agents.errors import UnknownNameError
+from grs_agents.base.errors import UnknownNameError
 from grs_agents.runs.experiment_run import ExperimentParser
 from grs_agents.runs.experiments import positive_int
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from grs_agents.envs import GrsEnv
 from grs_agents.library.library import Library
-from grs_agents.metrics import Figure
+from grs_agents.runs.metrics import Figure
 from grs_agents.sim import Environment, Task, inside, instantiate
 
 CANS = ("AlphabetSoup", "Corn", "GreenBeans", "Mushrooms", "Peaches", "Pineapple", "TomatoSauce", "Tuna")

@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.base import Frozen
-from grs_agents.content import content_root
-from grs_agents.errors import GrsError
+from grs_agents.base.content import content_root
+from grs_agents.base.errors import GrsError
 from grs_agents.library.library import Library
 from grs_agents.sim import Environment, InstanceObject, InstanceTask, TaskInstance, find_task_class, run_oracle
 from grs_agents.sim import instantiate as instantiate_task

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from grs_agents.base import Frozen
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.library import Library
 from grs_agents.perception.registration.size_check import (
     deviation_from_measured_box,

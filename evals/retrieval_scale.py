@@ -6,9 +6,9 @@ from pathlib import Path
 
 from evals.benchmark.retrieval import measure_retrieval, retrieval_targets
 from grs_agents.base import Frozen
-from grs_agents.metrics import metrics_to_dicts
 from grs_agents.runs.experiment_run import ExperimentParser
 from grs_agents.runs.experiments import positive_int, terminal_table
+from grs_agents.runs.metrics import metrics_to_dicts
 
 
 class _Index(Frozen):

@@ -13,21 +13,20 @@ from langgraph.graph import START
 from langgraph.runtime import Runtime
 
 from evals.faults.planting import PlantedFault, plant_mistakes, read_fault_folders
-from grs_agents import content
 from grs_agents.agents.agent import Agents
-from grs_agents.base import Frozen
-from grs_agents.config.schema import Config
-from grs_agents.errors import InputError
-from grs_agents.nodes.graph_segments import add_fix_loop, add_judging, empty_graph
-from grs_agents.nodes.judging import run_tests
-from grs_agents.nodes.services import Services
-from grs_agents.policies.policy_registry import load_policy
-from grs_agents.policies.types import Policy, RoutingContext, RoutingDecision
+from grs_agents.base import Frozen, content
+from grs_agents.base.config.schema import Config
+from grs_agents.base.errors import InputError
+from grs_agents.base.trace.log import EventLog
+from grs_agents.graph.graph_segments import add_fix_loop, add_judging, empty_graph
+from grs_agents.graph.judging import run_tests
+from grs_agents.graph.policies.policy_registry import load_policy
+from grs_agents.graph.policies.types import Policy, RoutingContext, RoutingDecision
+from grs_agents.graph.services import Services
 from grs_agents.runs.experiment_run import ExperimentParser
 from grs_agents.runs.experiments import positive_int
 from grs_agents.runs.sandbox_setup import open_sandbox
 from grs_agents.sandbox.protocol.report import TestReport
-from grs_agents.trace.log import EventLog
 
 SCENE = "groceries"
 TARGET = 0.85

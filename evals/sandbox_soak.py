@@ -11,14 +11,13 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from grs_agents import content
-from grs_agents.base import Frozen
-from grs_agents.config.schema import Config, Limits
+from grs_agents.base import Frozen, content
+from grs_agents.base.config.schema import Config, Limits
+from grs_agents.base.terminal import print_escaped
 from grs_agents.runs.experiment_run import ExperimentParser, show_progress
 from grs_agents.runs.experiments import positive_int, terminal_table
 from grs_agents.runs.sandbox_setup import open_sandbox
 from grs_agents.sandbox.host.sandbox import Sandbox
-from grs_agents.terminal import print_escaped
 
 TOOL = """
 from grs_agents import sandbox, sim

@@ -9,12 +9,12 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from grs_agents import content
-from grs_agents.config.schema import Config, Limits
+from grs_agents.base import content
+from grs_agents.base.config.schema import Config, Limits
 from grs_agents.library.library import Library
-from grs_agents.metrics import Figure, cpu_seconds
 from grs_agents.runs.experiment_run import ExperimentParser
 from grs_agents.runs.experiments import positive_int
+from grs_agents.runs.metrics import Figure, cpu_seconds
 from grs_agents.runs.sandbox_setup import PRELOAD, TOOLS, open_sandbox
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.toolkit import ToolContext, load_tool

@@ -11,10 +11,10 @@ from types import ModuleType
 
 import numpy as np
 
-from grs_agents.content import content_root
+from grs_agents.base.content import content_root
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
-from grs_agents.metrics import Figure
-from grs_agents.mujoco_import import mujoco
+from grs_agents.runs.metrics import Figure
 from grs_agents.sim import Environment, Rollout, Task, find_task_class, instantiate, rollout
 from grs_agents.sim.world.physics import Physics
 

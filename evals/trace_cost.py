@@ -15,19 +15,18 @@ from langchain_core.language_models.chat_models import BaseChatModel
 from langchain_core.messages import AIMessage, BaseMessage
 from langchain_core.outputs import ChatGeneration, ChatResult
 
-from grs_agents import content
 from grs_agents.agents.agent import Agents
-from grs_agents.base import Frozen
-from grs_agents.config.schema import Config
+from grs_agents.base import Frozen, content
+from grs_agents.base.config.schema import Config
+from grs_agents.base.trace.events import Event, RunEnded, RunStarted
+from grs_agents.base.trace.log import EventLog, read_events
+from grs_agents.graph.policies.policy_registry import load_policy
+from grs_agents.graph.services import Services
 from grs_agents.library.library import Library
-from grs_agents.metrics import cpu_seconds
-from grs_agents.nodes.services import Services
-from grs_agents.policies.policy_registry import load_policy
 from grs_agents.runs.experiment_run import ExperimentParser
 from grs_agents.runs.experiments import terminal_table
+from grs_agents.runs.metrics import cpu_seconds
 from grs_agents.runs.sandbox_setup import open_sandbox
-from grs_agents.trace.events import Event, RunEnded, RunStarted
-from grs_agents.trace.log import EventLog, read_events
 
 LARGEST_MIB, LARGEST_SHARE = 15.0, 0.05
 """The bounds of a run with ten fixes and three rollouts."""

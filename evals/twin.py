@@ -11,8 +11,7 @@ from evals.benchmark.perception_runs import unique_names
 from evals.benchmark.scene_run import ASIDE
 from evals.benchmark.types import Order, run_folder
 from evals.benchmark.worker_processes import error_of, run_worker
-from grs_agents import content
-from grs_agents.base import Frozen
+from grs_agents.base import Frozen, content
 from grs_agents.perception.reading.scene_source import check_scene_source, read_scene
 from grs_agents.perception.types import read_scene_description
 from grs_agents.runs.experiment_run import ExperimentParser

@@ -1,6 +1,6 @@
 """Two authors write the simulation side by side; the better program gets tests and goes on as in the graph grs."""
 
-from grs_agents.nodes import (
+from grs_agents.graph import (
     RunGraph,
     add_authors,
     add_competing_authors,

@@ -1,6 +1,6 @@
 """The whole of GRS: from a photo with depth to a validated task (paper, Figure 2)."""
 
-from grs_agents.nodes import RunGraph, add_authors, add_fix_loop, add_judging, add_perception, empty_graph
+from grs_agents.graph import RunGraph, add_authors, add_fix_loop, add_judging, add_perception, empty_graph
 
 
 def build() -> RunGraph:

@@ -1,6 +1,6 @@
 """Ablation ``LLM``: as ``no fix``, and the authors of task and simulation do not see the image (paper, Table 2)."""
 
-from grs_agents.nodes import RunGraph, add_authors, add_judging, add_perception, empty_graph, hide_image
+from grs_agents.graph import RunGraph, add_authors, add_judging, add_perception, empty_graph, hide_image
 
 
 def build() -> RunGraph:

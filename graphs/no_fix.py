@@ -1,6 +1,6 @@
 """Ablation ``no fix``: no tests, the simulation is generated once and audited as it is (paper, Table 2)."""
 
-from grs_agents.nodes import RunGraph, add_authors, add_judging, add_perception, empty_graph
+from grs_agents.graph import RunGraph, add_authors, add_judging, add_perception, empty_graph
 
 
 def build() -> RunGraph:

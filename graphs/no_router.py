@@ -1,6 +1,6 @@
 """Ablation ``no router``: whatever fails, the simulation program is fixed, never the tests (paper, Table 2)."""
 
-from grs_agents.nodes import RunGraph, add_authors, add_fix_loop, add_judging, add_perception, empty_graph
+from grs_agents.graph import RunGraph, add_authors, add_fix_loop, add_judging, add_perception, empty_graph
 
 
 def build() -> RunGraph:

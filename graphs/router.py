@@ -2,7 +2,7 @@
 
 from langgraph.graph import START
 
-from grs_agents.nodes import RunGraph, add_authors, add_fix_loop, add_judging, empty_graph
+from grs_agents.graph import RunGraph, add_authors, add_fix_loop, add_judging, empty_graph
 
 NEEDS = ("task", "scene")
 """What must be in the state when it starts."""

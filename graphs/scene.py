@@ -2,7 +2,7 @@
 
 from langgraph.graph import END
 
-from grs_agents.nodes import RunGraph, add_perception, empty_graph
+from grs_agents.graph import RunGraph, add_perception, empty_graph
 
 VERDICT = False
 """It ends with a scene, not with a verdict."""

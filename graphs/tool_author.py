@@ -1,6 +1,6 @@
 """As the graph grs, and the author of the simulation may call tools before it hands its program in."""
 
-from grs_agents.nodes import (
+from grs_agents.graph import (
     RunGraph,
     add_authors,
     add_fix_loop,

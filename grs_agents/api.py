@@ -14,8 +14,10 @@ from threading import Thread
 from typing import Any
 
 from grs_agents.agents.types import TaskDefinition
-from grs_agents.config.load import load_config
-from grs_agents.foreign.files import read_json, read_text
+from grs_agents.base.config.load import load_config
+from grs_agents.base.foreign.files import read_json, read_text
+from grs_agents.base.trace.events import Event
+from grs_agents.base.trace.log import EventLog, Subscriber, read_events
 from grs_agents.perception.reading.scene_source import resolve_scene_path
 from grs_agents.perception.types import SceneDescription, read_scene_description
 from grs_agents.runs.execution import Views, execute_run
@@ -25,9 +27,7 @@ from grs_agents.runs.program_check import CheckResult, check_user_program, open_
 from grs_agents.runs.record import RunRecord, read_record
 from grs_agents.runs.run_opening import Order
 from grs_agents.sim.instance.task_instance import TaskInstance
-from grs_agents.task_folder import open_task_folder
-from grs_agents.trace.events import Event
-from grs_agents.trace.log import EventLog, Subscriber, read_events
+from grs_agents.tasks.task_folder import open_task_folder
 from grs_agents.views.live_views import attach_live_views
 
 _REMEDY = "name a folder that `grs run` wrote"
@@ -56,7 +56,7 @@ class Run:
 
     @property
     def events(self) -> list[Event]:
-        """What happened, in order; the types are in `grs_agents.trace`."""
+        """What happened, in order; the types are in `grs_agents.base.trace`."""
         return read_events(self.folder / "events.jsonl")
 
     @property

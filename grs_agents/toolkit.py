@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from pydantic import BaseModel
 
-from grs_agents import content
-from grs_agents.base import Frozen
-from grs_agents.config.schema import Limits
-from grs_agents.errors import InputError
+from grs_agents.base import Frozen, content
+from grs_agents.base.config.schema import Limits
+from grs_agents.base.errors import InputError
 from grs_agents.library.library import Library
 from grs_agents.sandbox.host.sandbox import Sandbox
 

@@ -26,10 +26,10 @@ Frame = dict[str, Any]
 
 def make(run: Path, folder: Path, episodes: int) -> None:
     """Write the same demonstrations in each format, and ``expected.npz``."""
-    from grs_agents.demos.dataset import write_dataset
-    from grs_agents.demos.production import DemoOrder, make_demonstrations
-    from grs_agents.demos.types import FORMATS
-    from grs_agents.task_folder import open_task_folder
+    from grs_agents.tasks.demos.dataset import write_dataset
+    from grs_agents.tasks.demos.production import DemoOrder, make_demonstrations
+    from grs_agents.tasks.demos.types import FORMATS
+    from grs_agents.tasks.task_folder import open_task_folder
 
     task, order = open_task_folder(run), DemoOrder(episodes=episodes, cameras=CAMERAS)
     folder.mkdir(parents=True)

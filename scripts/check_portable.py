@@ -80,7 +80,7 @@ def write_example(folder: Path, **changes: Any) -> Path:
 
 def plan_commands(scene: Path) -> tuple[Floats, Floats]:
     """Commands (T, nu) that lift an object, and the positions (T, nq) that they lead to in this MuJoCo."""
-    from grs_agents.mujoco_import import mujoco
+    from grs_agents.base.mujoco_import import mujoco
     from grs_agents.sim.arms.registry import get_arm
 
     arm: Any = get_arm()
@@ -141,8 +141,8 @@ def try_out(scene: str, plan: str) -> None:
 
 def main() -> None:
     """Make the example, its plan and the venv, and try the one in the other."""
-    from grs_agents.export.mjcf_folder import export_mjcf
-    from grs_agents.task_folder import open_task_folder
+    from grs_agents.tasks.export.mjcf_folder import export_mjcf
+    from grs_agents.tasks.task_folder import open_task_folder
 
     with tempfile.TemporaryDirectory(prefix="grs-portable-") as name:
         folder = Path(name)

@@ -15,7 +15,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from grs_agents.files import write_json, write_text
+from grs_agents.base.files import write_json, write_text
 from grs_agents.runs.experiments import markdown_table
 
 ROOT = Path(__file__).parent.parent

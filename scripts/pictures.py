@@ -56,7 +56,7 @@ FIXED = (Picture("fixes", "3 Tests and fixes", ("decision", -1)),)
 
 def digest() -> str:
     """The SHA-256 of what the pictures show: the layout of the views, the state machine, the sample scene, rerun."""
-    from grs_agents import content
+    from grs_agents.base import content
     from grs_agents.views.rerun.state_machine_view import node_positions
     from grs_agents.views.rerun.viewer_layout import build_run_blueprint
 
@@ -160,8 +160,8 @@ def _still(viewer: Any) -> bytes:
 
 def moments_of(folder: Path) -> dict[str, list[float]]:
     """Where on the timeline ``replay`` each event of a run is, by kind, s."""
-    from grs_agents.trace.events import Rollout
-    from grs_agents.trace.log import read_events
+    from grs_agents.base.trace.events import Rollout
+    from grs_agents.base.trace.log import read_events
     from grs_agents.views.rerun.recording import Clock
     from grs_agents.views.rerun.rollout_view import rollout_duration
 
@@ -175,8 +175,8 @@ def moments_of(folder: Path) -> dict[str, list[float]]:
 
 def main() -> int:
     """Make two runs and their pictures, and note what they show."""
-    from grs_agents import content
-    from grs_agents.config.load import load_config
+    from grs_agents.base import content
+    from grs_agents.base.config.load import load_config
     from grs_agents.runs.execution import execute_run
     from grs_agents.runs.run_opening import Order
     from grs_agents.views.film.rollout_film import make_rollout_shot, write_film

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from evals.synthesis import Recipe, synthesise
-from grs_agents import content
+from grs_agents.base import content
 from grs_agents.library.library import Library
 from tests.cli.command import grs
 

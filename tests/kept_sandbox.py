@@ -6,8 +6,8 @@ from contextlib import AbstractContextManager, nullcontext
 from functools import cache
 from pathlib import Path
 
-from grs_agents import content
-from grs_agents.config.schema import Config
+from grs_agents.base import content
+from grs_agents.base.config.schema import Config
 from grs_agents.runs.sandbox_setup import PRELOAD, TOOLS, open_sandbox
 from grs_agents.sandbox.host.sandbox import Sandbox
 

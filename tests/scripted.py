@@ -12,8 +12,8 @@ from langchain_core.outputs import ChatGeneration, ChatResult
 from pydantic import Field
 
 from grs_agents.agents.agent import Agents
-from grs_agents.config.schema import Config
-from grs_agents.trace.log import EventLog
+from grs_agents.base.config.schema import Config
+from grs_agents.base.trace.log import EventLog
 
 
 class ScriptedModel(BaseChatModel):

@@ -12,7 +12,7 @@ import pytest
 
 import grs_agents
 from grs_agents import Run
-from grs_agents.errors import ConfigError, GrsError, InputError
+from grs_agents.base.errors import ConfigError, GrsError, InputError
 
 README = Path(__file__).parent.parent / "README.md"
 

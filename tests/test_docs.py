@@ -14,13 +14,13 @@ import pytest
 from typer.core import TyperGroup
 from typer.main import get_command
 
+from grs_agents.base.config.schema import ROLE_ALIASES, ROLES, Config
+from grs_agents.base.content import content_names
+from grs_agents.base.trace.events import Event
 from grs_agents.cli.commands import app
-from grs_agents.config.schema import ROLE_ALIASES, ROLES, Config
-from grs_agents.content import content_names
 from grs_agents.library.library import Library
 from grs_agents.sim import Goal, Outcome, p
 from grs_agents.sim.instance import goal
-from grs_agents.trace.events import Event
 from tests.cli.command import grs
 
 ROOT = Path(__file__).parent.parent
@@ -59,7 +59,7 @@ def test_every_role_is_documented() -> None:
 
 
 def test_every_check_of_the_audit_is_documented() -> None:
-    sources = [*(ROOT / "grs_agents" / "audit").glob("*.py"), *(ROOT / "grs_agents" / "nodes").glob("*.py")]
+    sources = [*(ROOT / "grs_agents" / "audit").glob("*.py"), *(ROOT / "grs_agents" / "graph").glob("*.py")]
     named = re.compile(r'(?:check=|from_fault_list\()"(\w+)"')
     made = {name for file in sources for name in named.findall(file.read_text(encoding="utf-8"))}
     assert {cells[0].strip("`") for cells in rows(page("audit.md"))} == made

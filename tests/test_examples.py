@@ -10,8 +10,8 @@ import pytest
 
 from grs_agents.agents.examples import Example, read_examples
 from grs_agents.audit.checks import audit_task
-from grs_agents.config.schema import AuditConfig
-from grs_agents.content import content_root
+from grs_agents.base.config.schema import AuditConfig
+from grs_agents.base.content import content_root
 from grs_agents.library.library import Library
 from grs_agents.sim import (
     HAND_NOISE,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from grs_agents import content
+from grs_agents.base import content
 
 GRAPHS = content.content_names("graphs")
 

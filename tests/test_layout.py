@@ -13,53 +13,37 @@ import pytest
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "grs_agents"
 
-FLOORS: tuple[frozenset[str], ...] = (
-    frozenset({"errors", "base", "version"}),
-    frozenset(
-        {
-            "files",
-            "metrics",
-            "mujoco_import",
-            "foreign",
-            "interrupts",
-            "plugins",
-            "python_parsing",
-            "questions",
-            "terminal",
-            "worker_pool",
-        }
-    ),
-    frozenset({"trace", "config", "content", "geometry"}),
+LAYERS: tuple[frozenset[str], ...] = (
+    frozenset({"base"}),
     frozenset({"sandbox"}),
     frozenset({"library"}),
     frozenset({"sim", "models"}),
-    frozenset({"perception", "agents", "toolkit", "task_folder"}),
-    frozenset({"audit", "envs", "export", "tools/", "varied_instances"}),
-    frozenset({"policies", "state", "demos"}),
-    frozenset({"nodes", "grading"}),
+    frozenset({"perception", "agents", "toolkit"}),
+    frozenset({"audit", "tasks", "tools/"}),
+    frozenset({"graph", "envs"}),
     frozenset({"runs", "graphs/", "views"}),
-    frozenset({"api", "batch", "examples"}),
+    frozenset({"api", "examples"}),
     frozenset({"serving"}),
     frozenset({"cli"}),
     frozenset({"evals/", "__main__"}),
     frozenset({"scripts/"}),
 )
-"""From the ground up; a room imports only from floors below its own. A slash marks a content folder."""
+"""From the bottom up; a package imports only from layers below its own. A slash marks a content folder."""
 
 
-def floor_of(room: str) -> int:
-    """The floor a room stands on."""
-    found = [number for number, rooms in enumerate(FLOORS) if room in rooms]
-    assert found, f"{room} stands on no floor: add it to FLOORS in {Path(__file__).name}"
-    return found[0]
+def layer_of(package: str) -> int:
+    """The index of a package's layer."""
+    layers = [number for number, packages in enumerate(LAYERS) if package in packages]
+    assert layers, f"{package} is in no layer: add it to LAYERS in {Path(__file__).name}"
+    return layers[0]
 
 
 def sources() -> Iterator[tuple[str, Path]]:
-    """Every Python file of the library and the content, with its room."""
+    """Every Python file of the library and the content, with its package."""
     for file in sorted(PACKAGE.rglob("*.py")):
-        room = file.relative_to(PACKAGE).parts[0].removesuffix(".py")
-        if room not in ("__init__", "_bundled"):
-            yield room, file
+        package = file.relative_to(PACKAGE).parts[0].removesuffix(".py")
+        if package not in ("__init__", "_bundled"):
+            yield package, file
     for folder in ("tools", "graphs", "evals", "scripts"):
         for file in sorted((ROOT / folder).rglob("*.py")):
             yield f"{folder}/", file
@@ -93,19 +77,19 @@ MODULES = {
 
 
 def ours(file: Path) -> Iterator[tuple[str, str]]:
-    """The rooms a file imports from, each with the dotted name."""
+    """The packages that a file imports from, each with the dotted name."""
     for name in imports(file):
-        package, _, rest = name.partition(".")
-        if package == PACKAGE.name and rest:
+        root, _, rest = name.partition(".")
+        if root == PACKAGE.name and rest:
             yield rest.split(".")[0], name
 
 
-def test_a_room_imports_only_from_floors_below_its_own() -> None:
+def test_a_package_imports_only_from_layers_below_its_own() -> None:
     climbing = [
-        f"{file.relative_to(ROOT)} ({room}) imports {other}"
-        for room, file in SOURCES
+        f"{file.relative_to(ROOT)} ({package}) imports {other}"
+        for package, file in SOURCES
         for other, _ in ours(file)
-        if other != room and floor_of(other) >= floor_of(room)
+        if other != package and layer_of(other) >= layer_of(package)
     ]
     assert not climbing
 
@@ -115,9 +99,9 @@ def test_only_a_checkout_has_experiments_and_scripts() -> None:
     barred = {"evals/": ("scripts",), "scripts/": ()}
     climbing = [
         f"{file.relative_to(ROOT)} imports {name}"
-        for room, file in SOURCES
+        for package, file in SOURCES
         for name in imports(file)
-        if name.split(".")[0] in barred.get(room, ("evals", "scripts"))
+        if name.split(".")[0] in barred.get(package, ("evals", "scripts"))
     ]
     assert not climbing
 
@@ -142,20 +126,20 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
     assert [sorted(circle) for circle in circles if len(circle) > 1] == []
 
 
-def test_private_names_stay_in_their_room() -> None:
+def test_private_names_stay_in_their_package() -> None:
     leaks = [
         f"{file.relative_to(ROOT)} imports {name}"
-        for room, file in SOURCES
+        for package, file in SOURCES
         for other, name in ours(file)
-        if other != room and any(part.startswith("_") for part in name.split(".") if part != "__version__")
+        if other != package and any(part.startswith("_") for part in name.split(".") if part != "__version__")
     ]
     assert not leaks
 
 
-@pytest.mark.parametrize("room", ["sim", "library", "sandbox"])
-def test_what_runs_in_the_sandbox_imports_nothing_heavy(room: str) -> None:
+@pytest.mark.parametrize("package", ["sim", "library", "sandbox"])
+def test_what_runs_in_the_sandbox_imports_nothing_heavy(package: str) -> None:
     heavy = ("langchain_core", "langgraph", "rerun", "cv2", "httpx", "OpenGL", "PIL")
-    probe = f"import sys, grs_agents.{room}; print([name for name in {heavy!r} if name in sys.modules])"
+    probe = f"import sys, grs_agents.{package}; print([name for name in {heavy!r} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", probe], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 

@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from grs_agents import content
-from grs_agents.config.schema import ModelConfig
+from grs_agents.base import content
+from grs_agents.base.config.schema import ModelConfig
+from grs_agents.base.trace.events import Decision, NodeStarted, ProgramVersion, Prompt
+from grs_agents.base.trace.log import read_events
 from grs_agents.models.factory import make_chat_model
-from grs_agents.trace.events import Decision, NodeStarted, ProgramVersion, Prompt
-from grs_agents.trace.log import read_events
 from tests.chat_server import chat_server
 from tests.cli.command import grs
 from tests.gantry import GANTRY

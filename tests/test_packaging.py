@@ -13,7 +13,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from grs_agents import content
+from grs_agents.base import content
 from grs_agents.runs.experiments import CHECKOUT_ONLY
 
 ROOT = Path(__file__).parent.parent

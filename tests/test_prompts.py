@@ -4,9 +4,9 @@ import re
 
 import pytest
 
-from grs_agents import content
 from grs_agents.agents.prompt_template import PromptTemplate, read_prompt_template
-from grs_agents.config.schema import PromptsConfig
+from grs_agents.base import content
+from grs_agents.base.config.schema import PromptsConfig
 from grs_agents.models.offline.prompt_text import parse_prompt
 
 ROLES = content.content_names("prompts")

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 import grs_agents
-from grs_agents import content
-from grs_agents.config.schema import Limits
-from grs_agents.errors import InputError, UnknownNameError
+from grs_agents.base import content
+from grs_agents.base.config.schema import Limits
+from grs_agents.base.errors import InputError, UnknownNameError
 from grs_agents.library.library import Library
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.toolkit import ToolContext, build_langchain_tools, json_tool_names, load_tool, open_library

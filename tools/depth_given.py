@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import NoReturn
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.perception.reading.photo_without_depth import DepthEstimate
 from grs_agents.perception.types import Image
 from grs_agents.toolkit import ToolContext

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import ConfigError
+from grs_agents.base.errors import ConfigError
 from grs_agents.perception.pretrained_models import LOCAL, load_model_config, load_pretrained_model, wrap_model_errors
 from grs_agents.perception.types import Image
 from grs_agents.toolkit import ToolContext

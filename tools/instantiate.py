@@ -12,7 +12,7 @@ from typing import Annotated, Any, Final, Literal, get_args
 from pydantic import Field, ValidationError
 
 from grs_agents.base import Frozen
-from grs_agents.config.schema import Limits
+from grs_agents.base.config.schema import Limits
 from grs_agents.sandbox.harness.captured_error import CapturedError
 from grs_agents.sandbox.harness.channel import report_progress
 from grs_agents.sandbox.harness.suite_runner import load_program, seed_everything

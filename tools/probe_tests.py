@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from grs_agents.base import Frozen
-from grs_agents.config.schema import Limits
+from grs_agents.base.config.schema import Limits
 from grs_agents.sandbox.harness.channel import report_progress
 from grs_agents.sandbox.harness.suite_probe import run_suite_once
 from grs_agents.sandbox.host.batch_calls import BatchResult, call_tool_for_each_item

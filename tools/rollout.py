@@ -9,9 +9,9 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from grs_agents.base import Frozen
-from grs_agents.config.schema import Limits
-from grs_agents.errors import GrsError
-from grs_agents.files import write_bytes
+from grs_agents.base.config.schema import Limits
+from grs_agents.base.errors import GrsError
+from grs_agents.base.files import write_bytes
 from grs_agents.library.library import Library
 from grs_agents.sandbox.protocol.report import CallResult
 from grs_agents.toolkit import ToolContext, ToolRequest, list_folders_to_read, open_library

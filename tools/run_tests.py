@@ -5,7 +5,7 @@ from typing import Any
 from pydantic import Field
 
 from grs_agents.base import Frozen
-from grs_agents.config.schema import Limits
+from grs_agents.base.config.schema import Limits
 from grs_agents.sandbox.harness.suite_runner import run_tests_inside
 from grs_agents.sandbox.host.suite_run import TestRun, run_tests
 from grs_agents.sandbox.protocol.report import TestReport

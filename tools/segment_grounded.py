@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from grs_agents.errors import ConfigError
+from grs_agents.base.errors import ConfigError
 from grs_agents.perception.configuration import DEFAULT, Segmentation
 from grs_agents.perception.pretrained_models import LOCAL, load_model_config, load_pretrained_model, wrap_model_errors
 from grs_agents.perception.segmentation.candidates import measure_candidates

@@ -8,7 +8,7 @@ import numpy as np
 
 from evals.benchmark.ablation_runs import Measured
 from evals.benchmark.rank_tests import kruskal_wallis, mann_whitney
-from grs_agents.files import write_text
+from grs_agents.base.files import write_text
 from grs_agents.runs.experiment_run import Experiment
 from grs_agents.runs.experiments import markdown_table, terminal_table
 

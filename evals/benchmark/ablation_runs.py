@@ -11,17 +11,17 @@ from typing import Any
 from evals.benchmark.perception_runs import unique_names
 from evals.synthesis import Recipe, synthesise
 from grs_agents.base import Frozen
-from grs_agents.batch.jobs import run_jobs
-from grs_agents.batch.row import make_batch_row
-from grs_agents.batch.run_process import RunEnd, RunJob
-from grs_agents.errors import GrsError
-from grs_agents.files import write_text
-from grs_agents.foreign.files import read_json
+from grs_agents.base.errors import GrsError
+from grs_agents.base.files import write_text
+from grs_agents.base.foreign.files import read_json
+from grs_agents.base.terminal import print_escaped
+from grs_agents.base.trace.log import read_events
 from grs_agents.library.library import Library
 from grs_agents.perception.reading.scene_source import short_scene_name
+from grs_agents.runs.batch.jobs import run_jobs
+from grs_agents.runs.batch.row import make_batch_row
+from grs_agents.runs.batch.run_process import RunEnd, RunJob
 from grs_agents.runs.experiment_run import Experiment
-from grs_agents.terminal import print_escaped
-from grs_agents.trace.log import read_events
 
 _REMEDY = "name another --out"
 

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from evals.benchmark.ground_truth import LabelledScene, TrueObject
 from evals.benchmark.segmentation_metrics import MATCHED, overlaps
 from evals.benchmark.types import FrameFigures, ObjectFigures
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.library import Library
 from grs_agents.library.posed_meshes import build_posed_triangles
 from grs_agents.perception.table_finding import find_table

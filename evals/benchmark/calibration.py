@@ -12,15 +12,15 @@ from evals.benchmark.contact_sheet import Picture, write_picture, write_words
 from evals.benchmark.ground_truth import read_labelled
 from evals.benchmark.match_worker import first_of_same_look
 from grs_agents.base import Frozen
-from grs_agents.errors import GrsError, InputError
+from grs_agents.base.errors import GrsError, InputError
 from grs_agents.library.asset import Asset
 from grs_agents.library.library import Library
-from grs_agents.metrics import Figure
 from grs_agents.perception.matching.feature_matcher import rank_assets_per_segment
 from grs_agents.perception.matching.types import MatchRequest, Segment
 from grs_agents.perception.reading.scene_source import read_scene
 from grs_agents.perception.table_finding import find_table
 from grs_agents.perception.types import Array, Candidate, MatchEvidence, RGBDFrame
+from grs_agents.runs.metrics import Figure
 from grs_agents.toolkit import ToolContext, load_tool
 
 _PRODUCTS = Path(__file__).with_name("known_products.json")

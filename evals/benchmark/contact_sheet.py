@@ -10,7 +10,7 @@ import numpy.typing as npt
 from evals.benchmark.ground_truth import read_labelled
 from evals.benchmark.scene_run import TWIN, TWIN_ASIDE
 from evals.benchmark.types import Result, SceneFigures, result_file, run_folder
-from grs_agents.files import write_bytes
+from grs_agents.base.files import write_bytes
 from grs_agents.perception.image_geometry import mask_outline_pixels
 from grs_agents.perception.types import Camera
 

@@ -10,9 +10,9 @@ from typing import Any
 
 from evals.benchmark.segmentation_metrics import sum_scores
 from evals.benchmark.types import ObjectFigures, RunFigures, SceneFigures
-from grs_agents.files import write_json, write_text
-from grs_agents.metrics import Figure, metrics_to_dicts
+from grs_agents.base.files import write_json, write_text
 from grs_agents.runs.experiments import markdown_table
+from grs_agents.runs.metrics import Figure, metrics_to_dicts
 
 _LENGTHS = {"centre mm": "center", "size mm": "size", "depth mm": "depth_error", "position mm": "position"}
 _DIGITS = {

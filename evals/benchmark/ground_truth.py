@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from evals.benchmark.ground_truth_bop import bop_objects
 from grs_agents.base import Frozen, Quat, Vec3
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.perception.image_geometry import Labels
 from grs_agents.perception.reading.bop import is_bop_source
 from grs_agents.perception.reading.masks import read_masks

@@ -6,8 +6,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from grs_agents.errors import InputError
-from grs_agents.foreign.files import is_folder, list_folder_names, path_exists, read_json
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.files import is_folder, list_folder_names, path_exists, read_json
 from grs_agents.perception.reading.bop import METRES_PER_MILLIMETRE, PREFIX, parse_bop_source
 from grs_agents.perception.reading.point_cloud_files import read_ply
 from grs_agents.perception.types import Array

@@ -8,7 +8,7 @@ from typing import Any
 from evals.benchmark.figures import calibration_error, csv_text
 from evals.benchmark.match_types import Matching, f1_precision_recall
 from evals.benchmark.rank_tests import confidence_interval, kruskal_wallis, scheirer_ray_hare
-from grs_agents.files import write_json, write_text
+from grs_agents.base.files import write_json, write_text
 from grs_agents.runs.experiments import markdown_table
 
 _COUNTED = ("right", "wrong asset", "false alarm", "missed")

@@ -10,11 +10,11 @@ from evals.benchmark.match_sheet import write_match_plot, write_match_sheet
 from evals.benchmark.match_types import Matching, MatchOrder, Method, matching_file
 from evals.benchmark.types import Order
 from evals.benchmark.worker_processes import error_of, run_jobs, run_worker
-from grs_agents import content
-from grs_agents.errors import InputError
+from grs_agents.base import content
+from grs_agents.base.errors import InputError
+from grs_agents.base.terminal import print_escaped
 from grs_agents.runs.experiment_run import Experiment
 from grs_agents.runs.experiments import terminal_table
-from grs_agents.terminal import print_escaped
 
 METHODS: dict[str, Method] = {
     one.name: one

@@ -9,7 +9,7 @@ import numpy as np
 
 from evals.benchmark.contact_sheet import Picture, write_picture, write_words
 from evals.benchmark.match_types import Matching, ScoredAnswer
-from grs_agents.errors import GrsError
+from grs_agents.base.errors import GrsError
 from grs_agents.library.asset_rendering import render_asset_views
 from grs_agents.library.library import Library
 

@@ -12,16 +12,19 @@ from evals.benchmark.ground_truth import LabelledScene, TrueObject, read_labelle
 from evals.benchmark.match_types import Matching, MatchOrder, Outcome, ScoredAnswer, matching_file
 from evals.benchmark.segmentation_metrics import overlaps
 from evals.benchmark.twin_figures import first_of_same_look
-from grs_agents import content
 from grs_agents.agents.agent import Agents
 from grs_agents.agents.types import Description, NoReply
-from grs_agents.config.load import load_config
-from grs_agents.config.schema import Config, Limits
-from grs_agents.errors import GrsError
-from grs_agents.files import write_json
+from grs_agents.base import content
+from grs_agents.base.config.load import load_config
+from grs_agents.base.config.schema import Config, Limits
+from grs_agents.base.errors import GrsError
+from grs_agents.base.files import write_json
+from grs_agents.base.terminal import print_escaped
+from grs_agents.base.trace.events import Reply
+from grs_agents.base.trace.log import EventLog, read_events
+from grs_agents.graph.asset_matching import make_model_matcher
+from grs_agents.graph.describing import ask_describer, make_describer_question, make_placeholder_description
 from grs_agents.library.library import Library
-from grs_agents.nodes.asset_matching import make_model_matcher
-from grs_agents.nodes.describing import ask_describer, make_describer_question, make_placeholder_description
 from grs_agents.perception.annotated_pictures import write_outlines
 from grs_agents.perception.matching.types import MatchResult, Segment
 from grs_agents.perception.picture_files import save_candidates, save_frame
@@ -29,10 +32,7 @@ from grs_agents.perception.segmentation.candidates import measure_candidates
 from grs_agents.perception.table_finding import find_table
 from grs_agents.perception.types import Candidate, CandidateRecord, MatchEvidence, TableFrame
 from grs_agents.sandbox.host.sandbox import Sandbox
-from grs_agents.terminal import print_escaped
 from grs_agents.toolkit import ToolContext, load_tool
-from grs_agents.trace.events import Reply
-from grs_agents.trace.log import EventLog, read_events
 
 
 def match_scene(order: MatchOrder, out: Path) -> Matching:

@@ -15,13 +15,13 @@ from evals.benchmark.segmentation_metrics import sum_scores
 from evals.benchmark.types import Order, Result, SceneFigures, result_file
 from evals.benchmark.worker_processes import EVALS, error_of, run_jobs, run_worker
 from evals.synthesis.scene import Recipe
-from grs_agents import content
-from grs_agents.errors import InputError
-from grs_agents.metrics import figures_table, metrics_table
+from grs_agents.base import content
+from grs_agents.base.errors import InputError
 from grs_agents.perception.reading.bop import is_bop_source
 from grs_agents.perception.reading.scene_source import short_scene_name
 from grs_agents.runs.experiment_run import Experiment
 from grs_agents.runs.experiments import terminal_table
+from grs_agents.runs.metrics import figures_table, metrics_table
 
 _SHOWN = ("scene", "objects", "segments", "F1@.5", "IoU", "centre mm", "CPU s")
 """What of a row fits a terminal; the rest is in the files."""

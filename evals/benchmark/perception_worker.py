@@ -20,11 +20,12 @@ from evals.benchmark.scene_run import SceneRun, comprehend_scene
 from evals.benchmark.segmentation_metrics import score_segmentation
 from evals.benchmark.twin_figures import run_figures, twin_figures
 from evals.benchmark.types import Order, Result, SceneFigures, dumped, result_file, run_folder
-from grs_agents import content
-from grs_agents.config.load import load_config
-from grs_agents.config.schema import Limits
-from grs_agents.errors import ConfigError, GrsError
-from grs_agents.files import write_bytes, write_json
+from grs_agents.base import content
+from grs_agents.base.config.load import load_config
+from grs_agents.base.config.schema import Limits
+from grs_agents.base.errors import ConfigError, GrsError
+from grs_agents.base.files import write_bytes, write_json
+from grs_agents.base.terminal import print_escaped
 from grs_agents.library.library import Library
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.object_finding import find_objects
@@ -32,7 +33,6 @@ from grs_agents.perception.robot_pixels import robot_pixel_mask
 from grs_agents.perception.table_finding import find_table
 from grs_agents.perception.types import Candidate, RGBDFrame, TableFrame
 from grs_agents.sandbox.host.sandbox import Sandbox
-from grs_agents.terminal import print_escaped
 from grs_agents.toolkit import Tool, ToolContext, load_tool
 
 _MEBIBYTE = 1024 * 1024 if sys.platform == "darwin" else 1024

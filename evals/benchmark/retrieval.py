@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from evals.benchmark.worker_processes import error_of, run_worker
-from grs_agents.errors import GrsError, InputError
-from grs_agents.metrics import Figure
+from grs_agents.base.errors import GrsError, InputError
 from grs_agents.perception.matching.asset_index import (
     DIMENSIONS,
     WEIGHTS,
@@ -27,6 +26,7 @@ from grs_agents.perception.matching.asset_index import (
     embed_words,
 )
 from grs_agents.perception.matching.color_histogram import histograms_from_rgb
+from grs_agents.runs.metrics import Figure
 
 _KINDS, _WORDS, _TOLD, _COLORS = 300, 8000, 9, 400
 _MIXED = 6

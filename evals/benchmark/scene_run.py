@@ -9,15 +9,15 @@ from typing import Final
 
 import numpy as np
 
-from grs_agents.config.load import load_config
-from grs_agents.files import write_bytes
+from grs_agents.base.config.load import load_config
+from grs_agents.base.files import write_bytes
 from grs_agents.library.library import Library
-from grs_agents.metrics import cpu_seconds
 from grs_agents.perception.image_geometry import Labels
 from grs_agents.perception.picture_files import load_mask
 from grs_agents.perception.twin_picture import draw_twin
 from grs_agents.perception.types import Mask, SceneDescription, read_scene_description
 from grs_agents.runs.execution import execute_run
+from grs_agents.runs.metrics import cpu_seconds
 from grs_agents.runs.run_opening import Order
 from grs_agents.sim.rendering.views import Picture, encode_png
 

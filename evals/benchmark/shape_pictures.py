@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 from evals.benchmark.contact_sheet import write_words
-from grs_agents.geometry.raster import barycentric_coordinates, rasterise_triangles
-from grs_agents.geometry.transforms import rotation_about_z
+from grs_agents.base.geometry.raster import barycentric_coordinates, rasterise_triangles
+from grs_agents.base.geometry.transforms import rotation_about_z
 from grs_agents.perception.shapes.types import ObjectView, TexturedMesh
 from grs_agents.perception.types import Array, Image
 

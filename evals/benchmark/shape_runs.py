@@ -13,7 +13,7 @@ from evals.benchmark.contact_sheet import write_picture
 from evals.benchmark.shape_known import photograph_known, shape_score
 from evals.benchmark.shape_pictures import join_rows, shape_row
 from grs_agents.base import Frozen
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import encode_png
 from grs_agents.perception.proxies.meshes import mesh_to_obj_text

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from evals.faults.mistakes import MISTAKES
 from grs_agents.base import Frozen
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 
 BASES = Path(__file__).parent / "bases"
 """Right pairs for the sample scene: files with three fenced blocks, task, program and tests."""

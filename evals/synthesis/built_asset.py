@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.files import write_bytes, write_json, write_text
+from grs_agents.base.files import write_bytes, write_json, write_text
 from grs_agents.library.asset import MANIFEST, Asset, Manifest
 from grs_agents.library.colors import COLORS
 from grs_agents.library.formats.urdf import format_urdf_text

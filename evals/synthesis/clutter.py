@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat, Vec3
-from grs_agents.errors import GrsError
+from grs_agents.base.errors import GrsError
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import matrix_from_quaternion, quaternion_from_rpy
-from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.instance.task_instance import InstanceObject
 from grs_agents.sim.world.compilation import World, build_world, reset_world_to_poses
 

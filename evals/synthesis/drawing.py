@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from evals.synthesis.scenery import Light, Scenery, bilinear, dot_products
-from grs_agents.geometry.raster import Buffer, barycentric_coordinates, rasterise_triangles
+from grs_agents.base.geometry.raster import Buffer, barycentric_coordinates, rasterise_triangles
 from grs_agents.library.posed_meshes import Triangles
 from grs_agents.perception.types import Camera
 

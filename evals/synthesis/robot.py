@@ -7,11 +7,11 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry.transforms import FloatArray
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
 from grs_agents.library.posed_meshes import Triangles, compute_smooth_normals
 from grs_agents.library.shapes import matrix_from_quaternion, quaternion_from_rpy
-from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.instance.task_instance import InstanceObject
 from grs_agents.sim.rendering.stage import Props, Stage

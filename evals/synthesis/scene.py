@@ -24,7 +24,7 @@ from evals.synthesis.scenery import random_scenery
 from evals.synthesis.sensors import SENSORS, SensorKind
 from evals.synthesis.sensors.common import noisy_rgb
 from grs_agents.base import Frozen, Vec3
-from grs_agents.files import write_bytes, write_json, write_text
+from grs_agents.base.files import write_bytes, write_json, write_text
 from grs_agents.library.library import Library
 from grs_agents.library.posed_meshes import Triangles, build_posed_triangles
 from grs_agents.perception.types import Aabb, Camera

@@ -12,7 +12,6 @@ from uuid import uuid4
 import cv2
 import numpy.typing as npt
 
-from grs_agents import content
 from grs_agents.agents.budget import check_budget_left
 from grs_agents.agents.prompt_template import render_prompt_template
 from grs_agents.agents.recorded import (
@@ -24,14 +23,15 @@ from grs_agents.agents.recorded import (
 )
 from grs_agents.agents.reply import ReplyError
 from grs_agents.agents.types import NoReply
-from grs_agents.config.schema import Config, ModelConfig
-from grs_agents.foreign.pictures import read_picture
-from grs_agents.foreign.run_folder import resolve_member_file
+from grs_agents.base import content
+from grs_agents.base.config.schema import Config, ModelConfig
+from grs_agents.base.foreign.pictures import read_picture
+from grs_agents.base.foreign.run_folder import resolve_member_file
+from grs_agents.base.trace.events import Note, Prompt, Reply
+from grs_agents.base.trace.log import EventLog, read_events
 from grs_agents.models.answer import Answer, ReplyProblem
 from grs_agents.models.factory import is_offline, make_chat_model, make_retries
 from grs_agents.models.retry import invoke_with_retries
-from grs_agents.trace.events import Note, Prompt, Reply
-from grs_agents.trace.log import EventLog, read_events
 
 if TYPE_CHECKING:  # LangChain takes long to import, and a check of programs may ask nobody
     from langchain_core.language_models.chat_models import BaseChatModel

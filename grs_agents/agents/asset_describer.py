@@ -13,14 +13,13 @@ from langchain_core.language_models.chat_models import BaseChatModel
 from langchain_core.messages import HumanMessage
 from pydantic import Field, ValidationError
 
-from grs_agents import content
 from grs_agents.agents.agent import image_block_from_array
 from grs_agents.agents.prompt_template import render_prompt_template
 from grs_agents.agents.reply import ReplyError, parse_json
 from grs_agents.agents.types import ModelReply
-from grs_agents.base import Frozen
-from grs_agents.config.schema import ModelConfig
-from grs_agents.files import write_json
+from grs_agents.base import Frozen, content
+from grs_agents.base.config.schema import ModelConfig
+from grs_agents.base.files import write_json
 from grs_agents.library.asset import Asset
 from grs_agents.library.asset_rendering import RANDOM_VIEW_SIZE, RANDOM_VIEWS, AssetView, render_random_views
 from grs_agents.library.colors import main_color_names

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
-from grs_agents.config.schema import BudgetConfig
-from grs_agents.errors import GrsError
-from grs_agents.trace.events import Event, Reply
-from grs_agents.trace.log import read_events
+from grs_agents.base.config.schema import BudgetConfig
+from grs_agents.base.errors import GrsError
+from grs_agents.base.trace.events import Event, Reply
+from grs_agents.base.trace.log import read_events
 
 
 class BudgetReached(GrsError):

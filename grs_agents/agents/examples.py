@@ -13,8 +13,8 @@ from pathlib import Path
 
 from grs_agents.agents.types import TaskDefinition
 from grs_agents.base import Frozen
-from grs_agents.errors import InputError
-from grs_agents.python_parsing import parse_python
+from grs_agents.base.errors import InputError
+from grs_agents.base.python_parsing import parse_python
 
 _PER_FAMILY = 2
 """Programs of one family among those chosen: a third of a kind shows little that is new."""

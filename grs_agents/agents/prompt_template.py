@@ -8,7 +8,7 @@ from typing import Literal, get_args
 from pydantic import ValidationError
 
 from grs_agents.base import Frozen
-from grs_agents.errors import ConfigError
+from grs_agents.base.errors import ConfigError
 
 ReplyForm = Literal["json", "python", "verdict"]
 _FRONT_MATTER = re.compile(r"---\n(.*?\n)---\n", re.DOTALL)

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import Field, ValidationError
 
-from grs_agents import content
-from grs_agents.base import Frozen
-from grs_agents.errors import InputError, UnknownNameError
-from grs_agents.foreign.files import path_exists, read_json
+from grs_agents.base import Frozen, content
+from grs_agents.base.errors import InputError, UnknownNameError
+from grs_agents.base.foreign.files import path_exists, read_json
+from grs_agents.base.trace.events import Event, NodeStarted, Prompt, Reply
 from grs_agents.models.factory import is_offline
-from grs_agents.trace.events import Event, NodeStarted, Prompt, Reply
 
 if TYPE_CHECKING:
     from langchain_core.messages import BaseMessage

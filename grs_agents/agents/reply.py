@@ -12,7 +12,7 @@ from grs_agents.agents.fences import FencedBlock, find_fenced_blocks
 from grs_agents.agents.thoughts import cut_thoughts
 from grs_agents.agents.tolerant_json import read_json_values
 from grs_agents.agents.types import RouterReply, Verdict
-from grs_agents.python_parsing import parse_python
+from grs_agents.base.python_parsing import parse_python
 
 Model = TypeVar("Model", bound=BaseModel)
 _PYTHON = re.compile(r"i?py(thon)?[\d.]*")

@@ -20,18 +20,18 @@ from langgraph.errors import GraphRecursionError
 from pydantic import ValidationError
 from pydantic.v1 import ValidationError as FirstValidationError
 
-from grs_agents import content
 from grs_agents.agents.agent import Agents, image_block_from_file
 from grs_agents.agents.prompt_template import render_prompt_template
 from grs_agents.agents.reply import ReplyError
 from grs_agents.agents.types import NoReply, ToolCalling, ToolFunction
-from grs_agents.errors import ConfigError, GrsError
-from grs_agents.foreign.run_folder import resolve_member_file
+from grs_agents.base import content
+from grs_agents.base.errors import ConfigError, GrsError
+from grs_agents.base.foreign.run_folder import resolve_member_file
+from grs_agents.base.trace.events import ToolCall
 from grs_agents.models.answer import Answer, require_complete_answer
 from grs_agents.models.factory import make_retries
 from grs_agents.models.key_redaction import redact_keys
 from grs_agents.models.retry import request_message
-from grs_agents.trace.events import ToolCall
 
 Parsed = TypeVar("Parsed")
 _MARK = "[tool calls] "

@@ -3,7 +3,7 @@
 import ast
 from collections import Counter
 
-from grs_agents.python_parsing import parse_python
+from grs_agents.base.python_parsing import parse_python
 
 MOST = 12
 """So many of each are told."""

@@ -10,7 +10,7 @@ from grs_agents.audit.pose_changes import find_pose_changes, is_object_covered_i
 from grs_agents.audit.scene_checks import list_scene_findings
 from grs_agents.audit.types import AuditReport, Finding
 from grs_agents.audit.visibility_checks import check_visibility
-from grs_agents.config.schema import AuditConfig
+from grs_agents.base.config.schema import AuditConfig
 from grs_agents.library.library import Library
 from grs_agents.perception.types import SceneDescription, SceneObject
 from grs_agents.sim.instance.episode import Episode

@@ -9,8 +9,8 @@ import numpy as np
 
 from grs_agents.audit.least_moves import measure_least_move
 from grs_agents.audit.types import Finding
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
 from grs_agents.perception.types import SceneDescription
 from grs_agents.sim.instance.goal import Goal

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.base import Pose, Quat, Vec3
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.library.colors import color_name_from_rgb
 from grs_agents.library.library import Library
 from grs_agents.perception.types import SceneDescription, SceneObject

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
 from grs_agents.sim.instance.goal import Goal, Zone
 from grs_agents.sim.instance.task_instance import TaskInstance

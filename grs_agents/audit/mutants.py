@@ -7,7 +7,7 @@ from typing import Final, Literal
 
 from grs_agents.audit.goal_sentences import describe_task_in_words
 from grs_agents.base import Pose
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.library.library import Library
 from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from grs_agents.audit.types import Change
 from grs_agents.base import Pose, Quat
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import looks_unchanged_by_rotation
 from grs_agents.perception.types import SceneDescription, SceneObject

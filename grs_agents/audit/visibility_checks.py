@@ -9,7 +9,7 @@ import numpy as np
 from grs_agents.audit.goal_checks import asset_with_id, is_movable_object, pair_instances_with_rollouts
 from grs_agents.audit.types import Finding
 from grs_agents.base import Pose
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
 from grs_agents.perception.types import SceneDescription
 from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from grs_agents import terminal
 from grs_agents.agents.asset_describer import describe_assets, replace_asset_description, select_assets_to_describe
+from grs_agents.base import terminal
+from grs_agents.base.config.schema import Config
+from grs_agents.base.errors import ConfigError, GrsError, InputError
+from grs_agents.base.terminal import print_escaped, print_json
 from grs_agents.cli.assets_import import select_assets, user_library_root
-from grs_agents.config.schema import Config
-from grs_agents.errors import ConfigError, GrsError, InputError
 from grs_agents.library.asset import Asset, read_manifest
 from grs_agents.library.importing.journal import update_manifest_entries
 from grs_agents.library.library import Library
 from grs_agents.models.factory import make_chat_model
-from grs_agents.terminal import print_escaped, print_json
 
 if TYPE_CHECKING:
     from grs_agents.perception.matching.asset_index import AssetIndex

@@ -9,9 +9,10 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
-from grs_agents import content, terminal
-from grs_agents.errors import InputError
-from grs_agents.files import resolve_output_file, write_bytes
+from grs_agents.base import content, terminal
+from grs_agents.base.errors import InputError
+from grs_agents.base.files import resolve_output_file, write_bytes
+from grs_agents.base.terminal import VERBOSITY, print_escaped, print_json
 from grs_agents.library.asset import Asset
 from grs_agents.library.importing.archives import ImportSource, open_import_source
 from grs_agents.library.importing.asset_discovery import slugify_name
@@ -25,7 +26,6 @@ from grs_agents.library.importing.objaverse import (
 from grs_agents.library.importing.source_folder import SourceFolder
 from grs_agents.library.importing.types import ImportOptions, ImportOutcome, SourceItem
 from grs_agents.library.library import Library
-from grs_agents.terminal import VERBOSITY, print_escaped, print_json
 
 DEFAULT = Path("grs-content")
 _NAMED = 20

@@ -9,14 +9,14 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from grs_agents import terminal
-from grs_agents.batch.batch import BatchOrder, find_scenes_given_up, run_batch
-from grs_agents.batch.results import read_results
-from grs_agents.batch.row import BatchRow
-from grs_agents.batch.scene_list import list_scenes
-from grs_agents.batch.selection import select_rows
+from grs_agents.base import terminal
+from grs_agents.base.terminal import print_escaped, print_json
 from grs_agents.cli.run_outputs import write_report
-from grs_agents.terminal import print_escaped, print_json
+from grs_agents.runs.batch.batch import BatchOrder, find_scenes_given_up, run_batch
+from grs_agents.runs.batch.results import read_results
+from grs_agents.runs.batch.row import BatchRow
+from grs_agents.runs.batch.scene_list import list_scenes
+from grs_agents.runs.batch.selection import select_rows
 
 _STYLES = {"accepted": "green", "rejected": "red", "failed": "red", "killed": "red", "interrupted": "yellow"}
 

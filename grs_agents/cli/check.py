@@ -6,12 +6,12 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
-from grs_agents import terminal
 from grs_agents.audit.types import AuditReport
-from grs_agents.config.load import EffectiveConfig
+from grs_agents.base import terminal
+from grs_agents.base.config.load import EffectiveConfig
+from grs_agents.base.terminal import print_json
 from grs_agents.runs.program_check import CheckResult, check_user_program, open_check_order
 from grs_agents.sandbox.protocol.report import TestReport
-from grs_agents.terminal import print_json
 from grs_agents.views.live_views import attach_live_views
 from grs_agents.views.terminal import show_activity_status
 

@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from grs_agents import content
+from grs_agents.base import content
+from grs_agents.base.terminal import print_escaped, print_json
 from grs_agents.cli.assets import assets_app
 from grs_agents.cli.completion import complete_experiment, complete_graph, complete_run_folder, complete_scene
 from grs_agents.cli.options import (
@@ -54,7 +55,6 @@ from grs_agents.cli.options import (
     find_unnamed_scene,
     load_effective_config,
 )
-from grs_agents.terminal import print_escaped, print_json
 
 app = typer.Typer(
     name="grs",
@@ -105,7 +105,7 @@ _CONTENT = "Your own graphs, tools, prompts, assets, policies and models; their 
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from grs_agents.version import __version__
+        from grs_agents.base.version import __version__
 
         print_escaped(__version__)
         raise typer.Exit
@@ -389,7 +389,7 @@ def demos(
     them. Begun again after an interruption, the same command goes on. Exit status 1: fewer episodes came about.
     """
     from grs_agents.cli.demos import parse_cameras, parse_size, write_demonstrations
-    from grs_agents.demos.production import DemoOrder
+    from grs_agents.tasks.demos.production import DemoOrder
 
     variation = build_variation_from_options(jitter, yaw, mass, friction, light, texture, distractors)
     order = DemoOrder(
@@ -413,7 +413,7 @@ def grade(
     The grade is one number, told with the moves, clutter, tolerance and successes that it is made of.
     """
     from grs_agents.cli.grade import print_grade
-    from grs_agents.grading.trials import GradeOrder
+    from grs_agents.tasks.grading.trials import GradeOrder
 
     order = GradeOrder(episodes=episodes, demonstrations=demonstrations, trials=trials, seed=seed or 0)
     sys.exit(print_grade(run, order, workers, json))
@@ -496,8 +496,8 @@ def list_available_content(
     json: Json = False,
 ) -> None:
     """List graphs, tools, prompts, assets, evals, policies and models."""
+    from grs_agents.base.trace.events import event_schema
     from grs_agents.cli.listing import list_content
-    from grs_agents.trace.events import event_schema
 
     print_json(event_schema()) if schema else list_content(json)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 def complete_scene(incomplete: str) -> list[str]:
     """Sample scenes, and files and folders."""
-    from grs_agents import content
+    from grs_agents.base import content
 
     head, slash, _ = incomplete.rpartition("/")
     folder = Path(head + slash)
@@ -22,29 +22,29 @@ def complete_run_folder(incomplete: str) -> list[str]:
 
 def complete_graph(incomplete: str) -> list[str]:
     """Names of graphs."""
-    from grs_agents import content
+    from grs_agents.base import content
 
     return _filter_by_start(content.content_names("graphs"), incomplete)
 
 
 def complete_experiment(incomplete: str) -> list[str]:
     """Names of experiments."""
-    from grs_agents import content
+    from grs_agents.base import content
 
     return _filter_by_start(content.content_names("evals"), incomplete)
 
 
 def complete_cassette(incomplete: str) -> list[str]:
     """Names of shipped cassettes."""
-    from grs_agents import content
+    from grs_agents.base import content
 
     return _filter_by_start(content.shipped_cassettes(), incomplete)
 
 
 def complete_setting(incomplete: str) -> list[str]:
     """Configuration keys, each with its ``=``."""
-    from grs_agents.config.load import flatten_tree
-    from grs_agents.config.schema import Config
+    from grs_agents.base.config.load import flatten_tree
+    from grs_agents.base.config.schema import Config
 
     keys = flatten_tree(Config().model_dump(mode="json"))
     return _filter_by_start([f"{key}=" for key in keys], incomplete)

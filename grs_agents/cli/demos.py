@@ -6,16 +6,16 @@ from pathlib import Path
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-from grs_agents import terminal
-from grs_agents.demos.attempt_store import AttemptStore
-from grs_agents.demos.dataset import check_format_requirements, write_dataset
-from grs_agents.demos.production import DemoOrder, make_demonstrations
-from grs_agents.demos.types import FORMATS, DatasetSummary, Format
-from grs_agents.errors import InputError, UnknownNameError
+from grs_agents.base import terminal
+from grs_agents.base.errors import InputError, UnknownNameError
+from grs_agents.base.terminal import print_json
 from grs_agents.sim.rendering.scene_cameras import CAMERAS
 from grs_agents.sim.rendering.stage import LARGEST_PICTURE
-from grs_agents.task_folder import open_task_folder
-from grs_agents.terminal import print_json
+from grs_agents.tasks.demos.attempt_store import AttemptStore
+from grs_agents.tasks.demos.dataset import check_format_requirements, write_dataset
+from grs_agents.tasks.demos.production import DemoOrder, make_demonstrations
+from grs_agents.tasks.demos.types import FORMATS, DatasetSummary, Format
+from grs_agents.tasks.task_folder import open_task_folder
 
 _ABANDONED = 1
 """Exit status where fewer episodes came about than were asked for."""

@@ -13,19 +13,19 @@ from packaging.requirements import Requirement
 from rich.table import Table
 from rich.text import Text
 
-from grs_agents import terminal
-from grs_agents.config.load import UNSAFE
-from grs_agents.config.schema import Config, Limits
-from grs_agents.errors import ConfigError
+from grs_agents.base import terminal
+from grs_agents.base.config.load import UNSAFE
+from grs_agents.base.config.schema import Config, Limits
+from grs_agents.base.errors import ConfigError
+from grs_agents.base.plugins import load_named_class
+from grs_agents.base.terminal import print_json
 from grs_agents.library.library import Library
 from grs_agents.models.factory import ENTRY_POINTS as MODEL_ENTRY_POINTS
 from grs_agents.models.factory import PROVIDERS, is_provider_installed
-from grs_agents.plugins import load_named_class
 from grs_agents.runs.record import installed_versions
 from grs_agents.runs.sandbox_setup import open_sandbox
 from grs_agents.sandbox.host.zygote_process import SandboxError
 from grs_agents.sandbox.isolation.backends import BACKEND_REMEDIES, BackendChoice, backend_candidates
-from grs_agents.terminal import print_json
 from grs_agents.toolkit import ToolContext, load_tool
 from grs_agents.views.terminal import show_activity_status
 

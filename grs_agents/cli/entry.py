@@ -13,11 +13,11 @@ import traceback
 from collections.abc import Sequence
 from typing import Any, NoReturn, TextIO, cast
 
-from grs_agents import interrupts
-from grs_agents.errors import GrsError, InputError, suggest_name
-from grs_agents.files import check_path_name, convert_system_error
+from grs_agents.base import interrupts
+from grs_agents.base.errors import GrsError, InputError, suggest_name
+from grs_agents.base.files import check_path_name, convert_system_error
+from grs_agents.base.terminal import VERBOSITY, EscapingFormatter, print_escaped
 from grs_agents.runs.deferred_imports import defer_unused_imports
-from grs_agents.terminal import VERBOSITY, EscapingFormatter, print_escaped
 
 _FEWEST_FILES = 256
 """Open files that the shell must allow. The sandbox's processes number some of theirs from 128 upwards."""

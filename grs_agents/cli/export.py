@@ -3,9 +3,9 @@
 import shlex
 from pathlib import Path
 
-from grs_agents.export.mjcf_folder import export_mjcf
-from grs_agents.task_folder import open_task_folder
-from grs_agents.terminal import print_escaped, print_json
+from grs_agents.base.terminal import print_escaped, print_json
+from grs_agents.tasks.export.mjcf_folder import export_mjcf
+from grs_agents.tasks.task_folder import open_task_folder
 
 
 def export_task(run: Path, seed: int | None, portable: bool, out: Path | None, as_json: bool) -> None:

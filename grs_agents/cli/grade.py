@@ -5,11 +5,11 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
-from grs_agents import terminal
-from grs_agents.grading.grade import Grade, grade_task
-from grs_agents.grading.trials import GradeOrder
-from grs_agents.task_folder import open_task_folder
-from grs_agents.terminal import print_json
+from grs_agents.base import terminal
+from grs_agents.base.terminal import print_json
+from grs_agents.tasks.grading.grade import Grade, grade_task
+from grs_agents.tasks.grading.trials import GradeOrder
+from grs_agents.tasks.task_folder import open_task_folder
 from grs_agents.views.terminal import show_activity_status
 
 

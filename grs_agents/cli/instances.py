@@ -6,12 +6,12 @@ from pathlib import Path
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-from grs_agents import terminal
-from grs_agents.errors import InputError
-from grs_agents.files import refuse_link
+from grs_agents.base import terminal
+from grs_agents.base.errors import InputError
+from grs_agents.base.files import refuse_link
+from grs_agents.base.terminal import print_escaped, print_json
 from grs_agents.sim.variation.types import Variation
-from grs_agents.terminal import print_escaped, print_json
-from grs_agents.varied_instances import Manifest, make_varied_instances
+from grs_agents.tasks.varied_instances import Manifest, make_varied_instances
 
 _MOST_SEEDS = 100_000
 _LARGEST_SEED = 2**32

@@ -10,10 +10,10 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
-from grs_agents import content, terminal
-from grs_agents.config.load import EffectiveConfig, flatten_tree
-from grs_agents.python_parsing import parse_python
-from grs_agents.terminal import print_json
+from grs_agents.base import content, terminal
+from grs_agents.base.config.load import EffectiveConfig, flatten_tree
+from grs_agents.base.python_parsing import parse_python
+from grs_agents.base.terminal import print_json
 
 
 def list_content(as_json: bool) -> None:
@@ -32,8 +32,8 @@ def list_content(as_json: bool) -> None:
 
 def _collect_content_descriptions() -> dict[str, dict[str, str]]:
     """By kind, each name with what it is."""
+    from grs_agents.graph.policies.policy_registry import POLICIES
     from grs_agents.library.library import Library
-    from grs_agents.policies.policy_registry import POLICIES
 
     listed: dict[str, dict[str, str]] = {kind: _read_file_summaries(kind) for kind in content.KINDS if kind != "assets"}
     listed["assets"] = {asset.name: asset.description for asset in Library().assets()}

@@ -9,12 +9,12 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
+from grs_agents.base.errors import ConfigError, InputError
+from grs_agents.base.terminal import VERBOSITY
 from grs_agents.cli.completion import complete_cassette, complete_setting
-from grs_agents.errors import ConfigError, InputError
-from grs_agents.terminal import VERBOSITY
 
 if TYPE_CHECKING:
-    from grs_agents.config.load import EffectiveConfig
+    from grs_agents.base.config.load import EffectiveConfig
     from grs_agents.sim.variation.types import Variation
 
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="A TOML configuration file.", metavar="FILE")]
@@ -119,7 +119,7 @@ def load_effective_config(
     file: Path | None, settings: list[str] | None, seed: int | None = None, unsafe: bool = False
 ) -> "EffectiveConfig":
     """The configuration that these options make; ``--seed N`` is ``--set seed=N``."""
-    from grs_agents.config.load import load_config
+    from grs_agents.base.config.load import load_config
 
     return load_config(file, [*(settings or []), *([] if seed is None else [f"seed={seed}"])], unsafe=unsafe)
 

@@ -11,20 +11,20 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from grs_agents import terminal
-from grs_agents.config.load import UNSAFE, EffectiveConfig
-from grs_agents.config.recorded import list_local_settings
-from grs_agents.content import list_content_options
-from grs_agents.errors import GrsError, InputError
-from grs_agents.foreign.files import read_json
+from grs_agents.base import terminal
+from grs_agents.base.config.load import UNSAFE, EffectiveConfig
+from grs_agents.base.config.recorded import list_local_settings
+from grs_agents.base.content import list_content_options
+from grs_agents.base.errors import GrsError, InputError
+from grs_agents.base.foreign.files import read_json
+from grs_agents.base.questions import Question, require_reply_is_a_choice
+from grs_agents.base.terminal import print_escaped, print_json
 from grs_agents.perception.coverage import describe_coverage
 from grs_agents.perception.reading.scene_source import resolve_scene_path
 from grs_agents.perception.types import SceneDescription, read_scene_description
-from grs_agents.questions import Question, require_reply_is_a_choice
 from grs_agents.runs.execution import WAITING, Outcome, UnexpectedError, Views, execute_run
 from grs_agents.runs.record import RunRecord, read_record
 from grs_agents.runs.run_opening import Order
-from grs_agents.terminal import print_escaped, print_json
 from grs_agents.views.live_views import attach_live_views
 from grs_agents.views.terminal import summary_table
 

@@ -7,15 +7,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
+from grs_agents.base.errors import InputError
+from grs_agents.base.files import STANDARD_OUTPUT, check_output_path, refuse_link, write_file_or_stdout
+from grs_agents.base.terminal import print_escaped, print_json
+from grs_agents.base.trace.log import read_events
 from grs_agents.cli.show import make_recording
-from grs_agents.errors import InputError
-from grs_agents.files import STANDARD_OUTPUT, check_output_path, refuse_link, write_file_or_stdout
 from grs_agents.library.library import Library
 from grs_agents.models.factory import PROVIDERS
 from grs_agents.runs.hashes import add_hash
 from grs_agents.runs.record import read_record
-from grs_agents.terminal import print_escaped, print_json
-from grs_agents.trace.log import read_events
 
 
 def send_otel_spans(folder: Path, as_json: bool) -> None:

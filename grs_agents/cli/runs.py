@@ -8,13 +8,13 @@ from typing import Any, Final
 from rich.table import Table
 from rich.text import Text
 
-from grs_agents import terminal
-from grs_agents.config.load import flatten_tree
-from grs_agents.errors import GrsError, InputError
-from grs_agents.foreign.files import read_json, read_text
+from grs_agents.base import terminal
+from grs_agents.base.config.load import flatten_tree
+from grs_agents.base.errors import GrsError, InputError
+from grs_agents.base.foreign.files import read_json, read_text
+from grs_agents.base.terminal import print_escaped, print_json
 from grs_agents.runs.record import RunRecord, read_record
 from grs_agents.runs.run_opening import RUNS
-from grs_agents.terminal import print_escaped, print_json
 
 LATEST: Final = "latest"
 _FILE_REMEDY: Final = "restore the file"

@@ -4,12 +4,12 @@ import json
 import tempfile
 from pathlib import Path
 
-from grs_agents import terminal
-from grs_agents.errors import InputError
+from grs_agents.base import terminal
+from grs_agents.base.errors import InputError
+from grs_agents.base.terminal import print_escaped, print_json
+from grs_agents.base.trace.log import read_events
 from grs_agents.library.library import Library
 from grs_agents.runs.record import read_record
-from grs_agents.terminal import print_escaped, print_json
-from grs_agents.trace.log import read_events
 
 
 def show_run(folder: Path, as_json: bool) -> None:

@@ -4,10 +4,10 @@ from pathlib import Path
 
 from rich.text import Text
 
-from grs_agents import terminal
-from grs_agents.config.schema import Config
+from grs_agents.base import terminal
+from grs_agents.base.config.schema import Config
+from grs_agents.base.terminal import print_json
 from grs_agents.runs.verification import Verification, verify_run
-from grs_agents.terminal import print_json
 from grs_agents.views.terminal import show_activity_status
 
 

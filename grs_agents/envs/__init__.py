@@ -4,12 +4,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:
-    from grs_agents.envs.controls import JointPositionControl
-    from grs_agents.envs.gym_environment import GrsEnv
-    from grs_agents.envs.lerobot import make_env
-    from grs_agents.envs.pictures import Photographer
-    from grs_agents.envs.state import StateReader
-    from grs_agents.envs.task_episode import SOLVED, TaskEpisode
+    from grs_agents.tasks.envs.controls import JointPositionControl
+    from grs_agents.tasks.envs.gym_environment import GrsEnv
+    from grs_agents.tasks.envs.lerobot import make_env
+    from grs_agents.tasks.envs.pictures import Photographer
+    from grs_agents.tasks.envs.state import StateReader
+    from grs_agents.tasks.envs.task_episode import SOLVED, TaskEpisode
 
 _HOMES = {
     "GrsEnv": "gym_environment",
@@ -27,7 +27,7 @@ __all__ = ["SOLVED", "GrsEnv", "JointPositionControl", "Photographer", "StateRea
 def __getattr__(name: str) -> Any:
     """Import an export when it is first used."""
     if name in _HOMES:
-        return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+        return getattr(import_module(f"grs_agents.tasks.envs.{_HOMES[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
@@ -37,7 +37,7 @@ def _register_gym_environment() -> None:
         from gymnasium.envs import registration
     except ImportError:
         return
-    cast(Any, registration).register(id="GRS-v0", entry_point="grs_agents.envs.gym_environment:GrsEnv")
+    cast(Any, registration).register(id="GRS-v0", entry_point="grs_agents.tasks.envs.gym_environment:GrsEnv")
 
 
 _register_gym_environment()

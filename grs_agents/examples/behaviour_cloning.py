@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from grs_agents.grading.primitive_policy import PrimitivePolicy
-from grs_agents.grading.primitive_task import PrimitiveTask, decide, demonstrate, evaluate_policy, random_decision
 from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.sim.variation.types import Variation
 from grs_agents.sim.variation.vary import vary_instance
-from grs_agents.task_folder import open_task_folder
+from grs_agents.tasks.grading.primitive_policy import PrimitivePolicy
+from grs_agents.tasks.grading.primitive_task import PrimitiveTask, decide, demonstrate, evaluate_policy, random_decision
+from grs_agents.tasks.task_folder import open_task_folder
 
 VARIATION = Variation(jitter=0.03, yaw=math.radians(30))
 FIRST_TRAINING_SEED = 1000

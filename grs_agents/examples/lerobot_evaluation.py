@@ -21,7 +21,7 @@ from lerobot.scripts.lerobot_eval import eval_policy
 from lerobot.utils.feature_utils import dataset_to_policy_features
 from torch.utils.data import DataLoader, RandomSampler
 
-from grs_agents.envs.lerobot import make_env
+from grs_agents.tasks.envs.lerobot import make_env
 
 VARIATION = {"jitter": 0.03, "yaw": 0.5}  # m, rad: what `grs demos` does to instances unless told otherwise
 SIZES: dict[str, Any] = {"dim_model": 128, "dim_feedforward": 256, "n_heads": 4, "n_encoder_layers": 2}

@@ -8,8 +8,8 @@ from typing import Any, Literal
 from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, model_serializer
 
 from grs_agents.base import Frozen, Vec3
-from grs_agents.errors import InputError
-from grs_agents.foreign.files import read_json
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.files import read_json
 
 Provenance = Literal["measured", "catalogue", "estimate", "default"]
 """By a scale; by the source of the asset; by a model or from volume and material; by nothing but custom."""

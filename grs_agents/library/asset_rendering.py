@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
-from grs_agents.errors import InputError
-from grs_agents.geometry.raster import barycentric_coordinates, rasterise_triangles
+from grs_agents.base.errors import InputError
+from grs_agents.base.geometry.raster import barycentric_coordinates, rasterise_triangles
 from grs_agents.library.colors import COLORS
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import Surface, read_surface, triangulate_primitive

@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
-from grs_agents.errors import InputError
-from grs_agents.files import write_text
+from grs_agents.base.errors import InputError
+from grs_agents.base.files import write_text
 from grs_agents.library.formats.model_file import MAX_SHAPES
 from grs_agents.library.formats.urdf import format_urdf_text
 from grs_agents.library.mesh_files import format_obj_text

@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.asset import Asset
 from grs_agents.library.asset_rendering import AssetView, render_asset_views, ring_view_directions
 from grs_agents.library.library import Library

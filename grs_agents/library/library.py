@@ -2,10 +2,10 @@
 
 from pathlib import Path, PurePosixPath
 
-from grs_agents import content
-from grs_agents.errors import InputError, UnknownNameError
-from grs_agents.foreign.files import read_text
-from grs_agents.foreign.run_folder import resolve_member_file
+from grs_agents.base import content
+from grs_agents.base.errors import InputError, UnknownNameError
+from grs_agents.base.foreign.files import read_text
+from grs_agents.base.foreign.run_folder import resolve_member_file
 from grs_agents.library.asset import Asset, read_manifest
 from grs_agents.library.colors import color_name_from_rgb
 from grs_agents.library.formats.mjcf import read_mjcf
@@ -88,7 +88,7 @@ class Library:
         return dict(self.asset(name).template)
 
     def fill_template(self, name: str, replace: Values) -> str:
-        """The URDF text of a template with ``replace`` filled in, see `grs_agents.library.fill_template`."""
+        """The URDF text of a template with ``replace`` filled in, see `fill_template`."""
         if name not in self._texts:
             self._texts[name] = read_text(self.asset_path(name), "restore the template")
         return fill_template(self._texts[name], replace, self.asset(name).template)

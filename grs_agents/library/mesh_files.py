@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.shapes import Shape
 
 Floats = npt.NDArray[np.float64]

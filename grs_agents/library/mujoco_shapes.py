@@ -4,7 +4,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any, Final
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.mesh_files import read_png_size
 from grs_agents.library.shapes import Shape
 
@@ -21,7 +21,7 @@ def name_current_file(path: Path) -> str:
     MuJoCo keeps the files that it read and takes one for unchanged that was written again within the same second. What
     it keeps is dropped where the file is another than when it was named last.
     """
-    from grs_agents.mujoco_import import mujoco  # takes long to import
+    from grs_agents.base.mujoco_import import mujoco  # takes long to import
 
     name, modified = str(path), path.stat().st_mtime_ns if path.is_file() else 0
     if _modified.setdefault(name, modified) != modified:
@@ -32,7 +32,7 @@ def name_current_file(path: Path) -> str:
 
 def add_shape_geom(spec: Any, body: Any, shape: Shape, name: str, mesh: Path | None = None) -> Any:
     """Add a shape to a body of a ``mujoco.MjSpec``; ``mesh`` is its file. Returns the geom, otherwise with defaults."""
-    from grs_agents.mujoco_import import mujoco  # takes long to import
+    from grs_agents.base.mujoco_import import mujoco  # takes long to import
 
     x, y, z, w = shape.quaternion
     kind = getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}")
@@ -55,7 +55,7 @@ def add_texture_file(spec: Any, name: str, path: Path) -> None:
     Raises:
         InputError: the file, or all that were added to the spec, have more pixels than MuJoCo may decode.
     """
-    from grs_agents.mujoco_import import mujoco  # takes long to import
+    from grs_agents.base.mujoco_import import mujoco  # takes long to import
 
     width, height = read_png_size(path) or (0, 0)
     if width * height > MOST_TEXTURE_PIXELS:

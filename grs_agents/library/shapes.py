@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Frozen, Quat, Vec3
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 
 Rgba = tuple[float, float, float, float]
 ShapeKind = Literal["box", "cylinder", "sphere", "mesh"]

@@ -24,7 +24,7 @@ from typing import cast
 
 import numpy as np
 
-from grs_agents.errors import InputError, UnknownNameError
+from grs_agents.base.errors import InputError, UnknownNameError
 from grs_agents.library.colors import COLORS
 
 Value = float | str

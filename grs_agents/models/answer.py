@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, cast
 
-from grs_agents.errors import GrsError
+from grs_agents.base.errors import GrsError
 from grs_agents.models.key_redaction import redact_keys
 from grs_agents.models.reasoning import measure_reasoning, reasoning_remedy
 

@@ -13,13 +13,13 @@ from urllib.parse import urlsplit
 
 from pydantic import ValidationError
 
-from grs_agents import content
-from grs_agents.config.schema import ModelChoice, ModelConfig
-from grs_agents.errors import ConfigError
+from grs_agents.base import content
+from grs_agents.base.config.schema import ModelChoice, ModelConfig
+from grs_agents.base.errors import ConfigError
+from grs_agents.base.plugins import broken_class_error, load_named_class
 from grs_agents.models.key_redaction import redact_keys, register_key_variable
 from grs_agents.models.reply_limits import limit_and_record_http_client
 from grs_agents.models.retry import Retries
-from grs_agents.plugins import broken_class_error, load_named_class
 
 if TYPE_CHECKING:
     from langchain_core.language_models.chat_models import BaseChatModel

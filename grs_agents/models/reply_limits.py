@@ -10,7 +10,7 @@ from threading import Thread
 from typing import Any, NoReturn, TypeVar
 from urllib.parse import urljoin, urlsplit
 
-from grs_agents.interrupts import is_interrupt_requested
+from grs_agents.base.interrupts import is_interrupt_requested
 from grs_agents.models.answer import ProviderFailure
 from grs_agents.models.key_redaction import redact_keys
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from grs_agents.errors import GrsError
+from grs_agents.base.errors import GrsError
 from grs_agents.models.answer import Answer, ProviderFailure, answer_from_message, require_complete_answer
 from grs_agents.models.reply_limits import ModelHttpCall, call_with_timeout
 

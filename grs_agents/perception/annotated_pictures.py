@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from grs_agents.foreign.pictures import read_picture
+from grs_agents.base.foreign.pictures import read_picture
 from grs_agents.perception.picture_files import load_mask, write_png
 from grs_agents.perception.types import Array, CandidateRecord, Mask, RGBDFrame
 

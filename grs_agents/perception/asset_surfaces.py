@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose
-from grs_agents.geometry.transforms import rotation_about_axis
+from grs_agents.base.geometry.transforms import rotation_about_axis
 from grs_agents.library.library import Library
 from grs_agents.library.posed_meshes import visual_triangle_corners
 from grs_agents.library.shapes import matrix_from_quaternion

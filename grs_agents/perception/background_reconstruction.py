@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
-from grs_agents.errors import ConfigError
+from grs_agents.base.errors import ConfigError
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import label_connected_components, points_in_box_mask
 from grs_agents.perception.segmentation.patch_cutting import depth_jump_mask, smooth_frame_depth

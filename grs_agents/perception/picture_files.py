@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.files import write_bytes
-from grs_agents.foreign.pictures import read_picture
+from grs_agents.base.files import write_bytes
+from grs_agents.base.foreign.pictures import read_picture
 from grs_agents.perception.image_geometry import depth_in_metres, mask_bounding_slices
 from grs_agents.perception.types import Camera, Candidate, CandidateRecord, Image, Mask, RGBDFrame
 

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from grs_agents.errors import ConfigError, GrsError, InputError
+from grs_agents.base.errors import ConfigError, GrsError, InputError
 
 LOCAL: Mapping[str, bool] = {"local_files_only": True}
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.config.schema import TableChoice
-from grs_agents.errors import InputError
-from grs_agents.geometry.transforms import matrix_to_quaternion, quaternion_to_matrix
+from grs_agents.base.config.schema import TableChoice
+from grs_agents.base.errors import InputError
+from grs_agents.base.geometry.transforms import matrix_to_quaternion, quaternion_to_matrix
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import convex_footprint_hull, points_in_hull_mask
 from grs_agents.perception.types import Array, Camera, LevelPlane, RGBDFrame, TableFrame

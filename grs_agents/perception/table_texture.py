@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.files import write_bytes
+from grs_agents.base.files import write_bytes
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
 from grs_agents.sim.world.appearance import TABLE_CENTER, TABLE_SIDE
 

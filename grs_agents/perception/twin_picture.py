@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from grs_agents.errors import InputError
-from grs_agents.files import write_bytes
-from grs_agents.geometry.transforms import rotation_about_axis
+from grs_agents.base.errors import InputError
+from grs_agents.base.files import write_bytes
+from grs_agents.base.geometry.transforms import rotation_about_axis
 from grs_agents.library.asset_rendering import Lens
 from grs_agents.library.library import Library
 from grs_agents.perception.configuration import DEFAULT

@@ -10,10 +10,10 @@ import numpy.typing as npt
 from pydantic import AfterValidator, Field, ValidationError, field_validator, model_validator
 
 from grs_agents.base import Frozen, Pose, Quat, Vec3
-from grs_agents.errors import InputError
-from grs_agents.files import write_json
-from grs_agents.foreign.files import read_json
-from grs_agents.foreign.run_folder import is_relative_subpath
+from grs_agents.base.errors import InputError
+from grs_agents.base.files import write_json
+from grs_agents.base.foreign.files import read_json
+from grs_agents.base.foreign.run_folder import is_relative_subpath
 from grs_agents.sim.instance.task_instance import InstanceTable, TextureName
 
 FARTHEST_CAMERA = 10.0  # a camera that sees the robot's table is at most this far from the robot, in metres

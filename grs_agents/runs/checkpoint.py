@@ -8,10 +8,10 @@ from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
-from grs_agents.errors import InputError
-from grs_agents.foreign.run_folder import resolve_member_file
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.run_folder import resolve_member_file
+from grs_agents.graph.state import RunState
 from grs_agents.perception.types import Camera, CandidateRecord, SceneDescription, SceneObject, TableFrame
-from grs_agents.state import RunState
 
 FILE = "checkpoint.sqlite"
 MOST_VALUE = 1 << 22

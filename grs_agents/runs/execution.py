@@ -12,18 +12,21 @@ from typing import TYPE_CHECKING, Any, cast
 from langgraph.errors import GraphInterrupt
 from langgraph.runtime import Runtime
 
-from grs_agents import interrupts
 from grs_agents.agents.agent import Agents
 from grs_agents.agents.budget import BudgetReached
-from grs_agents.config.schema import Config
-from grs_agents.errors import ConfigError, GrsError, InputError, OutputError
-from grs_agents.files import convert_system_error, unwritable_error
-from grs_agents.foreign.files import path_exists
-from grs_agents.nodes.earlier_judgements import forget_judgements
-from grs_agents.nodes.judging import conclude_with_best_version
-from grs_agents.nodes.services import Services
-from grs_agents.policies.policy_registry import load_policy
-from grs_agents.questions import Question, parse_question
+from grs_agents.base import interrupts
+from grs_agents.base.config.schema import Config
+from grs_agents.base.errors import ConfigError, GrsError, InputError, OutputError
+from grs_agents.base.files import convert_system_error, unwritable_error
+from grs_agents.base.foreign.files import path_exists
+from grs_agents.base.questions import Question, parse_question
+from grs_agents.base.trace.events import Event, Note, RunEnded, RunStarted
+from grs_agents.base.trace.log import EventLog, read_events
+from grs_agents.graph.earlier_judgements import forget_judgements
+from grs_agents.graph.judging import conclude_with_best_version
+from grs_agents.graph.policies.policy_registry import load_policy
+from grs_agents.graph.services import Services
+from grs_agents.graph.state import RunState
 from grs_agents.runs.checkpoint import FILE, MOST_VALUE, check_checkpoint_file, check_restored_state
 from grs_agents.runs.graph_loading import compile_graph, explain_graph_error
 from grs_agents.runs.hashes import write_hashes
@@ -32,9 +35,6 @@ from grs_agents.runs.recording import add_recording_comparison, write_cassette
 from grs_agents.runs.run_opening import RUNS, Order, open_run, remove_run_folder
 from grs_agents.runs.sandbox_setup import open_sandbox
 from grs_agents.sandbox.host.sandbox import Sandbox
-from grs_agents.state import RunState
-from grs_agents.trace.events import Event, Note, RunEnded, RunStarted
-from grs_agents.trace.log import EventLog, read_events
 
 if TYPE_CHECKING:
     from langgraph.checkpoint.base import BaseCheckpointSaver

@@ -15,13 +15,13 @@ from rich.console import RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from grs_agents.base import Frozen
-from grs_agents.config.load import flatten_tree, load_config
-from grs_agents.config.schema import Config
-from grs_agents.files import write_json
-from grs_agents.metrics import Figure, figures_table, metrics_table, metrics_to_dicts
+from grs_agents.base.config.load import flatten_tree, load_config
+from grs_agents.base.config.schema import Config
+from grs_agents.base.files import write_json
+from grs_agents.base.terminal import EscapingParser, make_console, print_json
+from grs_agents.base.version import __version__
 from grs_agents.runs.kept_rows import open_stored_rows
-from grs_agents.terminal import EscapingParser, make_console, print_json
-from grs_agents.version import __version__
+from grs_agents.runs.metrics import Figure, figures_table, metrics_table, metrics_to_dicts
 
 RESULT: Final = "result.json"
 _OF_NO_ROW: Final = ("out", "config", "settings", "json", "workers")

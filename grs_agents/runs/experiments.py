@@ -9,8 +9,8 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from grs_agents import content
-from grs_agents.errors import InputError
+from grs_agents.base import content
+from grs_agents.base.errors import InputError
 
 CHECKOUT_ONLY = (
     "ablation",

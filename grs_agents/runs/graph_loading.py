@@ -12,9 +12,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, cast
 
-from grs_agents import content
-from grs_agents.errors import ConfigError, GrsError
-from grs_agents.state import RunState
+from grs_agents.base import content
+from grs_agents.base.errors import ConfigError, GrsError
+from grs_agents.graph.state import RunState
 
 if TYPE_CHECKING:
     from langgraph.checkpoint.base import BaseCheckpointSaver

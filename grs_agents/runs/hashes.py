@@ -14,9 +14,9 @@ from typing import Annotated
 from pydantic import Field, ValidationError
 
 from grs_agents.base import Frozen
-from grs_agents.errors import InputError
-from grs_agents.files import write_text
-from grs_agents.foreign.files import read_bytes, read_json
+from grs_agents.base.errors import InputError
+from grs_agents.base.files import write_text
+from grs_agents.base.foreign.files import read_bytes, read_json
 from grs_agents.library.library import Library
 from grs_agents.sim.instance.task_instance import TaskInstance
 

@@ -8,10 +8,10 @@ from typing import Any, Final, Generic, TypeVar
 
 from pydantic import BaseModel
 
-from grs_agents.content import hash_code
-from grs_agents.errors import InputError
-from grs_agents.files import write_json
-from grs_agents.foreign.files import read_json
+from grs_agents.base.content import hash_code
+from grs_agents.base.errors import InputError
+from grs_agents.base.files import write_json
+from grs_agents.base.foreign.files import read_json
 
 _REMEDY: Final = "name another --out"
 _Row = TypeVar("_Row", bound=BaseModel)

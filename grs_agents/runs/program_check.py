@@ -12,27 +12,27 @@ from pydantic import ValidationError
 from grs_agents.agents.agent import Agents
 from grs_agents.agents.types import TaskDefinition
 from grs_agents.audit.types import AuditReport
-from grs_agents.config.load import EffectiveConfig, change_config
-from grs_agents.config.recorded import RecordedConfig
-from grs_agents.config.schema import Config
-from grs_agents.errors import InputError
-from grs_agents.foreign.files import read_json, read_text
-from grs_agents.foreign.run_folder import check_run_folder
-from grs_agents.nodes.auditing import audit_programs
-from grs_agents.nodes.bystanders import program_tool_settings
-from grs_agents.nodes.rejection import explain_rejection
-from grs_agents.nodes.services import Services
-from grs_agents.nodes.task_instances import AuditedPrograms
+from grs_agents.base.config.load import EffectiveConfig, change_config
+from grs_agents.base.config.recorded import RecordedConfig
+from grs_agents.base.config.schema import Config
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.files import read_json, read_text
+from grs_agents.base.foreign.run_folder import check_run_folder
+from grs_agents.base.trace.log import EventLog
+from grs_agents.graph.auditing import audit_programs
+from grs_agents.graph.bystanders import program_tool_settings
+from grs_agents.graph.policies.policy_registry import load_policy
+from grs_agents.graph.rejection import explain_rejection
+from grs_agents.graph.services import Services
+from grs_agents.graph.task_instances import AuditedPrograms
 from grs_agents.perception.reading.scene_source import resolve_scene_path
 from grs_agents.perception.types import read_scene_description
-from grs_agents.policies.policy_registry import load_policy
 from grs_agents.runs.record import read_record
 from grs_agents.runs.run_opening import Order
 from grs_agents.runs.sandbox_setup import open_sandbox
 from grs_agents.sandbox.protocol.report import TestReport
 from grs_agents.sim.arms.arm_files import find_arm_file
 from grs_agents.sim.arms.foreign_robot import check_foreign_robot
-from grs_agents.trace.log import EventLog
 
 if TYPE_CHECKING:
     from grs_agents.runs.execution import Views

@@ -11,14 +11,14 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError
 
 from grs_agents.base import Frozen
-from grs_agents.config.recorded import RecordedConfig
-from grs_agents.errors import InputError
-from grs_agents.files import write_json
-from grs_agents.foreign.files import check_json_limits, read_bytes
-from grs_agents.foreign.run_folder import check_run_folder
-from grs_agents.questions import Question
-from grs_agents.trace.events import Event
-from grs_agents.version import __version__
+from grs_agents.base.config.recorded import RecordedConfig
+from grs_agents.base.errors import InputError
+from grs_agents.base.files import write_json
+from grs_agents.base.foreign.files import check_json_limits, read_bytes
+from grs_agents.base.foreign.run_folder import check_run_folder
+from grs_agents.base.questions import Question
+from grs_agents.base.trace.events import Event
+from grs_agents.base.version import __version__
 
 Status = Literal["running", "accepted", "rejected", "failed", "interrupted", "waiting"]
 PACKAGES = "mujoco langgraph langchain-core rerun-sdk numpy opencv-python-headless pydantic trimesh"

@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from grs_agents.agents.recorded import Cassette, collect_exchanges, read_cassette
-from grs_agents.config.load import flatten_tree
-from grs_agents.config.recorded import select_portable_settings
-from grs_agents.config.schema import Config
-from grs_agents.files import resolve_output_file, write_bytes
+from grs_agents.base.config.load import flatten_tree
+from grs_agents.base.config.recorded import select_portable_settings
+from grs_agents.base.config.schema import Config
+from grs_agents.base.files import resolve_output_file, write_bytes
+from grs_agents.base.trace.log import read_events
+from grs_agents.base.version import __version__
 from grs_agents.perception.reading.scene_source import short_scene_name
 from grs_agents.runs.record import RunRecord
 from grs_agents.runs.sharing import make_scrubber
-from grs_agents.trace.log import read_events
-from grs_agents.version import __version__
 
 _MADE = ("task.json", "simulation.py", "test_simulation.py", "instances/*.json")
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")

@@ -14,18 +14,18 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from grs_agents import content
 from grs_agents.agents.recorded import read_cassette
-from grs_agents.config.load import EffectiveConfig
-from grs_agents.config.recorded import RecordedConfig
-from grs_agents.config.schema import Config
-from grs_agents.errors import ConfigError, InputError
-from grs_agents.files import check_output_path, unwritable_error
-from grs_agents.foreign.files import path_exists
+from grs_agents.base import content
+from grs_agents.base.config.load import EffectiveConfig
+from grs_agents.base.config.recorded import RecordedConfig
+from grs_agents.base.config.schema import Config
+from grs_agents.base.errors import ConfigError, InputError
+from grs_agents.base.files import check_output_path, unwritable_error
+from grs_agents.base.foreign.files import path_exists
+from grs_agents.base.questions import require_reply_is_a_choice
+from grs_agents.graph.policies.policy_registry import load_policy
 from grs_agents.models.factory import make_chat_model
 from grs_agents.perception.reading.scene_source import check_scene_source, short_scene_name
-from grs_agents.policies.policy_registry import load_policy
-from grs_agents.questions import require_reply_is_a_choice
 from grs_agents.runs.checkpoint import FILE as CHECKPOINT
 from grs_agents.runs.graph_loading import compile_graph, load_graph
 from grs_agents.runs.record import EXIT_STATUS, FILE, RunRecord, installed_versions, read_record

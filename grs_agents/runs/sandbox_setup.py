@@ -1,6 +1,6 @@
 """The sandbox of a run, as its configuration wants it."""
 
-from grs_agents.config.schema import Config
+from grs_agents.base.config.schema import Config
 from grs_agents.sandbox.host.sandbox import Sandbox
 
 PRELOAD = ("grs_agents.sim:prepare_process", "grs_agents.toolkit", "unittest", "numpy.testing", "numpy.ma")

@@ -11,12 +11,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from grs_agents.errors import GrsError, InputError
-from grs_agents.files import unwritable_error, write_bytes, write_file_or_stdout
-from grs_agents.foreign.arrays import read_npz_strings
-from grs_agents.foreign.files import read_bytes
+from grs_agents.base.errors import GrsError, InputError
+from grs_agents.base.files import unwritable_error, write_bytes, write_file_or_stdout
+from grs_agents.base.foreign.arrays import read_npz_strings
+from grs_agents.base.foreign.files import read_bytes
+from grs_agents.base.terminal.control_characters import escape_control_chars
 from grs_agents.runs.hashes import update_hashes_in_copy
-from grs_agents.terminal.control_characters import escape_control_chars
 
 REMOVED = "[removed]"
 _NAMES = re.compile(r"KEY|TOKEN|SECRET|PASSW|CREDENTIAL", re.IGNORECASE)

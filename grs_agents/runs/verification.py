@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING, Any, cast
 
 from grs_agents.agents.agent import Agents
 from grs_agents.agents.recorded import MissingReply, collect_model_replies
-from grs_agents.config.load import flatten_tree
-from grs_agents.config.schema import Config, ModelConfig
-from grs_agents.foreign.files import read_bytes, read_json
-from grs_agents.foreign.run_folder import check_run_folder
+from grs_agents.base.config.load import flatten_tree
+from grs_agents.base.config.schema import Config, ModelConfig
+from grs_agents.base.foreign.files import read_bytes, read_json
+from grs_agents.base.foreign.run_folder import check_run_folder
+from grs_agents.base.trace.log import read_events
 from grs_agents.library.library import Library
 from grs_agents.models.factory import is_offline
 from grs_agents.runs.hashes import list_changed_files
 from grs_agents.runs.program_check import CheckOrder, check_user_program, find_recorded_robot
 from grs_agents.runs.record import RunRecord, installed_versions, read_record
-from grs_agents.trace.log import read_events
 
 if TYPE_CHECKING:
     from langchain_core.language_models.chat_models import BaseChatModel

@@ -14,14 +14,14 @@ from langchain_core.runnables import RunnableConfig
 from langgraph.errors import GraphInterrupt
 from langgraph.graph import END, START, StateGraph
 
-from grs_agents.config.load import EffectiveConfig, load_config
-from grs_agents.errors import InputError
+from grs_agents.base.config.load import EffectiveConfig, load_config
+from grs_agents.base.errors import InputError
+from grs_agents.base.trace.log import EventLog
+from grs_agents.graph.state import RunState
 from grs_agents.perception.reading.scene_source import resolve_scene_path
 from grs_agents.runs.execution import Views, execute_run
 from grs_agents.runs.graph_loading import load_graph
 from grs_agents.runs.run_opening import GIVEN, Order
-from grs_agents.state import RunState
-from grs_agents.trace.log import EventLog
 from grs_agents.views.live_views import attach_live_views
 
 

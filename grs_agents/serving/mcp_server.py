@@ -18,13 +18,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 from pydantic import Field, ValidationError
 
-from grs_agents import content, interrupts
 from grs_agents.api import Run, RunStream
-from grs_agents.config.load import EffectiveConfig, change_config
-from grs_agents.errors import GrsError, InputError
-from grs_agents.files import check_path_name, convert_system_error, write_text
-from grs_agents.foreign.files import is_folder, list_folder_names, read_bytes, read_text
-from grs_agents.foreign.run_folder import resolve_member_file
+from grs_agents.base import content, interrupts
+from grs_agents.base.config.load import EffectiveConfig, change_config
+from grs_agents.base.errors import GrsError, InputError
+from grs_agents.base.files import check_path_name, convert_system_error, write_text
+from grs_agents.base.foreign.files import is_folder, list_folder_names, read_bytes, read_text
+from grs_agents.base.foreign.run_folder import resolve_member_file
+from grs_agents.base.terminal.control_characters import escape_control_chars
+from grs_agents.base.version import __version__
 from grs_agents.perception.reading.scene_source import resolve_scene_path
 from grs_agents.runs.graph_loading import load_graph
 from grs_agents.runs.program_check import check_user_program, open_check_order
@@ -33,10 +35,8 @@ from grs_agents.runs.run_opening import RUNS, Order
 from grs_agents.runs.sandbox_setup import open_sandbox
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sim.instance.task_instance import TaskInstance
-from grs_agents.task_folder import open_task_folder
-from grs_agents.terminal.control_characters import escape_control_chars
+from grs_agents.tasks.task_folder import open_task_folder
 from grs_agents.toolkit import ToolContext, load_tool, open_library
-from grs_agents.version import __version__
 from grs_agents.views.common.event_steps import group_events_into_steps
 from grs_agents.views.common.step_text import find_step_by_number, iter_step_sections
 from grs_agents.views.live_views import attach_live_views

@@ -4,7 +4,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.expert.oracle import Oracle
 from grs_agents.sim.goals.scene_view import SceneView, carried_object_ids

@@ -11,7 +11,7 @@ from typing import Any, Final, cast
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.mujoco_import import mujoco
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.task import Task
 from grs_agents.sim.expert.oracle import Oracle

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.base import Frozen, Pose
-from grs_agents.errors import GrsError
+from grs_agents.base.errors import GrsError
 from grs_agents.library.library import Library
 from grs_agents.sim.cliport import end_effectors
 from grs_agents.sim.cliport.environment import Environment

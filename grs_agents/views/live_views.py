@@ -5,9 +5,9 @@ from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from grs_agents.base.trace.events import Event, NodeEnded, RunEnded
+from grs_agents.base.trace.log import EventLog
 from grs_agents.library.library import Library
-from grs_agents.trace.events import Event, NodeEnded, RunEnded
-from grs_agents.trace.log import EventLog
 from grs_agents.views.rerun.viewer import open_live_viewer
 from grs_agents.views.terminal import Progress
 

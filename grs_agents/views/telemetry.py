@@ -6,8 +6,8 @@ import importlib
 import json
 from typing import Any
 
-from grs_agents.errors import ConfigError
-from grs_agents.trace.events import (
+from grs_agents.base.errors import ConfigError
+from grs_agents.base.trace.events import (
     Event,
     NodeEnded,
     NodeStarted,

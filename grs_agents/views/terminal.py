@@ -11,8 +11,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from grs_agents import terminal
-from grs_agents.trace.events import Event, NodeEnded, ProgramVersion, Reply, RunEnded, RunStarted
+from grs_agents.base import terminal
+from grs_agents.base.trace.events import Event, NodeEnded, ProgramVersion, Reply, RunEnded, RunStarted
 from grs_agents.views.common.event_steps import Status, Step, Steps, format_event_line
 from grs_agents.views.common.safe_text import to_terminal_line
 

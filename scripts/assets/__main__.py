@@ -4,10 +4,10 @@ from pathlib import Path
 
 from evals.synthesis.built_asset import BuiltAsset
 from evals.synthesis.packages import build_package
-from grs_agents import content
-from grs_agents.files import write_json
+from grs_agents.base import content
+from grs_agents.base.files import write_json
+from grs_agents.base.terminal import print_escaped
 from grs_agents.library.asset import MANIFEST, Manifest
-from grs_agents.terminal import print_escaped
 from scripts.assets.fixtures import build_fixtures
 from scripts.assets.grocery_table import GROCERIES
 from scripts.assets.household import build_household

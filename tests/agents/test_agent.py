@@ -13,10 +13,10 @@ from grs_agents.agents import roles
 from grs_agents.agents.agent import IMAGE_SIDES, Agents
 from grs_agents.agents.roles import JudgedPrograms
 from grs_agents.agents.types import NoReply, RouterReply, TaskDefinition
-from grs_agents.config.schema import Config, ModelConfig
-from grs_agents.errors import GrsError, InputError
-from grs_agents.trace.events import Prompt, Reply
-from grs_agents.trace.log import EventLog, read_events
+from grs_agents.base.config.schema import Config, ModelConfig
+from grs_agents.base.errors import GrsError, InputError
+from grs_agents.base.trace.events import Prompt, Reply
+from grs_agents.base.trace.log import EventLog, read_events
 from tests.scripted import ScriptedAgents, say, scripted
 
 TASK = TaskDefinition.model_validate({"task-name": "t", "task-description": "d", "assets-used": ["a"]})

@@ -9,9 +9,9 @@ from grs_agents.agents.agent import Agents
 from grs_agents.agents.budget import BudgetReached
 from grs_agents.agents.roles import JudgedPrograms
 from grs_agents.agents.types import NoReply, TaskDefinition
-from grs_agents.config.schema import BudgetConfig, Config, ModelConfig
-from grs_agents.trace.events import Note, Reply, RunStarted
-from grs_agents.trace.log import EventLog, read_events
+from grs_agents.base.config.schema import BudgetConfig, Config, ModelConfig
+from grs_agents.base.trace.events import Note, Reply, RunStarted
+from grs_agents.base.trace.log import EventLog, read_events
 from tests.scripted import scripted
 
 TASK = TaskDefinition.model_validate({"task-name": "t", "task-description": "d", "assets-used": ["a"]})

@@ -4,8 +4,8 @@ import pytest
 
 from grs_agents.agents.examples import Example, read_examples, select_nearest_examples
 from grs_agents.agents.types import TaskDefinition
-from grs_agents.content import content_root
-from grs_agents.errors import InputError
+from grs_agents.base.content import content_root
+from grs_agents.base.errors import InputError
 
 FOLDER = content_root() / "prompts" / "examples"
 TASKS = {

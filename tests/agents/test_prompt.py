@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from grs_agents.agents.prompt_template import read_prompt_template, render_prompt_template
-from grs_agents.errors import ConfigError
+from grs_agents.base.errors import ConfigError
 
 HEAD = "---\nrole: tests\ninputs: code, task\nreply: python\n---\n"
 

@@ -6,7 +6,7 @@ import pytest
 from langchain_core.messages import AIMessage, BaseMessage, HumanMessage
 
 from grs_agents.agents.recorded import Cassette, RecordedReplies, collect_exchanges, digest_prompt
-from grs_agents.trace.events import Prompt, Reply
+from grs_agents.base.trace.events import Prompt, Reply
 
 
 def asked(text: str, picture: str = "AAAA", *more: BaseMessage) -> list[BaseMessage]:

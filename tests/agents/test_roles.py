@@ -7,14 +7,14 @@ from typing import Any
 
 import pytest
 
-from grs_agents import content
 from grs_agents.agents import roles
 from grs_agents.agents.agent import Agents
 from grs_agents.agents.prompt_template import read_prompt_template
 from grs_agents.agents.roles import JudgedPrograms
 from grs_agents.agents.types import NoReply, TaskDefinition
-from grs_agents.config.schema import Config
-from grs_agents.trace.log import read_events
+from grs_agents.base import content
+from grs_agents.base.config.schema import Config
+from grs_agents.base.trace.log import read_events
 from tests.scripted import scripted
 
 TASK = TaskDefinition.model_validate({"task-name": "t", "task-description": "<task>", "assets-used": ["a"]})

@@ -14,7 +14,7 @@ from grs_agents.audit.mutants import make_instance_mutants
 from grs_agents.audit.seed_and_override_checks import check_program, find_expectations_taken_from_program
 from grs_agents.audit.test_quality import check_tests_fail_on_mutants
 from grs_agents.audit.types import AuditReport
-from grs_agents.config.schema import AuditConfig
+from grs_agents.base.config.schema import AuditConfig
 from grs_agents.library.library import Library
 from grs_agents.sim import (
     HAND_NOISE,

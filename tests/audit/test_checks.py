@@ -8,7 +8,7 @@ from grs_agents.agents.types import TaskDefinition
 from grs_agents.audit.checks import audit_task
 from grs_agents.audit.pose_changes import find_pose_changes
 from grs_agents.audit.types import AuditReport
-from grs_agents.config.schema import AuditConfig
+from grs_agents.base.config.schema import AuditConfig
 from grs_agents.library.library import Library
 from grs_agents.perception.types import SceneDescription
 from grs_agents.sim import Rollout, TaskInstance

@@ -4,9 +4,9 @@ import random
 
 import pytest
 
-from grs_agents import content
 from grs_agents.agents.types import TaskDefinition
 from grs_agents.audit.static_checks import check_programs
+from grs_agents.base import content
 from grs_agents.library.library import Library
 
 TASK = TaskDefinition.model_validate(

@@ -10,7 +10,7 @@ from unittest.mock import patch
 
 import typer.main
 
-from grs_agents import content
+from grs_agents.base import content
 from grs_agents.cli.entry import main
 from grs_agents.runs.sandbox_setup import open_sandbox
 from tests.kept_sandbox import lend_sandbox

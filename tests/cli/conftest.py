@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from langchain_core.messages import HumanMessage
 
-from grs_agents.config.schema import ModelConfig
+from grs_agents.base.config.schema import ModelConfig
 from grs_agents.models.factory import make_chat_model
 from tests.chat_server import Answer, Json, chat_server, completion
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents import content
+from grs_agents.base import content
 from tests.cli.command import grs
 
 DOCS = Path(__file__).parents[2] / "docs" / "own_parts.md"

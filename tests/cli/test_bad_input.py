@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from grs_agents import content
+from grs_agents.base import content
 from tests.cli.command import Done, grs
 from tests.needs import needs
 from tests.pictures import read_picture

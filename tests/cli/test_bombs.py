@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.foreign.arrays import read_npz
+from grs_agents.base.foreign.arrays import read_npz
+from grs_agents.base.trace.events import EVENT, Rollout
 from grs_agents.library.importing.types import ImportOptions
 from grs_agents.sandbox.host.foreign_reader import READING
-from grs_agents.trace.events import EVENT, Rollout
 from scripts.check_portable import write_example
 from tests import bombs
 from tests.cli.command import grs
@@ -116,7 +116,7 @@ def test_a_photo_read_in_a_worker_is_the_same(sample_scene: Path, tmp_path: Path
 def test_a_link_in_a_scene_to_anything_else_is_refused(
     sample_scene: Path, tmp_path: Path, link: str, target: str, words: str
 ) -> None:
-    from grs_agents.errors import InputError
+    from grs_agents.base.errors import InputError
     from grs_agents.perception.reading.foreign_scene import read_foreign_masks, read_foreign_scene
 
     copy = Path(shutil.copytree(sample_scene, tmp_path / "scene"))
@@ -154,7 +154,7 @@ def test_links_that_no_reader_needs_open_nothing_to_the_worker(
 
 
 def test_what_a_worker_reads_costs_no_more_than_its_limits(tmp_path: Path) -> None:
-    from grs_agents.errors import InputError
+    from grs_agents.base.errors import InputError
     from grs_agents.sandbox.host.foreign_reader import ForeignReader
 
     bombs.png(tmp_path / "a.png", 8_000, 8_000)
@@ -169,7 +169,7 @@ def test_what_a_worker_reads_costs_no_more_than_its_limits(tmp_path: Path) -> No
 def test_without_a_backend_bounds_and_an_empty_environment_are_left(
     sample_scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from grs_agents.errors import InputError
+    from grs_agents.base.errors import InputError
     from grs_agents.perception.reading.foreign_scene import read_foreign_scene
 
     def lacks(backend: str) -> list[tuple[str, str]]:

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from grs_agents import content
 from grs_agents.agents.recorded import read_cassette
-from grs_agents.trace.events import Prompt, Reply
-from grs_agents.trace.log import read_events
+from grs_agents.base import content
+from grs_agents.base.trace.events import Prompt, Reply
+from grs_agents.base.trace.log import read_events
 from tests.cli.command import grs
 from tests.cli.conftest import ScriptedServer, serve_script
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.runs.hashes import write_hashes
 from tests.cli.command import grs
 from tests.gantry import GANTRY

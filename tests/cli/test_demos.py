@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 from tests.cli.command import grs
-from tests.demos.block_tasks import two_blocks, write_instances
 from tests.needs import needs
+from tests.tasks.demos.block_tasks import two_blocks, write_instances
 
 
 @pytest.fixture

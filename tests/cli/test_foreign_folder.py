@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from grs_agents import content
 from grs_agents.api import Run
-from grs_agents.config.recorded import RecordedConfig
-from grs_agents.config.schema import Config
-from grs_agents.errors import ConfigError
+from grs_agents.base import content
+from grs_agents.base.config.recorded import RecordedConfig
+from grs_agents.base.config.schema import Config
+from grs_agents.base.errors import ConfigError
+from grs_agents.base.trace.log import EventLog
 from grs_agents.runs.record import RunRecord
-from grs_agents.trace.log import EventLog
 from tests.cli.command import Done, grs
 from tests.cli.mutations import KINDS, mutate
 from tests.views.conftest import Script
@@ -214,7 +214,7 @@ def begun(tmp_path: Path, known_scene: Path, monkeypatch: pytest.MonkeyPatch) ->
 ASKING = """
 from langgraph.graph import END, START, StateGraph
 from langgraph.types import interrupt
-from grs_agents.state import RunState
+from grs_agents.graph.state import RunState
 
 VERDICT = True
 

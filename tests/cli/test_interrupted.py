@@ -13,14 +13,14 @@ from typing import Any
 
 import pytest
 
-from grs_agents.trace.events import Decision, Prompt, Reply
-from grs_agents.trace.log import read_events
+from grs_agents.base.trace.events import Decision, Prompt, Reply
+from grs_agents.base.trace.log import read_events
 from tests.cli.command import grs
 
 KEY = "sk-0123456789-of-mine"
 LOSSY = """
 import contextlib, os, pathlib, signal
-from grs_agents import content
+from grs_agents.base import content
 
 def build():
     marker = pathlib.Path(__file__).with_suffix(".done")
@@ -34,7 +34,7 @@ def build():
 
 KILLED = """
 import os, pathlib, signal
-from grs_agents import content, trace
+from grs_agents.base import content, trace
 
 def build():
     written = trace.EventLog.append

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from grs_agents.trace.events import Reply
-from grs_agents.trace.log import read_events
+from grs_agents.base.trace.events import Reply
+from grs_agents.base.trace.log import read_events
 from tests.chat_server import Answer, Json, chat_server, completion
 from tests.cli.command import grs
 from tests.cli.conftest import ScriptedServer

@@ -14,8 +14,8 @@ from typing import Any
 import ormsgpack
 import pytest
 
-from grs_agents.trace.events import Reply
-from grs_agents.trace.log import read_events
+from grs_agents.base.trace.events import Reply
+from grs_agents.base.trace.log import read_events
 from tests.cli.command import grs
 
 FILES = (

@@ -7,7 +7,7 @@ from typing import Literal
 
 import pytest
 
-from grs_agents.config.recorded import RecordedConfig
+from grs_agents.base.config.recorded import RecordedConfig
 from grs_agents.runs.record import RunRecord
 from tests.cli.command import grs
 

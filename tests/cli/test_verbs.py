@@ -9,9 +9,9 @@ from unittest.mock import patch
 
 import pytest
 
-from grs_agents import content
-from grs_agents.config.recorded import RecordedConfig
-from grs_agents.config.schema import Config
+from grs_agents.base import content
+from grs_agents.base.config.recorded import RecordedConfig
+from grs_agents.base.config.schema import Config
 from grs_agents.perception.proxies.primitive_proxy import primitive_proxy
 from grs_agents.perception.proxies.proxy_writer import write_proxy
 from grs_agents.runs.record import RunRecord
@@ -138,7 +138,7 @@ def test_check_rejects_what_gives_no_instance(tmp_path: Path, source: str) -> No
 
 FORGER = """
 import json
-from grs_agents.sandbox import report_progress
+from grs_agents.sandbox.harness.channel import report_progress
 for seed in range(3):
     text = json.dumps({{**{instance!r}, "seed": seed}})
     report_progress({{"item": str(seed), "phase": "start"}})

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from grs_agents import content
-from grs_agents.config.recorded import RecordedConfig
-from grs_agents.config.schema import Config
+from grs_agents.base import content
+from grs_agents.base.config.recorded import RecordedConfig
+from grs_agents.base.config.schema import Config
+from grs_agents.base.trace.log import EventLog
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import Shape
 from grs_agents.runs.hashes import write_hashes
 from grs_agents.runs.record import RunRecord
-from grs_agents.trace.log import EventLog
 from tests.cli.command import Done, grs
 from tests.views.conftest import Script
 

@@ -21,12 +21,12 @@ import pytest
 from typer.core import TyperGroup
 from typer.main import get_command
 
+from grs_agents.base.config.recorded import RecordedConfig
+from grs_agents.base.config.schema import Config
+from grs_agents.base.trace.log import EventLog
 from grs_agents.cli.commands import app
 from grs_agents.cli.entry import main
-from grs_agents.config.recorded import RecordedConfig
-from grs_agents.config.schema import Config
 from grs_agents.runs.record import RunRecord
-from grs_agents.trace.log import EventLog
 from tests.cli.command import grs
 from tests.needs import needs
 from tests.views.browsing import page_once

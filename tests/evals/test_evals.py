@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from grs_agents import content
-from grs_agents.errors import InputError
+from grs_agents.base import content
+from grs_agents.base.errors import InputError
 from grs_agents.runs.experiments import CHECKOUT_ONLY, load_experiment
 
 OPTIONS = ("--out", "--config", "--set", "--json")

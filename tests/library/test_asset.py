@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.asset import read_manifest
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grs_agents.base import Vec3
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.asset_rendering import (
     AssetView,
     random_view_directions,

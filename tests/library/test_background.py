@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.background_asset import BACKGROUND, write_background_asset
 from grs_agents.library.library import Library
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.mujoco_shapes import add_shape_geom, add_texture_file
 from grs_agents.library.shapes import Shape
-from grs_agents.mujoco_import import mujoco
 from tests.bombs import png
 
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 import trimesh
 
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.asset import Asset
 from grs_agents.library.colors import COLORS
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import Shape
-from grs_agents.mujoco_import import mujoco
 
 LIBRARY = Library()
 ASSETS = LIBRARY.assets()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.library import Library
 from grs_agents.library.urdf_templates import Values, fill_template, known_placeholder_stems, resolve_template_values
 

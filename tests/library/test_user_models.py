@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.errors import InputError, UnknownNameError
+from grs_agents.base.errors import InputError, UnknownNameError
 from grs_agents.library.library import Library
 
 BOX = '<geometry><box size="0.1 0.2 0.3"/></geometry>'

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from hypothesis import strategies as st
 
-from grs_agents import content
+from grs_agents.base import content
 from tests.chat_server import Answer, Json, chat_server, completion
 
 COLORS = ("red", "green", "blue", "yellow", "white", "brown")

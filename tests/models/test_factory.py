@@ -6,8 +6,8 @@ from importlib import import_module
 import pytest
 from langchain_core.messages import HumanMessage
 
-from grs_agents.config.schema import ModelConfig
-from grs_agents.errors import ConfigError, UnknownNameError
+from grs_agents.base.config.schema import ModelConfig
+from grs_agents.base.errors import ConfigError, UnknownNameError
 from grs_agents.models.factory import PROVIDERS, is_loopback_url, make_chat_model
 from grs_agents.models.offline.chat import OfflineChatModel
 from grs_agents.models.retry import invoke_with_retries

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from langchain_core.messages import HumanMessage
 
-from grs_agents.config.schema import ModelConfig
+from grs_agents.base.config.schema import ModelConfig
 from grs_agents.models.answer import Answer, ProviderFailure, ReplyProblem
 from grs_agents.models.factory import PROVIDERS, make_chat_model
 from grs_agents.models.retry import Retries, invoke_with_retries

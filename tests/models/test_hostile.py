@@ -11,9 +11,9 @@ import pytest
 from langchain_core.language_models.fake_chat_models import GenericFakeChatModel
 from langchain_core.messages import AIMessage, HumanMessage
 
-from grs_agents.config.load import load_config
-from grs_agents.config.schema import ModelConfig
-from grs_agents.errors import GrsError
+from grs_agents.base.config.load import load_config
+from grs_agents.base.config.schema import ModelConfig
+from grs_agents.base.errors import GrsError
 from grs_agents.models.answer import Answer, ProviderFailure, ReplyProblem
 from grs_agents.models.factory import make_chat_model
 from grs_agents.models.reply_limits import LONGEST

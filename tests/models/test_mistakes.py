@@ -6,7 +6,7 @@ from functools import cache
 
 import pytest
 
-from grs_agents.errors import UnknownNameError
+from grs_agents.base.errors import UnknownNameError
 from grs_agents.models.offline.chat import OfflineChatModel, make_offline_model
 from grs_agents.models.offline.mistakes import MISTAKES, Mistake
 from tests.models.conftest import render, rich_scene

@@ -10,14 +10,14 @@ from grs_agents.agents import roles
 from grs_agents.agents.agent import Agents
 from grs_agents.agents.roles import JudgedPrograms
 from grs_agents.agents.types import TaskDefinition
-from grs_agents.config.load import load_config
-from grs_agents.config.schema import Config, ModelConfig
-from grs_agents.errors import ConfigError, UnknownNameError
+from grs_agents.base.config.load import load_config
+from grs_agents.base.config.schema import Config, ModelConfig
+from grs_agents.base.errors import ConfigError, UnknownNameError
+from grs_agents.base.trace.events import Note, Reply
+from grs_agents.base.trace.log import EventLog, read_events
 from grs_agents.models.answer import Answer, ProviderFailure
 from grs_agents.models.factory import make_chat_model, make_retries
 from grs_agents.models.retry import invoke_with_retries
-from grs_agents.trace.events import Note, Reply
-from grs_agents.trace.log import EventLog, read_events
 from tests.models.conftest import Scripted
 from tests.needs import needs
 from tests.scripted import scripted

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import pytest
 from langchain_core.messages import HumanMessage
 
-from grs_agents.config.schema import ModelConfig
-from grs_agents.errors import GrsError
+from grs_agents.base.config.schema import ModelConfig
+from grs_agents.base.errors import GrsError
 from grs_agents.models.answer import Answer, ProviderFailure, ReplyProblem
 from grs_agents.models.factory import make_chat_model
 from grs_agents.models.retry import Retries, invoke_with_retries

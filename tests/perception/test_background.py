@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.errors import ConfigError
+from grs_agents.base.errors import ConfigError
 from grs_agents.perception.background_reconstruction import Background, cover_points_with_boxes, reconstruct_background
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.table_finding import find_table

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.library import Library
 from grs_agents.perception.bin_walls.bin_walls import find_bin_walls
 from grs_agents.perception.bin_walls.seen_walls import SeenWalls

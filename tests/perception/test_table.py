@@ -7,9 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.config.schema import TableChoice
-from grs_agents.errors import InputError
-from grs_agents.geometry.transforms import matrix_to_quaternion, pose_matrix, quaternion_to_matrix, rotation_about_axis
+from grs_agents.base.config.schema import TableChoice
+from grs_agents.base.errors import InputError
+from grs_agents.base.geometry.transforms import (
+    matrix_to_quaternion,
+    pose_matrix,
+    quaternion_to_matrix,
+    rotation_about_axis,
+)
 from grs_agents.perception.reading.scene_source import read_scene
 from grs_agents.perception.segmentation.segmentation import segment_objects_on_table
 from grs_agents.perception.table_finding import (

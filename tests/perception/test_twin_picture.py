@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.library import Library
 from grs_agents.perception.twin_picture import draw_twin
 from grs_agents.perception.types import Aabb, Intrinsics, SceneDescription, SceneObject, TableFrame

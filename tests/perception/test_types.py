@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.perception.types import Aabb, Camera, SceneDescription, TableFrame, read_scene_description
 
 IDENTITY = tuple(tuple(float(i == j) for j in range(4)) for i in range(4))

@@ -7,7 +7,7 @@ import sys
 RUN = """
 import os, sys
 from typing import TypedDict
-from grs_agents.runs import defer_unused_imports
+from grs_agents.runs.deferred_imports import defer_unused_imports
 defer_unused_imports()
 from langchain_core.runnables import RunnableLambda
 from langgraph.graph import END, START, StateGraph

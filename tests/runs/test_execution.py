@@ -10,15 +10,15 @@ from unittest.mock import patch
 
 import pytest
 
-from grs_agents import content
-from grs_agents.config.load import EffectiveConfig
-from grs_agents.config.schema import Config
-from grs_agents.errors import ConfigError, GrsError, InputError, OutputError
+from grs_agents.base import content
+from grs_agents.base.config.load import EffectiveConfig
+from grs_agents.base.config.schema import Config
+from grs_agents.base.errors import ConfigError, GrsError, InputError, OutputError
+from grs_agents.base.trace.events import RunEnded, RunStarted
+from grs_agents.base.trace.log import EventLog, read_events
 from grs_agents.runs.execution import Outcome, UnexpectedError, execute_run
 from grs_agents.runs.record import read_record
 from grs_agents.runs.run_opening import Order
-from grs_agents.trace.events import RunEnded, RunStarted
-from grs_agents.trace.log import EventLog, read_events
 from tests.kept_sandbox import lend_sandbox
 
 GRAPH = """\
@@ -26,10 +26,10 @@ GRAPH = """\
 
 from langgraph.graph import END, START, StateGraph
 
-from grs_agents.errors import GrsError, InputError
-from grs_agents.nodes import Services
-from grs_agents.nodes.services import logged_node
-from grs_agents.state import RunState
+from grs_agents.base.errors import GrsError, InputError
+from grs_agents.graph import Services
+from grs_agents.graph.services import logged_node
+from grs_agents.graph.state import RunState
 
 
 @logged_node("first")
@@ -234,7 +234,7 @@ def test_a_name_that_nothing_has_is_refused_before_a_folder_is_made(
 
 
 ASKING = """\
-    from grs_agents.questions import ask_person
+    from grs_agents.base.questions import ask_person
     reply = ask_person("Is the table right?", ("yes", "no"), "eleven objects")
     return {"status": "accepted" if reply == "yes" else "rejected", "reason": f"a person said {reply}"}
 """

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents import content
-from grs_agents.base import Frozen
-from grs_agents.errors import InputError
-from grs_agents.metrics import Figure
+from grs_agents.base import Frozen, content
+from grs_agents.base.errors import InputError
 from grs_agents.runs.experiment_run import Experiment, ExperimentParser
+from grs_agents.runs.metrics import Figure
 
 
 class Row(Frozen):

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.config.schema import Config
-from grs_agents.errors import InputError
+from grs_agents.base.config.schema import Config
+from grs_agents.base.errors import InputError
 from grs_agents.runs.record import RunRecord, read_record
 from grs_agents.runs.run_opening import make_run_folder, open_resumed_folder
 

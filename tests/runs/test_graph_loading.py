@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents import content
-from grs_agents.config.load import EffectiveConfig
-from grs_agents.config.schema import Config
-from grs_agents.errors import ConfigError
+from grs_agents.base import content
+from grs_agents.base.config.load import EffectiveConfig
+from grs_agents.base.config.schema import Config
+from grs_agents.base.errors import ConfigError
 from grs_agents.runs.execution import Outcome, execute_run
 from grs_agents.runs.graph_loading import compile_graph
 from grs_agents.runs.record import read_record
@@ -21,8 +21,8 @@ HEAD = """\
 import asyncio
 from langgraph.graph import END, START, StateGraph
 from langgraph.types import Command, interrupt
-from grs_agents.nodes import Services, empty_graph, fix_code, generate_sim
-from grs_agents.state import RunState
+from grs_agents.graph import Services, empty_graph, fix_code, generate_sim
+from grs_agents.graph.state import RunState
 
 
 def note(state: RunState):

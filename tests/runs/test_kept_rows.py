@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from grs_agents.base import Frozen
-from grs_agents.config.load import load_config
-from grs_agents.errors import InputError
+from grs_agents.base.config.load import load_config
+from grs_agents.base.errors import InputError
 from grs_agents.runs.kept_rows import open_stored_rows
 
 

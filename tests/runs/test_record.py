@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.config.recorded import RecordedConfig
-from grs_agents.config.schema import Config
-from grs_agents.errors import InputError
+from grs_agents.base.config.recorded import RecordedConfig
+from grs_agents.base.config.schema import Config
+from grs_agents.base.errors import InputError
+from grs_agents.base.trace.events import NodeEnded, Reply
 from grs_agents.runs.record import RunRecord, count_run_results, installed_versions, read_record, seconds_by_stage
-from grs_agents.trace.events import NodeEnded, Reply
 
 EVENTS = [
     NodeEnded(node="run_tests", seconds=1.0),

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.errors import GrsError
+from grs_agents.base.errors import GrsError
 from grs_agents.runs.sharing import REMOVED, Scrubber, make_scrubber, pack_run_as_zip, strip_png_metadata
 
 KEY = "zq7Qm-very-secret"

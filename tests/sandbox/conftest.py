@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from grs_agents import content
-from grs_agents.config.schema import Limits
+from grs_agents.base import content
+from grs_agents.base.config.schema import Limits
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sandbox.host.suite_run import TestRun, run_tests
 from grs_agents.sandbox.protocol.report import CallResult, TestReport
@@ -20,7 +20,7 @@ def inside(request):
     return scope.get("value", {})
 """
 PLAIN_TESTS = """
-from grs_agents.sandbox import run_tests_inside as inside
+from grs_agents.sandbox.harness.suite_runner import run_tests_inside as inside
 """
 BACKENDS = [pytest.param("bubblewrap", marks=needs("bwrap")), pytest.param("landlock", marks=needs("landlock"))]
 SMALL = Limits(wall_seconds=60, cpu_seconds=10, memory_mib=128, scratch_mib=1, output_mib=1, threads=16)

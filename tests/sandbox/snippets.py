@@ -92,10 +92,11 @@ def check_replacement(execute: Execute, sandbox: Sandbox) -> None:
 HOST = """
 import sys
 from pathlib import Path
-from grs_agents import content
-from grs_agents.sandbox import Sandbox, Limits
+from grs_agents.base import content
+from grs_agents.base.config import Limits
+from grs_agents.sandbox import Sandbox
 content.add_overlay_folder(Path(sys.argv[1]))
-code = "from grs_agents.sandbox import progress\\nprogress({'at': 1})\\nwhile True: pass"
+code = "from grs_agents.sandbox.harness.channel import report_progress\\nreport_progress({'at': 1})\\nwhile True: pass"
 with Sandbox() as sandbox:
     sandbox.call("execute", {"code": ""})
     print(sandbox._zygote._process.pid, flush=True)

@@ -8,13 +8,13 @@ from collections.abc import Iterator
 import pytest
 from langgraph.checkpoint.serde.jsonplus import JsonPlusSerializer
 
-from grs_agents.config.schema import Limits
+from grs_agents.base.config.schema import Limits
+from grs_agents.base.trace.events import TestsRun
+from grs_agents.base.trace.log import EventLog
+from grs_agents.graph.evidence import render_evidence
 from grs_agents.library.library import Library
-from grs_agents.nodes.evidence import render_evidence
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.toolkit import ToolContext, load_tool
-from grs_agents.trace.events import TestsRun
-from grs_agents.trace.log import EventLog
 from tests.sandbox.hostile import TESTS, hostile
 
 LIMITS = Limits(wall_seconds=10, cpu_seconds=5)

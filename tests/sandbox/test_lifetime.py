@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import grs_agents
-from grs_agents.config.schema import Limits
+from grs_agents.base.config.schema import Limits
 from grs_agents.sandbox.host import streams, zygote_process
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sandbox.isolation.backends import BackendChoice
@@ -26,7 +26,7 @@ NAMED = f"import ctypes, os, time\nctypes.CDLL(None).prctl(15, b'{NAME}', 0, 0, 
 HOST = """
 import sys
 from pathlib import Path
-from grs_agents import content
+from grs_agents.base import content
 from grs_agents.sandbox import Sandbox
 content.add_overlay_folder(Path(sys.argv[1]))
 Sandbox(backend=sys.argv[2]).call("execute", {"code": sys.argv[3]})

@@ -17,12 +17,12 @@ from langgraph.checkpoint.memory import InMemorySaver
 from langgraph.graph import StateGraph
 from langgraph.types import Command
 
-from grs_agents import content
-from grs_agents.errors import ConfigError, InputError
+from grs_agents.base import content
+from grs_agents.base.errors import ConfigError, InputError
+from grs_agents.base.trace.log import read_events
+from grs_agents.graph.state import RunState
 from grs_agents.runs.record import read_record
 from grs_agents.serving.langgraph_server import build_served_graph, grs, router, scene
-from grs_agents.state import RunState
-from grs_agents.trace.log import read_events
 from tests.needs import needs
 from tests.views.looking import free_port
 
@@ -147,8 +147,8 @@ ASKING = """\
 from langgraph.graph import END, START, StateGraph
 from langgraph.types import interrupt
 
-from grs_agents.nodes import Services
-from grs_agents.state import RunState
+from grs_agents.graph import Services
+from grs_agents.graph.state import RunState
 
 
 def ask(state: RunState):

@@ -17,11 +17,11 @@ from mcp import Client, MCPError, StdioServerParameters
 from mcp.server.mcpserver.exceptions import ToolError
 from mcp.types import BlobResourceContents, ImageContent, TextContent, TextResourceContents
 
-from grs_agents import content
-from grs_agents.config.load import EffectiveConfig, load_config
-from grs_agents.config.schema import Config
+from grs_agents.base import content
+from grs_agents.base.config.load import EffectiveConfig, load_config
+from grs_agents.base.config.schema import Config
 from grs_agents.serving.mcp_server import build_mcp_server
-from tests.envs.conftest import block_instance
+from tests.tasks.envs.conftest import block_instance
 from tests.views.looking import free_port
 
 DOCS = (Path(__file__).parents[2] / "docs" / "python.md").read_text("utf-8")

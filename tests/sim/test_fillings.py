@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.library import Library
 from grs_agents.sim.world import templates
 

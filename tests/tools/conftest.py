@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.config.schema import Limits
+from grs_agents.base.config.schema import Limits
 from grs_agents.library.background_asset import write_background_asset
 from grs_agents.library.library import Library
 from grs_agents.sandbox.host.sandbox import Sandbox

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from grs_agents import content
-from grs_agents.errors import InputError
+from grs_agents.base import content
+from grs_agents.base.errors import InputError
 from grs_agents.toolkit import ToolContext
 
 

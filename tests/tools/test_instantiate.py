@@ -70,7 +70,7 @@ def test_each_seed_fails_for_its_own_reason(context: ToolContext, simulation: st
 
 WITHOUT_TASK = """
 import json
-from grs_agents.sandbox import report_progress
+from grs_agents.sandbox.harness.channel import report_progress
 INSTANCE = {instance!r}
 for seed in ("0", "1", "2"):
     report_progress({{"item": seed, "phase": "start"}})

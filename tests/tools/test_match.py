@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from evals.benchmark.ground_truth import read_labelled
-from grs_agents.config.schema import Limits
-from grs_agents.errors import ConfigError
+from grs_agents.base.config.schema import Limits
+from grs_agents.base.errors import ConfigError
 from grs_agents.library.library import Library
 from grs_agents.perception.matching.types import MatchRequest, MatchResult, Segment
 from grs_agents.perception.segmentation.candidates import measure_candidates

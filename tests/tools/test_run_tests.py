@@ -2,7 +2,7 @@
 
 import pytest
 
-from grs_agents.nodes.evidence import render_evidence
+from grs_agents.graph.evidence import render_evidence
 from grs_agents.sim import Episode
 from grs_agents.toolkit import ToolContext, load_tool
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from grs_agents import content
-from grs_agents.errors import ConfigError, InputError
+from grs_agents.base import content
+from grs_agents.base.errors import ConfigError, InputError
 from grs_agents.perception.table_finding import find_table
 from grs_agents.toolkit import ToolContext
 from tests.needs import needs, require

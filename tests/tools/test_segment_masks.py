@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents import content
-from grs_agents.errors import InputError
+from grs_agents.base import content
+from grs_agents.base.errors import InputError
 from grs_agents.perception.reading.scene_source import read_scene
 from grs_agents.perception.table_finding import find_table
 from grs_agents.toolkit import ToolContext

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from grs_agents import content
+from grs_agents.base import content
 from grs_agents.perception.reading.scene_source import read_scene
 from grs_agents.perception.table_finding import find_table
 from grs_agents.toolkit import ToolContext

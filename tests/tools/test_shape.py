@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from grs_agents import content
-from grs_agents.errors import InputError
-from grs_agents.geometry.transforms import rotation_about_z
+from grs_agents.base import content
+from grs_agents.base.errors import InputError
+from grs_agents.base.geometry.transforms import rotation_about_z
+from grs_agents.graph.scene_object_building import reconstruct_proxy
+from grs_agents.graph.services import Photo, Services
 from grs_agents.library.importing.types import UP_TO_Z
 from grs_agents.library.library import Library
-from grs_agents.nodes.scene_object_building import reconstruct_proxy
-from grs_agents.nodes.services import Photo, Services
 from grs_agents.perception.proxies.primitive_proxy import Proxy
 from grs_agents.perception.proxies.proxy_writer import write_proxy
 from grs_agents.perception.settling.settling import PlacedObject

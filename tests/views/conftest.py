@@ -8,12 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from grs_agents import content
-from grs_agents.library.library import Library
-from grs_agents.sim.instance.goal import Goal
-from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
-from grs_agents.sim.world.bystanders import FIRST_BYSTANDER
-from grs_agents.trace.events import (
+from grs_agents.base import content
+from grs_agents.base.trace.events import (
     Decision,
     Finding,
     NodeEnded,
@@ -29,7 +25,11 @@ from grs_agents.trace.events import (
     TaskDefined,
     TestsRun,
 )
-from grs_agents.trace.log import EventLog
+from grs_agents.base.trace.log import EventLog
+from grs_agents.library.library import Library
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
+from grs_agents.sim.world.bystanders import FIRST_BYSTANDER
 
 ASSETS = ("HOPE/Milk.urdf", "HOPE/Cookies.urdf", "block/red_block.urdf", "bowl/bowl.urdf")
 UNIT = (0.0, 0.0, 0.0, 1.0)

@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
+from grs_agents.base.trace.events import Decision, Finding, Note, SceneStage, TaskDefined
+from grs_agents.base.trace.events import TestsRun as Tested
+from grs_agents.base.trace.log import EventLog, read_events
 from grs_agents.library.library import Library
-from grs_agents.trace.events import Decision, Finding, Note, SceneStage, TaskDefined
-from grs_agents.trace.events import TestsRun as Tested
-from grs_agents.trace.log import EventLog, read_events
 from grs_agents.views.film import rollout_film
 from grs_agents.views.report import pictures as report_pictures
 from grs_agents.views.report.html import POLICY, escape_html

@@ -9,9 +9,9 @@ from opentelemetry.sdk.trace import TracerProvider
 from opentelemetry.sdk.trace.export import SimpleSpanProcessor
 from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanExporter
 
-from grs_agents.errors import ConfigError
-from grs_agents.trace.events import NodeEnded, NodeStarted
-from grs_agents.trace.log import read_events
+from grs_agents.base.errors import ConfigError
+from grs_agents.base.trace.events import NodeEnded, NodeStarted
+from grs_agents.base.trace.log import read_events
 from grs_agents.views import telemetry
 from grs_agents.views.telemetry import SpanView, make_otlp_provider
 

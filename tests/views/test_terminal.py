@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.console import Console
 
-from grs_agents.trace.events import NodeStarted, Note
+from grs_agents.base.trace.events import NodeStarted, Note
 from grs_agents.views.terminal import Progress, summary_table
 
 

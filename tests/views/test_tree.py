@@ -8,8 +8,8 @@ from typing import Any
 
 from rich.console import Console
 
-from grs_agents.trace.events import NodeEnded, NodeStarted, Reply
-from grs_agents.trace.log import read_events
+from grs_agents.base.trace.events import NodeEnded, NodeStarted, Reply
+from grs_agents.base.trace.log import read_events
 from grs_agents.views.common.event_steps import Steps, group_events_into_steps
 from grs_agents.views.terminal import step_to_dict, steps_tree
 

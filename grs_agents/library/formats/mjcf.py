@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from grs_agents.base import Quat, Vec3
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.library.formats.model_file import ModelFile, read_text
 from grs_agents.library.shapes import (
     IDENTITY_PLACEMENT,

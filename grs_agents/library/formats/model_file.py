@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
-from grs_agents.errors import InputError
-from grs_agents.foreign.files import read_text as read_foreign_text
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.files import read_text as read_foreign_text
 from grs_agents.library.mesh_files import read_vertices
 from grs_agents.library.shapes import ObjectModel, Rgba, Shape, merge_bounds, shape_bounds
 

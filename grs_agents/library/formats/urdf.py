@@ -11,7 +11,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from grs_agents.base import Vec3
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.library.formats.model_file import MAX_SHAPES, ModelFile, read_text
 from grs_agents.library.shapes import (
     IDENTITY_PLACEMENT,

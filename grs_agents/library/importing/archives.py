@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import IO, Final
 
-from grs_agents.errors import InputError
-from grs_agents.foreign.bounded_streams import check_zip_compression, iterate_tar_members, open_zip
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.bounded_streams import check_zip_compression, iterate_tar_members, open_zip
 from grs_agents.library.importing.asset_discovery import (
     ARCHIVE_SUFFIXES,
     DESCRIPTIONS,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from grs_agents.files import write_bytes
+from grs_agents.base.files import write_bytes
 from grs_agents.library.asset import Asset
 from grs_agents.library.asset_rendering import render_random_views
 from grs_agents.library.formats.model_file import MAX_PARTS

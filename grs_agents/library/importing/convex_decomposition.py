@@ -61,7 +61,7 @@ def _valid_face_indices(faces: Ints) -> Ints:
 
 def compute_convex_hull(vertices: Floats, max_vertices: int = -1) -> ConvexHull:
     """The convex hull of points (N, 3) by MuJoCo, with about ``max_vertices`` vertices (-1: all)."""
-    from grs_agents.mujoco_import import mujoco
+    from grs_agents.base.mujoco_import import mujoco
 
     low, extent = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max()) or 1.0
     scaled: Floats = (vertices - low) / extent

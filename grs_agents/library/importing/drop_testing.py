@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.base import Frozen
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.asset import Asset
 from grs_agents.library.asset_rendering import read_texture
 from grs_agents.library.importing.convex_decomposition import compute_convex_hull
@@ -43,7 +43,7 @@ class DropResult:
 
 def run_drop_test(colliders: Sequence[Collider], mass: float, friction: float) -> DropResult:
     """Put an object down as its frame says and simulate it; refused where MuJoCo cannot."""
-    from grs_agents.mujoco_import import mujoco
+    from grs_agents.base.mujoco_import import mujoco
 
     if not colliders:
         raise InputError("nothing of it collides", "give it a collision shape")
@@ -76,7 +76,7 @@ def run_drop_test(colliders: Sequence[Collider], mass: float, friction: float) -
 
 
 def _add_collider_geom(spec: Any, body: Any, collider: Collider, name: str) -> Any:
-    from grs_agents.mujoco_import import mujoco
+    from grs_agents.base.mujoco_import import mujoco
 
     if isinstance(collider, ConvexHull):
         mesh = spec.add_mesh(name=name, uservert=collider.vertices.ravel().tolist())

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.asset import Asset, read_manifest
 from grs_agents.library.importing.archives import ImportSource
 from grs_agents.library.importing.asset_discovery import find_item_files

@@ -8,9 +8,9 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from grs_agents.config.schema import Limits
-from grs_agents.errors import InputError
-from grs_agents.files import write_bytes
+from grs_agents.base.config.schema import Limits
+from grs_agents.base.errors import InputError
+from grs_agents.base.files import write_bytes
 from grs_agents.library.asset import Asset
 from grs_agents.library.formats.model_file import MAX_PARTS
 from grs_agents.library.importing.asset_discovery import find_item_files

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from grs_agents.files import flush_written_files, make_folder, unwritable_error, write_json
+from grs_agents.base.files import flush_written_files, make_folder, unwritable_error, write_json
 from grs_agents.library.asset import MANIFEST, Asset, Manifest, Origin, read_manifest
 from grs_agents.library.importing.source_folder import SourceFolder
 from grs_agents.library.importing.types import ImportOptions, ImportOutcome, RefusedError

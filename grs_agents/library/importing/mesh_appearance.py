@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Vec3
-from grs_agents.geometry.raster import rasterise_triangles
+from grs_agents.base.geometry.raster import rasterise_triangles
 from grs_agents.library.asset import Asset
 from grs_agents.library.colors import main_color_names
 from grs_agents.library.importing.types import Floats, Image, TexturedMesh, sample_texture_colors

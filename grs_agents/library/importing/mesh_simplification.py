@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from grs_agents.geometry.raster import barycentric_coordinates
+from grs_agents.base.geometry.raster import barycentric_coordinates
 from grs_agents.library.importing.types import Floats, Image, Ints, TexturedMesh, sample_texture_colors
 
 _NEAREST: Final = 4

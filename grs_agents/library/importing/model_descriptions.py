@@ -11,8 +11,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from grs_agents.errors import InputError
-from grs_agents.files import write_text
+from grs_agents.base.errors import InputError
+from grs_agents.base.files import write_text
 from grs_agents.library.asset import Quantity
 from grs_agents.library.formats.mjcf import MjcfDefaults, read_mjcf
 from grs_agents.library.formats.model_file import parse_xml_safely, read_text

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol, cast
 
 from grs_agents.base import Frozen
-from grs_agents.errors import ConfigError, InputError
+from grs_agents.base.errors import ConfigError, InputError
 from grs_agents.library.importing.asset_discovery import slugify_name
 from grs_agents.library.importing.mesh_appearance import split_name_into_words
 

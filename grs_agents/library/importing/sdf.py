@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.library.colors import COLORS
 from grs_agents.library.formats.model_file import Fault
 from grs_agents.library.shapes import IDENTITY_PLACEMENT, Placement, quaternion_from_rpy, rpy_from_quaternion

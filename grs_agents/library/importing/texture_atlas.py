@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from grs_agents.geometry.raster import rasterise_triangles
+from grs_agents.base.geometry.raster import rasterise_triangles
 from grs_agents.library.importing.types import Floats, Image, Ints, MeshPart, TexturedMesh
 
 _LARGEST = 2048

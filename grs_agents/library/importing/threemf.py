@@ -12,8 +12,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from grs_agents.errors import InputError
-from grs_agents.foreign.bounded_streams import check_zip_compression, open_zip
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.bounded_streams import check_zip_compression, open_zip
 from grs_agents.library.formats.model_file import check_xml_safety
 from grs_agents.library.importing.textures import build_mesh_part, read_picture_or_note
 from grs_agents.library.importing.types import Floats, Image, ImportLimits, Ints, MeshPart, RefusedError

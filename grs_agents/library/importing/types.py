@@ -9,7 +9,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from grs_agents.base import Frozen
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.asset import Asset, Quantity
 from grs_agents.library.shapes import Shape
 

@@ -15,7 +15,7 @@ from langchain_core.messages.ai import UsageMetadata
 from langchain_core.outputs import ChatGeneration, ChatResult
 from langchain_core.runnables import Runnable
 
-from grs_agents.errors import UnknownNameError
+from grs_agents.base.errors import UnknownNameError
 from grs_agents.models.offline.authors import author_simulation, author_task, revise_task
 from grs_agents.models.offline.code_fixer import fix_code
 from grs_agents.models.offline.describer_and_matcher import (

@@ -5,7 +5,7 @@ import itertools
 import re
 from collections.abc import Iterable
 
-from grs_agents.python_parsing import parse_python
+from grs_agents.base.python_parsing import parse_python
 
 
 def parse_syntax_tree(source: str) -> ast.Module | None:

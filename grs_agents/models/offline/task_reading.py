@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from grs_agents.errors import GrsError
+from grs_agents.base.errors import GrsError
 from grs_agents.models.offline.plan import Family
 from grs_agents.models.offline.prompt_text import Json, SceneObject, split_words
 from grs_agents.models.offline.task_wording import infer_task_family

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry.transforms import rotation_about_axis
+from grs_agents.base.geometry.transforms import rotation_about_axis
 from grs_agents.library.asset import Asset
 from grs_agents.library.library import Library
 from grs_agents.library.posed_meshes import Triangles, build_posed_triangles

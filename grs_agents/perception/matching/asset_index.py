@@ -22,8 +22,8 @@ import numpy.typing as npt
 from pydantic import Field, ValidationError
 
 from grs_agents.base import Frozen, Vec3
-from grs_agents.errors import InputError
-from grs_agents.files import unwritable_error, write_bytes, write_json, write_text
+from grs_agents.base.errors import InputError
+from grs_agents.base.files import unwritable_error, write_bytes, write_json, write_text
 from grs_agents.perception.matching.color_histogram import BINS
 from grs_agents.perception.types import Array
 

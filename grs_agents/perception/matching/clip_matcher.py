@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import ConfigError, InputError
+from grs_agents.base.errors import ConfigError, InputError
 from grs_agents.library.asset_rendering import random_view_directions, render_asset_views
 from grs_agents.library.library import Library
 from grs_agents.perception.matching.asset_ranking import RankedAssets

@@ -11,8 +11,8 @@ from zipfile import BadZipFile
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import InputError
-from grs_agents.files import write_bytes
+from grs_agents.base.errors import InputError
+from grs_agents.base.files import write_bytes
 from grs_agents.library.library import Library
 
 Arrays = dict[str, npt.NDArray[Any]]

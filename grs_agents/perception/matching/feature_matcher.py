@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.asset import Asset
 from grs_agents.library.library import Library
 from grs_agents.perception.matching.asset_appearance import load_asset_appearances

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from grs_agents.base import Vec3
-from grs_agents.geometry.transforms import rotation_about_z, to_vec3
+from grs_agents.base.geometry.transforms import rotation_about_z, to_vec3
 from grs_agents.perception.image_geometry import THINNEST
 from grs_agents.perception.types import Array, Mask, Solid, UprightBox
 

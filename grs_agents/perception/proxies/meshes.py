@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
-from grs_agents.geometry.spheres import icosphere
+from grs_agents.base.geometry.spheres import icosphere
 from grs_agents.library import mesh_files
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import read_vertices

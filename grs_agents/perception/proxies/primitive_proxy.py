@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from grs_agents.base import Vec3
-from grs_agents.geometry.transforms import to_vec3
+from grs_agents.base.geometry.transforms import to_vec3
 from grs_agents.library.shapes import Shape, shape_bounds
 from grs_agents.perception.proxies.meshes import Faceted, box_mesh, join_meshes, revolved_mesh
 from grs_agents.perception.shapes.colliders import Collider, Hull, fit_colliders, open_box_colliders, ring_colliders

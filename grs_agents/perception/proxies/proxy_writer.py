@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from grs_agents.base import Vec3
-from grs_agents.errors import InputError
-from grs_agents.files import write_bytes, write_json, write_text
-from grs_agents.geometry.transforms import to_vec3
+from grs_agents.base.errors import InputError
+from grs_agents.base.files import write_bytes, write_json, write_text
+from grs_agents.base.geometry.transforms import to_vec3
 from grs_agents.library.asset import MANIFEST, Asset, Manifest, read_manifest
 from grs_agents.library.colors import color_name_from_rgb
 from grs_agents.library.formats.urdf import format_urdf_text

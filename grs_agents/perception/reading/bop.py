@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from grs_agents.errors import InputError
-from grs_agents.foreign.files import is_folder, list_folder_names, path_exists, read_json
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.files import is_folder, list_folder_names, path_exists, read_json
 from grs_agents.perception.reading.camera import camera_from_matrix
 from grs_agents.perception.reading.frame_assembly import RecordedDepth, Recording
 from grs_agents.perception.reading.picture import SUFFIXES, read_color_picture, read_depth_picture

@@ -8,8 +8,8 @@ from typing import Any, cast
 
 from pydantic import ValidationError
 
-from grs_agents.errors import InputError
-from grs_agents.foreign.files import read_json
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.files import read_json
 from grs_agents.perception.types import Camera
 
 KEYS = "fx fy cx cy width height depth_scale"

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from grs_agents import content
-from grs_agents.errors import InputError
-from grs_agents.foreign.files import is_folder, list_folder_names, path_exists
-from grs_agents.foreign.pictures import MOST_PIXELS
+from grs_agents.base import content
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.files import is_folder, list_folder_names, path_exists
+from grs_agents.base.foreign.pictures import MOST_PIXELS
 from grs_agents.perception.reading import point_cloud
 from grs_agents.perception.reading.bop import PREFIX, is_bop_source, parse_bop_source
 from grs_agents.perception.reading.frame_assembly import MOST_FRAME_PIXELS, Recording

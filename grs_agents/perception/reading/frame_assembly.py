@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.perception.image_geometry import depth_in_metres
 from grs_agents.perception.reading.camera import DEPTH_SCALE_REMEDY, DepthUnit, scale_camera_to_size
 from grs_agents.perception.reading.picture import Picture, rotate_by_exif

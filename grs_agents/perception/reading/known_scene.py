@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Any, Final
 
-from grs_agents.errors import InputError
-from grs_agents.files import copy_folder
-from grs_agents.foreign.files import is_folder, path_exists, read_json
-from grs_agents.foreign.run_folder import check_run_folder
+from grs_agents.base.errors import InputError
+from grs_agents.base.files import copy_folder
+from grs_agents.base.foreign.files import is_folder, path_exists, read_json
+from grs_agents.base.foreign.run_folder import check_run_folder
 from grs_agents.perception.reading.bop import is_bop_source
 from grs_agents.perception.types import SceneDescription, read_scene_description
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import InputError
-from grs_agents.foreign.arrays import Numbers, read_npy, read_npz
-from grs_agents.foreign.files import is_folder, list_folder_names
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.arrays import Numbers, read_npy, read_npz
+from grs_agents.base.foreign.files import is_folder, list_folder_names
 from grs_agents.perception.reading.bop import is_bop_source, parse_bop_source
 from grs_agents.perception.reading.frame_assembly import have_same_aspect_ratio, resize_nearest
 from grs_agents.perception.reading.picture import SUFFIXES, read_label_picture

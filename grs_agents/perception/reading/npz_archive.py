@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from grs_agents.errors import InputError
-from grs_agents.foreign.arrays import Numbers, read_npz
-from grs_agents.foreign.pictures import MOST_PIXELS
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.arrays import Numbers, read_npz
+from grs_agents.base.foreign.pictures import MOST_PIXELS
 from grs_agents.perception.reading.camera import camera_from_matrix
 from grs_agents.perception.reading.frame_assembly import RecordedDepth, Recording
 from grs_agents.perception.reading.picture import Picture

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.perception.reading.camera import camera_from_focal_length, focal_length_from_35mm
 from grs_agents.perception.reading.frame_assembly import (
     RecordedDepth,

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image as Pillow
 
-from grs_agents.errors import InputError
-from grs_agents.foreign.files import read_bytes
-from grs_agents.foreign.pictures import MALFORMED, open_picture
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.files import read_bytes
+from grs_agents.base.foreign.pictures import MALFORMED, open_picture
 from grs_agents.perception.types import Image
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import InputError
-from grs_agents.foreign.arrays import read_npy
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.arrays import read_npy
 from grs_agents.perception.reading.frame_assembly import Depth
 from grs_agents.perception.reading.point_cloud_files import MOST_POINTS, Points, read_pcd, read_ply
 from grs_agents.perception.types import Camera

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import InputError
-from grs_agents.foreign.files import read_bytes
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.files import read_bytes
 
 Points = npt.NDArray[np.float32]
 MOST_POINTS = 20_000_000

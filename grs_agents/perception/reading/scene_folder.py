@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from grs_agents.errors import InputError
-from grs_agents.foreign.arrays import read_npy
-from grs_agents.foreign.files import list_folder_names, path_exists
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.arrays import read_npy
+from grs_agents.base.foreign.files import list_folder_names, path_exists
 from grs_agents.perception.reading import point_cloud as clouds
 from grs_agents.perception.reading.camera import DepthUnit, read_camera_file
 from grs_agents.perception.reading.frame_assembly import RecordedDepth, Recording, Units, guess_depth_unit

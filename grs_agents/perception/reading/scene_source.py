@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from grs_agents import content
-from grs_agents.errors import InputError, suggest_name
-from grs_agents.foreign.files import is_folder, path_exists
+from grs_agents.base import content
+from grs_agents.base.errors import InputError, suggest_name
+from grs_agents.base.foreign.files import is_folder, path_exists
 from grs_agents.perception.reading import point_cloud
 from grs_agents.perception.reading.bop import PREFIX, is_bop_source, parse_bop_source, read_bop_image
 from grs_agents.perception.reading.frame_assembly import Recording, assemble_frame

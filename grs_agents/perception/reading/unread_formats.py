@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 
 _FRAME = "write one frame of it into a folder: rgb.png, depth.png aligned with it, camera.json"
 _EXPORT = "export it as .glb and import that as an asset with grs assets import; a scene is a photo with depth"

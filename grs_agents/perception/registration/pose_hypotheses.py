@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from grs_agents.geometry.transforms import pose_matrix, rotation_about_z
+from grs_agents.base.geometry.transforms import pose_matrix, rotation_about_z
 from grs_agents.perception.asset_surfaces import Symmetry, cube_rotation_matrices
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.registration.pose_cost import ObservedPoints

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from grs_agents.base import Pose, Quat, Vec3
-from grs_agents.geometry.transforms import (
+from grs_agents.base.geometry.transforms import (
     matrix_to_quaternion,
     pose_matrix,
     rotation_about_axis,

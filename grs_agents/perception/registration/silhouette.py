@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry.raster import rasterise_triangles
+from grs_agents.base.geometry.raster import rasterise_triangles
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import mask_bounding_slices
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.geometry.transforms import rotation_about_z
+from grs_agents.base.geometry.transforms import rotation_about_z
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import matrix_from_quaternion
 from grs_agents.perception.asset_surfaces import asset_triangle_corners

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.perception.asset_surfaces import Surface
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (

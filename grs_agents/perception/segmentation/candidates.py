@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from grs_agents.base import Quat, Vec3
-from grs_agents.errors import InputError
-from grs_agents.geometry.transforms import matrix_to_quaternion
+from grs_agents.base.errors import InputError
+from grs_agents.base.geometry.transforms import matrix_to_quaternion
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (
     THINNEST,

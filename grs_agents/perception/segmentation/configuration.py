@@ -4,7 +4,7 @@ radians, areas shares of the picture, unless a comment says otherwise."""
 from dataclasses import dataclass, replace
 from typing import Final, Self
 
-from grs_agents.errors import UnknownNameError
+from grs_agents.base.errors import UnknownNameError
 
 RULES: Final = {
     "common_rim": "walls whose tops are level, and the inside seen over them, are one hollow object",

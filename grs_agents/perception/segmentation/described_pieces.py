@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.perception.segmentation.candidates import measure_candidates
 from grs_agents.perception.types import Aabb, Candidate, Mask, RGBDFrame, TableFrame
 

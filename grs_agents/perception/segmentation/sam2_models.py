@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import ConfigError, InputError
+from grs_agents.base.errors import ConfigError, InputError
 from grs_agents.perception.pretrained_models import load_model_config, load_pretrained_model
 from grs_agents.perception.types import Image
 

@@ -6,10 +6,10 @@ from enum import IntEnum
 
 import numpy as np
 
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import read_vertices
 from grs_agents.library.shapes import Shape, matrix_from_quaternion
-from grs_agents.mujoco_import import mujoco
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.shapes.colliders import Collider, Hull, clip_hull_corners_to_half_space
 from grs_agents.perception.types import Array, Mask

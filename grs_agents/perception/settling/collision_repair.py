@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry.transforms import matrix_to_quaternion
+from grs_agents.base.geometry.transforms import matrix_to_quaternion
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
-from grs_agents.mujoco_import import mujoco
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.registration.registration import Registered, register_asset, registration_cost
 from grs_agents.perception.settling.depenetration import overlap_depth_by_pair, overlap_depth_of_object

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.mujoco_import import mujoco
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.sim.world.compilation import World
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from grs_agents.geometry.transforms import matrix_to_quaternion, pose_matrix, to_vec3
+from grs_agents.base.geometry.transforms import matrix_to_quaternion, pose_matrix, to_vec3
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import matrix_from_quaternion
 from grs_agents.perception.configuration import DEFAULT

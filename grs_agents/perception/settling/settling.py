@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.geometry.transforms import to_vec3
+from grs_agents.base.geometry.transforms import to_vec3
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import matrix_from_quaternion
-from grs_agents.mujoco_import import mujoco
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.settling.depenetration import Separation, deepest_overlap_depth, separate_objects
 from grs_agents.sim.instance.task_instance import InstanceObject

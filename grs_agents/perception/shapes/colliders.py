@@ -9,8 +9,8 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry.spheres import icosphere
-from grs_agents.geometry.transforms import to_vec3
+from grs_agents.base.geometry.spheres import icosphere
+from grs_agents.base.geometry.transforms import to_vec3
 from grs_agents.library.mesh_files import mesh_volume
 from grs_agents.library.shapes import Shape, shape_bounds, shape_volume
 from grs_agents.perception.shapes.configuration import DEFAULT

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry.raster import rasterise_triangles
+from grs_agents.base.geometry.raster import rasterise_triangles
 from grs_agents.perception.shapes.configuration import DEFAULT
 from grs_agents.perception.shapes.observation import Observation
 from grs_agents.perception.shapes.surface_nets import Faces

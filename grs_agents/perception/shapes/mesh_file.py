@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from grs_agents.geometry.transforms import rotation_about_z
+from grs_agents.base.geometry.transforms import rotation_about_z
 from grs_agents.library.importing.mesh_reader import read_mesh
 from grs_agents.library.importing.mesh_simplification import simplify_textured_mesh
 from grs_agents.library.importing.source_folder import SourceFolder

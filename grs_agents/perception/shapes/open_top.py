@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from grs_agents.geometry.transforms import to_vec3
+from grs_agents.base.geometry.transforms import to_vec3
 from grs_agents.perception.proxies.meshes import box_mesh, join_meshes
 from grs_agents.perception.shapes.colliders import open_box_colliders
 from grs_agents.perception.shapes.configuration import DEFAULT

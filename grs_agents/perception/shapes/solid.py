@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from grs_agents.geometry.hulls import hull_half_spaces
+from grs_agents.base.geometry.hulls import hull_half_spaces
 from grs_agents.perception.shapes import surface_nets
 from grs_agents.perception.shapes.configuration import DEFAULT
 from grs_agents.perception.shapes.mesh_simplification import simplify_closed_mesh

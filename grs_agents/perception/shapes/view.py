@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from grs_agents.geometry.transforms import pose_matrix, rotation_about_z
+from grs_agents.base.geometry.transforms import pose_matrix, rotation_about_z
 from grs_agents.perception.shapes.types import ObjectView
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame, UprightBox
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from grs_agents.geometry.transforms import to_vec3
+from grs_agents.base.geometry.transforms import to_vec3
 from grs_agents.perception.proxies.meshes import box_mesh
 from grs_agents.perception.shapes.configuration import DEFAULT
 from grs_agents.perception.shapes.drawing import draw_depth

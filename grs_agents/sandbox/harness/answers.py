@@ -4,7 +4,7 @@ import base64
 from collections.abc import Callable
 from typing import Any
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.sandbox.harness.channel import report_progress
 
 _PIECE = 3 << 20

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from itertools import count
 from typing import Any
 
-from grs_agents.errors import GrsError
+from grs_agents.base.errors import GrsError
 from grs_agents.sandbox.protocol import wire
 
 Frame = Mapping[str, Any]

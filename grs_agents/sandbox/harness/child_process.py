@@ -16,7 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
-from grs_agents import content
+from grs_agents.base import content
 from grs_agents.sandbox.harness import channel
 from grs_agents.sandbox.harness.captured_error import CapturedError
 from grs_agents.sandbox.isolation import kernel

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from grs_agents.config.schema import Limits
-from grs_agents.errors import InputError
+from grs_agents.base.config.schema import Limits
+from grs_agents.base.errors import InputError
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sandbox.host.zygote_process import SandboxError
 from grs_agents.sandbox.protocol.report import CallResult

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from grs_agents import content
+from grs_agents.base import content
 from grs_agents.sandbox.host import isolation_probe
 from grs_agents.sandbox.host.streams import run_call_in_child
 from grs_agents.sandbox.host.zygote_process import DOCTOR, Plan, SandboxError, Zygote

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import UnionType
 
-from grs_agents.python_parsing import parse_python
+from grs_agents.base.python_parsing import parse_python
 from grs_agents.sandbox.harness.assertion_count import called_function_name, is_assertion_name
 
 _Function = ast.FunctionDef | ast.AsyncFunctionDef

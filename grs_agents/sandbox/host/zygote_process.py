@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from grs_agents.errors import GrsError
+from grs_agents.base.errors import GrsError
 from grs_agents.sandbox.isolation import allowlist, backends, command_lines
 from grs_agents.sandbox.isolation.backends import Backend
 from grs_agents.sandbox.protocol import startup, wire

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
-from grs_agents import content
+from grs_agents.base import content
 
 _PROGRAMS = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/sbin")
 _PROGRAMS_OF_MACOS = ("/System/Library", "/Library/Frameworks", "/opt/homebrew/opt", "/opt/homebrew/Cellar")

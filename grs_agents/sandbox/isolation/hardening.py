@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from grs_agents.errors import GrsError
+from grs_agents.base.errors import GrsError
 from grs_agents.sandbox.isolation import kernel, landlock, privileges, seccomp
 from grs_agents.sandbox.isolation.privileges import Allowance
 

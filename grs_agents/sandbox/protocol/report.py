@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from grs_agents.base import Frozen
-from grs_agents.config.schema import Limits
+from grs_agents.base.config.schema import Limits
 from grs_agents.sandbox.protocol.tracebacks import RaisedIn
 
 _Judged = Literal["passed", "failed", "error", "skipped", "expected_failure", "no_assertion", "not_run", "missing"]

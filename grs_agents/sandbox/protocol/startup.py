@@ -6,8 +6,7 @@ import sys
 from pathlib import Path
 from typing import Literal
 
-from grs_agents import content
-from grs_agents.base import Frozen
+from grs_agents.base import Frozen, content
 
 EXPLAIN = b"explain"
 """What the host sends to have a child write where it is, and end."""

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
-from grs_agents.errors import InputError
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.errors import InputError
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm_looks import Solid
 from grs_agents.sim.arms.arm_model import ArmModel, Collision, build_arm_model_ignoring_home_contacts
 from grs_agents.sim.arms.arm_parts import DOWN

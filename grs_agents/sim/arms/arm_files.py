@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Final
 
-from grs_agents.errors import InputError
-from grs_agents.files import write_bytes
-from grs_agents.mujoco_import import mujoco
+from grs_agents.base.errors import InputError
+from grs_agents.base.files import write_bytes
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sim.arms.robot_file_check import check_robot_file
 
 ROBOT_FOLDER: Final = "robot"

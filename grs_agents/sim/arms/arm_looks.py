@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 from grs_agents.base import Vec3
-from grs_agents.mujoco_import import mujoco
+from grs_agents.base.mujoco_import import mujoco
 
 LINK_COLOR: Final = (0.84, 0.85, 0.86, 1.0)
 JOINT_COLOR: Final = (0.34, 0.44, 0.55, 1.0)

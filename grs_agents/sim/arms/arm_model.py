@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from grs_agents.geometry.transforms import FloatArray
-from grs_agents.mujoco_import import mujoco
+from grs_agents.base.geometry.transforms import FloatArray
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sim.arms.arm_parts import DOWN
 
 _TOLERANCE: Final = 1e-4

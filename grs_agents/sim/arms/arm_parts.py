@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.base import Vec3
-from grs_agents.mujoco_import import mujoco
+from grs_agents.base.mujoco_import import mujoco
 
 CUP_RADIUS: Final = 0.010
 TOOL_LENGTH: Final = 0.15

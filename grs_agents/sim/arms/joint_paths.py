@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry.transforms import FloatArray
 
 WAYPOINT_STEPS: Final = 4
 """Time steps between two way points of a planned path: 16 ms. What lies between is interpolated, smoothly."""

@@ -6,9 +6,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from grs_agents.errors import InputError
-from grs_agents.geometry.transforms import FloatArray
-from grs_agents.mujoco_import import mujoco
+from grs_agents.base.errors import InputError
+from grs_agents.base.geometry.transforms import FloatArray
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.arm_parts import ROBOT_CONTYPE, add_position_actuator, add_suction_cup
 from grs_agents.sim.arms.robot_file_check import check_robot_file

@@ -4,7 +4,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.arm_looks import housing, ring, tube
 from grs_agents.sim.arms.arm_parts import Capsule, Link, add_link_chain

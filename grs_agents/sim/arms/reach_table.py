@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm_model import ArmModel
 from grs_agents.sim.arms.arm_parts import DOWN
 from grs_agents.sim.arms.joint_paths import rotations_about_z

@@ -4,7 +4,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
-from grs_agents.errors import UnknownNameError
+from grs_agents.base.errors import UnknownNameError
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.mjcf_arm import load_arm
 from grs_agents.sim.arms.panda import Panda

@@ -8,8 +8,8 @@ from typing import Final
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from grs_agents.errors import InputError
-from grs_agents.foreign.files import read_bytes
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.files import read_bytes
 from grs_agents.library.formats.model_file import check_xml_safety
 from grs_agents.library.mesh_files import read_png_size
 

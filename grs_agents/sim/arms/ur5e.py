@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm import HOME, Arm
 from grs_agents.sim.arms.arm_looks import housing, ring, tube
 from grs_agents.sim.arms.arm_parts import DOWN, TOOL_LENGTH, Capsule, Link, add_link_chain

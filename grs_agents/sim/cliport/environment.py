@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.errors import GrsError
+from grs_agents.base.errors import GrsError
 from grs_agents.library.library import Library
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.cliport import end_effectors, pybullet

@@ -2,7 +2,7 @@
 
 from typing import Any, Final
 
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry.transforms import FloatArray
 
 COLOR_CATEGORY_NAMES: Final[dict[str, list[str]]] = {
     "COOL": ["blue", "green", "cyan", "purple", "gray"],

@@ -10,7 +10,7 @@ from typing import Any, Final, Literal
 from pydantic import ValidationError
 
 from grs_agents.base import Quat, Vec3
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.sim.instance.episode import InvalidValueError, SimulationError, UnsupportedError
 from grs_agents.sim.instance.faults import describe_first_error
 from grs_agents.sim.instance.task_instance import InstanceTie

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from grs_agents.geometry.transforms import FloatArray, rotation_about_axis
+from grs_agents.base.geometry.transforms import FloatArray, rotation_about_axis
 
 Numbers = Sequence[float] | FloatArray
 Axes = str | tuple[int, int, int, int]

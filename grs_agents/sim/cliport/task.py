@@ -9,8 +9,8 @@ from typing import Any, Final, cast
 import numpy as np
 
 from grs_agents.base import Pose, Quat, Vec3
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.cliport import end_effectors, lohoravens
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.goal_arguments import UNSTATED, GoalArguments, convert_to_goal, states_no_object

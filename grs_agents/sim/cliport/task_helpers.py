@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.mesh_files import read_surface
 from grs_agents.sim.cliport import cameras
 from grs_agents.sim.cliport.environment import Environment

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from grs_agents.base import Vec3
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.world import colors
 
 IDENTITY = transforms.IDENTITY

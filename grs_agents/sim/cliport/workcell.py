@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.cliport import cameras, end_effectors
 from grs_agents.sim.instance.episode import SimulationError, UnsupportedError
 from grs_agents.sim.motion import placement, tool_paths

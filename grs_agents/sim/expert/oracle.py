@@ -10,8 +10,8 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.expert import placement_planner
 from grs_agents.sim.expert.tilted_placement import TRIES, find_tilted_place_pose
 from grs_agents.sim.goals.scene_view import (

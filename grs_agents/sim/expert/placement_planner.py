@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.sim.expert.pose_placement import choose_pose_target
 from grs_agents.sim.expert.relation_placement import RelationPlanner
 from grs_agents.sim.expert.zone_packing import find_occupied_zone_target, pack_objects_into_zone, unplaced_zone_members

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.sim.expert.zone_packing import unplaced_objects
 from grs_agents.sim.goals.scene_view import SceneView, describe_unmovables, is_placement_stable, make_oracle_stop
 from grs_agents.sim.goals.task_accounting import ScoredTask

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm_parts import BLADE_THICKNESS, BLADE_WIDTH
 from grs_agents.sim.expert.oracle import Action, Oracle
 from grs_agents.sim.goals.relation_rules import object_footprint_as_zone

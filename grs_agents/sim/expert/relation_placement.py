@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.sim.expert.zone_packing import (
     find_occupied_zone_target,
     pack_objects_into_zone,

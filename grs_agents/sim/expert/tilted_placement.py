@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.sim.goals.scene_view import SceneView, is_target_tilted
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.goal import Goal

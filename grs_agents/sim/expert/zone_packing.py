@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.sim.goals.scene_view import SceneView, describe_unmovables, make_oracle_stop
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop

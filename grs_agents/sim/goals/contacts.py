@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Frozen
-from grs_agents.geometry.transforms import FloatArray
-from grs_agents.mujoco_import import mujoco
+from grs_agents.base.geometry.transforms import FloatArray
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sim.world.footprints import Prism, signed_outline_gaps
 from grs_agents.sim.world.tabletop import Tabletop
 

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.sim.goals.scene_view import SceneView, describe_tilt, has_toppled, is_at_rest, supporting_object_ids
 from grs_agents.sim.instance.goal import UPRIGHT_WITHIN, Goal, Kind, Zone
 from grs_agents.sim.instance.task_instance import POSITION_TOLERANCE, ROTATION_TOLERANCE

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from grs_agents.base import Vec3
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.sim.goals.relation_rules import object_footprint_as_zone
 from grs_agents.sim.goals.scene_view import SceneView, cannot_topple
 from grs_agents.sim.instance.episode import ObjectMotion

@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.shapes import ObjectModel
 from grs_agents.sim.instance.episode import Outcome, Stop
 from grs_agents.sim.instance.goal import Goal

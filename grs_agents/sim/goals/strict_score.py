@@ -23,7 +23,7 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.sim.goals.relation_rules import WHOLE, explain_goal_shortfalls, explain_not_inside
 from grs_agents.sim.goals.scene_report import describe_goal, format_point, measure_object_motions
 from grs_agents.sim.goals.scene_view import (

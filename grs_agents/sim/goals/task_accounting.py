@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.sim.goals.relation_rules import explain_goal_shortfalls
 from grs_agents.sim.goals.scene_report import describe_goal
 from grs_agents.sim.goals.scene_view import SceneView

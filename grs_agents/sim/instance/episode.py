@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
 from grs_agents.base import Frozen, Vec3
-from grs_agents.errors import GrsError
+from grs_agents.base.errors import GrsError
 
 Outcome = Literal[
     "success",

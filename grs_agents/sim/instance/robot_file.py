@@ -2,7 +2,7 @@
 
 from pathlib import Path, PurePath
 
-from grs_agents.foreign.run_folder import resolve_member_file
+from grs_agents.base.foreign.run_folder import resolve_member_file
 from grs_agents.sim.arms.foreign_robot import check_foreign_robot
 from grs_agents.sim.instance.task_instance import TaskInstance
 

@@ -13,9 +13,9 @@ import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, model_serializer, model_validator
 
 from grs_agents.base import Frozen, Pose, Vec3
-from grs_agents.errors import InputError
-from grs_agents.foreign.files import check_json_limits
-from grs_agents.geometry import transforms
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.files import check_json_limits
+from grs_agents.base.geometry import transforms
 from grs_agents.sim.instance.faults import describe_first_error
 from grs_agents.sim.instance.goal import Goal, Placed, Unit, check_unit_quaternion
 

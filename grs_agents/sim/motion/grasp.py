@@ -8,7 +8,7 @@ from typing import Final, Literal
 import numpy as np
 
 from grs_agents.base import Vec3
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.motion.tool_paths import Payload
 from grs_agents.sim.world.footprints import Prism, find_nearby_prisms, margins_inside_outline, nearest_point_of_outline
 from grs_agents.sim.world.physics import Physics

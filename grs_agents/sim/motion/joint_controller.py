@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.motion.grasp import find_object_in_seal
 from grs_agents.sim.world.physics import Physics

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm_parts import CUP_RADIUS
 from grs_agents.sim.arms.joint_paths import WAYPOINT_STEPS
 from grs_agents.sim.instance.episode import Outcome

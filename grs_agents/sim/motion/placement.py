@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.instance.episode import Stop
 from grs_agents.sim.world.footprints import (

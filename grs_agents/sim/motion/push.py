@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm_parts import BLADE_THICKNESS, BLADE_WIDTH
 from grs_agents.sim.arms.joint_paths import trapezoidal_profile
 from grs_agents.sim.motion.pick_place import FREE_SPEED, PickPlace

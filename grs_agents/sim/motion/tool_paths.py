@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Quat, Vec3
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.joint_paths import rotations_about_z, trapezoidal_profile
 from grs_agents.sim.world.footprints import Prism, find_nearby_prisms, nearest_point_of_outline, signed_outline_gaps

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from grs_agents.geometry.transforms import FloatArray, pose_matrix
+from grs_agents.base.geometry.transforms import FloatArray, pose_matrix
 from grs_agents.library.asset_rendering import Lens
 from grs_agents.sim.rendering.views import View
 

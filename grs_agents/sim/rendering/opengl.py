@@ -12,10 +12,10 @@ from weakref import WeakSet
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import GrsError
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.errors import GrsError
+from grs_agents.base.geometry.transforms import FloatArray
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.asset_rendering import Lens
-from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.rendering.stage import ARM_GROUP, Stage
 
 LIBRARIES: Final = ("egl", "osmesa")

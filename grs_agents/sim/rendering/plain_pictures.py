@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.rendering.lenses import camera_ray_directions
 from grs_agents.sim.rendering.rays import RayCaster

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.asset_rendering import Lens
 from grs_agents.sim.rendering.lighting import Lighting
 from grs_agents.sim.rendering.rays import RayCaster

@@ -6,8 +6,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry.transforms import FloatArray
-from grs_agents.mujoco_import import mujoco
+from grs_agents.base.geometry.transforms import FloatArray
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sim.rendering.stage import Stage
 
 _FARTHEST: Final = 1e10

@@ -7,9 +7,9 @@ from typing import Final, Literal, Protocol, get_args
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import InputError, UnknownNameError
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray, pose_matrix
+from grs_agents.base.errors import InputError, UnknownNameError
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray, pose_matrix
 from grs_agents.library.asset_rendering import Lens
 from grs_agents.library.library import Library
 from grs_agents.sim.instance.task_instance import InstanceCamera, TaskInstance

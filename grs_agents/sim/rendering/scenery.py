@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.asset_rendering import Lens
 from grs_agents.sim.rendering.lenses import lens_ray_directions
 from grs_agents.sim.rendering.lighting import Lighting

@@ -7,12 +7,12 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import InputError
-from grs_agents.geometry.transforms import FloatArray, pose_matrix
+from grs_agents.base.errors import InputError
+from grs_agents.base.geometry.transforms import FloatArray, pose_matrix
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
 from grs_agents.library.mujoco_shapes import add_shape_geom, add_texture_file
 from grs_agents.library.shapes import Shape
-from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.arm_looks import set_arm_visuals
 from grs_agents.sim.arms.arm_parts import replace_cup_with_spatula

@@ -1,6 +1,6 @@
 """Pictures by rays of props with their textures, light and table: the same on every machine, without OpenGL."""
 
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.asset_rendering import Lens
 from grs_agents.library.library import Library
 from grs_agents.sim.rendering.ray_painter import RayPainter

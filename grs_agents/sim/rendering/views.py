@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.instance.task_instance import InstanceObject

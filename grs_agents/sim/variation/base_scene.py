@@ -10,11 +10,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.errors import GrsError
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.errors import GrsError
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
-from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.goals.strict_score import match_rows_to_targets

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.asset import Asset
 from grs_agents.library.library import Library
 from grs_agents.sim.instance.episode import SimulationError

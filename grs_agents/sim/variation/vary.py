@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.library.library import Library
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.instance.goal import Goal, Zone

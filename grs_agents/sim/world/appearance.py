@@ -6,11 +6,11 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
 from grs_agents.library.mujoco_shapes import add_texture_file
 from grs_agents.library.shapes import ObjectModel
-from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.instance.task_instance import InstanceLight, InstanceObject, InstanceTable
 
 TABLE_SIDE: Final = 2.4

@@ -8,7 +8,7 @@ limits keep programs from asking for too much; the limits of the sandbox keep th
 from dataclasses import dataclass, field
 from typing import Final
 
-from grs_agents.config.schema import Limits
+from grs_agents.base.config.schema import Limits
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import read_vertices
 from grs_agents.library.shapes import ObjectModel

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Sequence
 from itertools import count
 from typing import Final
 
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
 
 FIRST_BYSTANDER: Final = 50_000

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import transforms
-from grs_agents.geometry.hulls import hull_half_spaces
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.hulls import hull_half_spaces
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import read_vertices
 from grs_agents.library.shapes import ObjectModel, Shape

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
-from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.instance.episode import SimulationError

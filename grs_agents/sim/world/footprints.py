@@ -8,8 +8,8 @@ from typing import Concatenate, ParamSpec, TypeVar
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.shapes import ObjectModel, Shape
 
 Value = TypeVar("Value")

@@ -6,7 +6,7 @@ from itertools import accumulate, pairwise
 
 import numpy as np
 
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim.arms import joint_paths
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.joint_paths import WAYPOINT_STEPS

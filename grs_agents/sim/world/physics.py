@@ -6,9 +6,9 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.base import Pose, Quat, Vec3
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
-from grs_agents.mujoco_import import mujoco
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sim.arms.arm_parts import DOWN, ROBOT_CONTYPE
 from grs_agents.sim.arms.joint_paths import WAYPOINT_STEPS
 from grs_agents.sim.instance.episode import SimulationError

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.files import write_bytes
+from grs_agents.base.files import write_bytes
 from grs_agents.sim.world.physics import Physics
 
 RATE: Final = 30.0

@@ -7,11 +7,11 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import convex_mesh_volume
 from grs_agents.library.mujoco_shapes import add_shape_geom
 from grs_agents.library.shapes import ObjectModel, Shape, shape_volume
-from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.arm_parts import ROBOT_CONTYPE, replace_cup_with_spatula
 from grs_agents.sim.arms.registry import get_arm

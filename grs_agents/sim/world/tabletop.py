@@ -11,8 +11,8 @@ import numpy as np
 from pydantic import ValidationError
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry import transforms
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import ObjectModel
 from grs_agents.sim.arms.arm import Arm

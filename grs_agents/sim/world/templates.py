@@ -11,8 +11,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.config.schema import Limits
-from grs_agents.errors import InputError
+from grs_agents.base.config.schema import Limits
+from grs_agents.base.errors import InputError
 from grs_agents.library.library import Library
 from grs_agents.library.urdf_templates import known_placeholder_stems, resolve_template_values
 from grs_agents.sim.arms.registry import DEFAULT, get_arm

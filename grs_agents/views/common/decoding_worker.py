@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from grs_agents.foreign.arrays import read_npz
-from grs_agents.foreign.pictures import read_picture
+from grs_agents.base.foreign.arrays import read_npz
+from grs_agents.base.foreign.pictures import read_picture
 from grs_agents.sandbox.harness.answers import answer_or_refuse, send_blob
 
 

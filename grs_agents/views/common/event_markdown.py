@@ -3,7 +3,7 @@
 from collections import Counter
 from typing import Any, cast
 
-from grs_agents.trace.events import (
+from grs_agents.base.trace.events import (
     Decision,
     Finding,
     ProgramVersion,

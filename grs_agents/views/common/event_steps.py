@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from grs_agents.trace.events import (
+from grs_agents.base.trace.events import (
     Decision,
     Event,
     Finding,

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import InputError
-from grs_agents.foreign.elsewhere import decode_elsewhere
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.elsewhere import decode_elsewhere
 from grs_agents.sandbox.host.foreign_reader import ForeignReader
 
 _WORKER = "grs_agents.views.common.decoding_worker"

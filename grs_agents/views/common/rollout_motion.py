@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import InputError
-from grs_agents.foreign.arrays import read_npz
-from grs_agents.foreign.files import read_bytes
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.arrays import read_npz
+from grs_agents.base.foreign.files import read_bytes
 from grs_agents.sim.instance.robot_file import resolve_robot_path
 from grs_agents.sim.instance.task_instance import MAX_BYTES, InstanceError, TaskInstance, parse_instance_json
 

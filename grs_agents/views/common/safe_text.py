@@ -3,7 +3,7 @@
 import re
 import unicodedata
 
-from grs_agents.terminal.control_characters import escape_control_chars
+from grs_agents.base.terminal.control_characters import escape_control_chars
 
 LONGEST = 60_000
 """Characters of one document that the viewer is given; the whole text is in ``events.jsonl``."""

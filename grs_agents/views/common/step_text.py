@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from grs_agents.errors import InputError
-from grs_agents.trace.events import (
+from grs_agents.base.errors import InputError
+from grs_agents.base.trace.events import (
     Decision,
     Event,
     Finding,

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
+from grs_agents.base.terminal.control_characters import escape_control_chars
+from grs_agents.base.trace.events import Rollout
 from grs_agents.sim.instance.task_instance import TaskInstance
-from grs_agents.terminal.control_characters import escape_control_chars
-from grs_agents.trace.events import Rollout
 from grs_agents.views.common.rollout_motion import Grasp, Motion, find_grasps
 
 Picture = npt.NDArray[np.uint8]

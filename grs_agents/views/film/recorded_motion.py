@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.mujoco_import import mujoco
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sim.rendering.stage import Stage
 from grs_agents.views.common.rollout_motion import Motion
 

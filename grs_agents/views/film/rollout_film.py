@@ -15,12 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
-from grs_agents.errors import GrsError, InputError
-from grs_agents.files import resolve_output_file, unwritable_error
-from grs_agents.foreign.run_folder import find_member_file, resolve_member_file
+from grs_agents.base.errors import GrsError, InputError
+from grs_agents.base.files import resolve_output_file, unwritable_error
+from grs_agents.base.foreign.run_folder import find_member_file, resolve_member_file
+from grs_agents.base.trace.events import Event, Rollout
+from grs_agents.base.trace.log import read_events
 from grs_agents.library.library import Library
-from grs_agents.trace.events import Event, Rollout
-from grs_agents.trace.log import read_events
 from grs_agents.views.common.foreign_decoding import decode_in_worker
 from grs_agents.views.common.rollout_motion import Motion, read_motion, read_task_instance
 from grs_agents.views.common.scene_objects import library_with_run_assets

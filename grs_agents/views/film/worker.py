@@ -16,8 +16,8 @@ from typing import Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import InputError
-from grs_agents.terminal import print_escaped
+from grs_agents.base.errors import InputError
+from grs_agents.base.terminal import print_escaped
 
 STILLS = 24
 """Up to so many pictures are drawn with smooth edges."""

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.terminal.control_characters import escape_control_chars
+from grs_agents.base.terminal.control_characters import escape_control_chars
 from grs_agents.views.common.scene_objects import Rectangle
 
 Verdict = Literal["", "good", "bad"]

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from grs_agents.foreign.files import read_bytes
-from grs_agents.foreign.run_folder import find_member_file
-from grs_agents.trace.events import Event, Finding, ProgramVersion, RunStarted, TaskDefined
+from grs_agents.base.foreign.files import read_bytes
+from grs_agents.base.foreign.run_folder import find_member_file
+from grs_agents.base.trace.events import Event, Finding, ProgramVersion, RunStarted, TaskDefined
 from grs_agents.views.common import event_markdown
 from grs_agents.views.common.event_steps import Step, group_events_into_steps
 from grs_agents.views.report import html, pictures

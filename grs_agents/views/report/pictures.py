@@ -10,16 +10,16 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import GrsError
-from grs_agents.foreign.pictures import read_picture
-from grs_agents.foreign.run_folder import find_member_file, resolve_member_file
+from grs_agents.base.errors import GrsError
+from grs_agents.base.foreign.pictures import read_picture
+from grs_agents.base.foreign.run_folder import find_member_file, resolve_member_file
+from grs_agents.base.trace.events import Event, Finding, NodeStarted, Rollout, SceneStage
 from grs_agents.library.asset_rendering import Lens
 from grs_agents.library.library import Library
 from grs_agents.sim.rendering.lenses import resize_lens
 from grs_agents.sim.rendering.stage import scene_props_from_instance
 from grs_agents.sim.rendering.textured_pictures import render_from_camera
 from grs_agents.sim.world.bystanders import FIRST_BYSTANDER
-from grs_agents.trace.events import Event, Finding, NodeStarted, Rollout, SceneStage
 from grs_agents.views.common.rollout_motion import read_task_instance
 from grs_agents.views.common.scene_objects import (
     Rectangle,

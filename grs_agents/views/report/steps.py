@@ -4,7 +4,7 @@ had failed and the reason for the fix."""
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from grs_agents.trace.events import Decision, Event, Finding, ProgramVersion, Reply, TestsRun, ToolCall
+from grs_agents.base.trace.events import Decision, Event, Finding, ProgramVersion, Reply, TestsRun, ToolCall
 from grs_agents.views.common import event_markdown
 from grs_agents.views.common.event_markdown import format_finding_verdict
 from grs_agents.views.common.event_steps import Step

@@ -5,10 +5,9 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from grs_agents.foreign.files import read_bytes
-from grs_agents.foreign.run_folder import resolve_member_file
-from grs_agents.library.library import Library
-from grs_agents.trace.events import (
+from grs_agents.base.foreign.files import read_bytes
+from grs_agents.base.foreign.run_folder import resolve_member_file
+from grs_agents.base.trace.events import (
     Decision,
     Event,
     Finding,
@@ -25,6 +24,7 @@ from grs_agents.trace.events import (
     TestsRun,
     ToolCall,
 )
+from grs_agents.library.library import Library
 from grs_agents.views.common import event_markdown
 from grs_agents.views.common.event_steps import event_log_level, format_event_line
 from grs_agents.views.common.safe_text import replace_undrawable_chars

@@ -17,8 +17,8 @@ import numpy.typing as npt
 import rerun as rr
 import rerun.blueprint as rrb
 
-from grs_agents.errors import InputError
-from grs_agents.trace.events import Event, NodeStarted
+from grs_agents.base.errors import InputError
+from grs_agents.base.trace.events import Event, NodeStarted
 
 EVENT_SECONDS = 0.1
 """Seconds of ``replay`` between two events inside a node; a node takes whole seconds, at least one."""

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
 
+from grs_agents.base.trace.events import Event
+from grs_agents.base.trace.log import read_events
 from grs_agents.library.library import Library
-from grs_agents.trace.events import Event
-from grs_agents.trace.log import read_events
 from grs_agents.views.rerun.event_view import EventView
 from grs_agents.views.rerun.recording import Recording
 from grs_agents.views.rerun.state_machine_view import MachineView

@@ -11,9 +11,10 @@ import numpy.typing as npt
 import rerun as rr
 
 from grs_agents.base import Pose
-from grs_agents.errors import InputError
-from grs_agents.foreign.pictures import read_picture
-from grs_agents.foreign.run_folder import find_member_file, resolve_member_file
+from grs_agents.base.errors import InputError
+from grs_agents.base.foreign.pictures import read_picture
+from grs_agents.base.foreign.run_folder import find_member_file, resolve_member_file
+from grs_agents.base.trace.events import Rollout
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import read_surface
 from grs_agents.library.shapes import Shape, matrix_from_quaternion
@@ -21,7 +22,6 @@ from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.instance.task_instance import InstanceObject, InstanceTable, TaskInstance
 from grs_agents.sim.rendering.robot_meshes import build_robot_meshes
 from grs_agents.sim.world.spec import load_object_model
-from grs_agents.trace.events import Rollout
 from grs_agents.views.common.rollout_motion import (
     Motion,
     find_grasps,

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
-from grs_agents.foreign import pictures as foreign
-from grs_agents.foreign.run_folder import resolve_member_file
+from grs_agents.base.foreign import pictures as foreign
+from grs_agents.base.foreign.run_folder import resolve_member_file
+from grs_agents.base.trace.events import SceneStage
 from grs_agents.library.library import Library
-from grs_agents.trace.events import SceneStage
 from grs_agents.views.common.safe_text import replace_undrawable_chars, to_markdown_cell, to_viewer_markdown
 from grs_agents.views.common.scene_objects import (
     build_twin_objects,

@@ -5,7 +5,7 @@ from typing import Any
 
 import rerun as rr
 
-from grs_agents.trace.events import Event, NodeStarted, RunEnded, RunStarted
+from grs_agents.base.trace.events import Event, NodeStarted, RunEnded, RunStarted
 from grs_agents.views.rerun.recording import Paths, Recording
 
 Color = tuple[int, int, int]

@@ -15,7 +15,7 @@ from pathlib import Path
 from threading import Thread
 from urllib.parse import quote
 
-from grs_agents.errors import GrsError, InputError
+from grs_agents.base.errors import GrsError, InputError
 
 LOOPBACK = "127.0.0.1"  # rerun's own default is every address of the machine
 WEB_PORT = 9090

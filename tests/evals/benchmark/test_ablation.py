@@ -7,7 +7,7 @@ import pytest
 
 from evals.benchmark.ablation_figures import tell_figures
 from evals.benchmark.ablation_runs import Measured
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.runs.experiment_run import ExperimentParser
 from grs_agents.runs.experiments import load_experiment
 

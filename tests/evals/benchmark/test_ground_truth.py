@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from evals.benchmark.ground_truth import labelled_folders, read_labelled
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 
 
 def _labelled(folder: Path, labels: np.ndarray, truth: object = None) -> Path:

@@ -11,7 +11,7 @@ from evals.benchmark.box_errors import object_figures
 from evals.benchmark.ground_truth import read_labelled
 from evals.benchmark.ground_truth_bop import bop_sources
 from evals.synthesis import Recipe, SynthesisedScene, synthesise
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.library import Library
 from grs_agents.library.posed_meshes import build_posed_triangles
 from grs_agents.library.shapes import IDENTITY_PLACEMENT, matrix_from_quaternion

@@ -8,7 +8,7 @@ import pytest
 from evals.benchmark.match_runs import match_orders, run_match_orders
 from evals.benchmark.match_types import f1_precision_recall, matching_file
 from evals.benchmark.perception_runs import MeasurementOptions, orders_of
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.runs.experiment_run import Experiment, ExperimentParser
 
 

@@ -12,7 +12,7 @@ from evals.benchmark.ground_truth import read_labelled
 from evals.benchmark.perception_worker import measure_scene
 from evals.benchmark.scene_run import TWIN, TWIN_ASIDE
 from evals.benchmark.types import Order, Result, result_file, run_folder
-from grs_agents.errors import InputError, UnknownNameError
+from grs_agents.base.errors import InputError, UnknownNameError
 from grs_agents.library.library import Library
 from grs_agents.perception.segmentation.candidates import measure_candidates
 from grs_agents.perception.table_finding import find_table

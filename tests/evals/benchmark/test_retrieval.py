@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from evals.benchmark.retrieval import measure_retrieval, retrieval_targets
-from grs_agents.errors import GrsError
+from grs_agents.base.errors import GrsError
 
 
 def test_an_index_is_built_and_probed(tmp_path: Path) -> None:

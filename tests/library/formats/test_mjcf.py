@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.formats.mjcf import read_mjcf
 from grs_agents.library.shapes import matrix_from_quaternion
-from grs_agents.mujoco_import import mujoco
 
 CUBE = (
     "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 0 1\nv 1 0 1\nv 0 1 1\nv 1 1 1\n"

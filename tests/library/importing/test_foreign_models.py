@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.importing.archives import open_import_source
 from grs_agents.library.importing.asset_discovery import find_item_files, find_source_items, slugify_name
 from grs_agents.library.importing.mesh_reader import read_mesh
@@ -20,7 +21,6 @@ from grs_agents.library.importing.source_folder import SourceFolder
 from grs_agents.library.importing.texture_atlas import merge_mesh_parts
 from grs_agents.library.importing.types import ImportOptions, RefusedError, SourceItem, SourceModel
 from grs_agents.library.mesh_files import mesh_volume
-from grs_agents.mujoco_import import mujoco
 from tests.library.importing import models
 
 GREEN = (20, 160, 60)

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import trimesh
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.importing.objaverse import download_objects, load_objaverse_package, search_objaverse
 from tests.needs import require
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from evals.benchmark.retrieval import synthetic_vectors
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.perception.matching.asset_index import DIMENSIONS, AssetIndex, embed_object
 
 NAMES = [f"asset/{number}" for number in range(3000)]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from evals.synthesis import Recipe
-from grs_agents.errors import ConfigError
+from grs_agents.base.errors import ConfigError
 from grs_agents.library.asset import Manifest
 from grs_agents.library.library import Library
 from grs_agents.perception.matching.clip_matcher import Picture, match_by_clip, open_clip_embedder

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grs_agents.base import Vec3
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.library.library import Library
 from grs_agents.perception.proxies.primitive_proxy import primitive_proxy
 from grs_agents.perception.proxies.proxy_writer import write_proxy

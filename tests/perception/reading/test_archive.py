@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.perception.reading.scene_source import read_scene
 from tests.perception.reading.conftest import Truth, npy_of, write_npz
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.perception.reading.masks import read_masks
 from grs_agents.perception.reading.scene_source import check_scene_source, read_scene
 from tests.perception.reading.conftest import FX, Truth, png, write_bop

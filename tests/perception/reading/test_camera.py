@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.perception.reading.scene_source import read_scene
 from grs_agents.perception.types import RGBDFrame
 from tests.perception.reading.conftest import FORMS, Truth, png

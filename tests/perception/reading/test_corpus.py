@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.perception.reading.masks import read_masks
 from grs_agents.perception.reading.scene_source import check_scene_source, read_scene
 from tests.needs import needs

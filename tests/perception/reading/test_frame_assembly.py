@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.perception.reading.frame_assembly import have_same_aspect_ratio, resize_depth
 from grs_agents.perception.reading.scene_source import read_scene
 from tests.perception.reading.conftest import CAMERA, Truth, npy_of, png, write

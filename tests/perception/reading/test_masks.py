@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.perception.reading.masks import read_masks
 from tests.perception.reading.conftest import FORMS, Truth, npy_of, png, write, write_npz
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.perception.reading.scene_source import read_scene
 from tests.perception.reading.conftest import CAMERA, Truth, png, write, write_bop
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.perception.reading.point_cloud_files import decompress_lzf
 from grs_agents.perception.reading.scene_source import read_scene
 from tests.perception.reading.conftest import CAMERA, Truth, lzf_packed, npy_of, pcd_of, ply_of, png, write

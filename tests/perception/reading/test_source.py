@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.perception.reading.camera import CameraFile, read_camera_file
 from grs_agents.perception.reading.scene_source import check_scene_source, read_scene, short_scene_name
 from grs_agents.perception.types import Camera

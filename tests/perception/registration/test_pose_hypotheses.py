@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from grs_agents.geometry.transforms import pose_matrix
+from grs_agents.base.geometry.transforms import pose_matrix
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import matrix_from_quaternion, quaternion_from_rpy
 from grs_agents.perception.asset_surfaces import Cloud

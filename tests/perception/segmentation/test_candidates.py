@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.errors import InputError
-from grs_agents.geometry.transforms import matrix_to_quaternion
+from grs_agents.base.errors import InputError
+from grs_agents.base.geometry.transforms import matrix_to_quaternion
 from grs_agents.library.library import Library
 from grs_agents.perception.reading.scene_source import read_scene
 from grs_agents.perception.segmentation.candidates import (

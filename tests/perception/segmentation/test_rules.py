@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from grs_agents.errors import UnknownNameError
+from grs_agents.base.errors import UnknownNameError
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.segmentation.configuration import RULES
 from grs_agents.perception.segmentation.part_merging import merge_parts

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from grs_agents.errors import ConfigError, InputError
+from grs_agents.base.errors import ConfigError, InputError
 from grs_agents.perception.segmentation.sam2_models import load_sam2
 from grs_agents.perception.types import Image
 from tests.needs import needs

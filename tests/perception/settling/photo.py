@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
-from grs_agents.mujoco_import import mujoco
 from grs_agents.perception.settling.settling import PlacedObject, prepare_world_for_settling, to_instance_objects
 from grs_agents.perception.types import Camera, Mask, RGBDFrame, TableFrame
 from grs_agents.sim.rendering.plain_pictures import render_along_rays

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.geometry.transforms import pose_matrix, rotation_about_z
+from grs_agents.base.geometry.transforms import pose_matrix, rotation_about_z
 from grs_agents.library.shapes import Shape
 from grs_agents.perception.settling.collider_clearance import PlacedColliders, Rank, clear_colliders, colliders_of_asset
 from grs_agents.perception.shapes.colliders import Collider, Hull

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from grs_agents.mujoco_import import mujoco
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.perception.settling.depenetration import deepest_overlap_depth
 from grs_agents.perception.settling.settling import push_overlaps_apart, simulate_until_rest
 from tests.perception.settling.photo import BLOCK, standing, world_of

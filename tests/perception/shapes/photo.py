@@ -3,7 +3,7 @@
 import numpy as np
 import trimesh
 
-from grs_agents.geometry.raster import rasterise_triangles
+from grs_agents.base.geometry.raster import rasterise_triangles
 from grs_agents.perception.shapes.types import ObjectView
 from grs_agents.perception.types import Intrinsics
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from grs_agents import content
-from grs_agents.config.schema import Limits
+from grs_agents.base import content
+from grs_agents.base.config.schema import Limits
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sandbox.isolation.backends import BackendChoice
 from grs_agents.sandbox.protocol.report import CallResult

@@ -29,7 +29,7 @@ from typing import Any, cast
 import numpy as np
 
 from grs_agents import sim
-from grs_agents.mujoco_import import mujoco
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sandbox.harness import channel
 from grs_agents.sandbox.protocol import wire
 from grs_agents.sim.world import templates

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from grs_agents.config.schema import Limits
+from grs_agents.base.config.schema import Limits
 from grs_agents.library.library import Library
 from grs_agents.toolkit import ToolContext, load_tool
 from tests.sandbox.attacks import descriptions
@@ -120,7 +120,7 @@ def test_a_robot_is_an_arm_or_nothing(robot: str, door: Door, watched: Canaries)
 def test_a_result_file_of_the_program_is_not_taken_for_one_of_ours(door: Door, watched: Canaries) -> None:
     """A link in scratch where trusted code writes next leads nowhere."""
     result = door.execute(
-        "import os\nfrom grs_agents.files import write_text\n"
+        "import os\nfrom grs_agents.base.files import write_text\n"
         f"os.symlink({watched.world['files'][0]!r}, 'result')\n"
         "from pathlib import Path\n"
         "try: write_text(Path('result'), 'overwritten')\nexcept OSError: pass\nvalue = {'got': 1}"

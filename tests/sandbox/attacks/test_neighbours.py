@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents import content
+from grs_agents.base import content
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sandbox.protocol.report import CallResult
 from tests.sandbox.attacks.conftest import BOUNDS, Door, bounds

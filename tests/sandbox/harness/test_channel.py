@@ -2,7 +2,7 @@
 
 import pytest
 
-from grs_agents.errors import GrsError
+from grs_agents.base.errors import GrsError
 from grs_agents.sandbox.harness.channel import report_progress
 
 

@@ -2,13 +2,13 @@
 
 import pytest
 
-from grs_agents.config.schema import Limits
+from grs_agents.base.config.schema import Limits
 from grs_agents.sandbox.host.batch_calls import BatchResult, call_tool_for_each_item
 from grs_agents.sandbox.host.sandbox import Sandbox
 
 CODE = """
 import os
-from grs_agents.sandbox import report_progress
+from grs_agents.sandbox.harness.channel import report_progress
 for item in request["items"]:
     report_progress({"item": item, "phase": "start"})
     if item == "crash": os._exit(1)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.config.schema import Limits
-from grs_agents.errors import UnknownNameError
+from grs_agents.base.config.schema import Limits
+from grs_agents.base.errors import UnknownNameError
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sandbox.host.zygote_process import SandboxError
 from tests.sandbox.processes import ends
@@ -126,7 +126,8 @@ def test_forged_bytes_are_an_outcome(name: str, execute: Execute) -> None:
 
 def test_events_arrive_even_if_the_worker_dies(execute: Execute) -> None:
     result = execute(
-        "from grs_agents.sandbox import report_progress\nreport_progress({'at': 1})\nimport os; os._exit(1)"
+        "from grs_agents.sandbox.harness.channel import report_progress\n"
+        "report_progress({'at': 1})\nimport os; os._exit(1)"
     )
     assert result.outcome == "crashed"
     assert result.events == ({"at": 1},)

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from grs_agents.config.schema import Limits
-from grs_agents.nodes.evidence import render_evidence
+from grs_agents.base.config.schema import Limits
+from grs_agents.graph.evidence import render_evidence
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sandbox.host.suite_run import TestRun, run_tests
 from grs_agents.sandbox.protocol.report import CallOutcome, CallResult, TestReport
@@ -186,7 +186,7 @@ METHOD = "    def test_a(self): self.assertTrue(0)\n"
 GOOD = METHOD.replace("0", "1")
 START = "    def test_a(self):\n"
 LIE = (
-    START + "        from grs_agents.sandbox import report_progress\n"
+    START + "        from grs_agents.sandbox.harness.channel import report_progress\n"
     "        report_progress({**dict(item='TestX.test_a', phase='end'), **dict(%s)})\n"
 )
 WRITES = (
@@ -513,7 +513,7 @@ def test_an_episode_that_no_later_file_can_hold_is_refused(episode: str, check: 
     forged = (
         f"dict(item='TestX.test_a', phase='end', outcome='passed', assertions=1, line=4, episode={{'x': {episode}}})"
     )
-    body = "    def test_a(self): import json; from grs_agents.sandbox import report_progress; "
+    body = "    def test_a(self): import json; from grs_agents.sandbox.harness.channel import report_progress; "
     body += f"report_progress({forged})\n"
     report = check(HEAD + body)
     assert not report.all_passed

@@ -11,7 +11,7 @@ from typing import get_args
 import pytest
 
 import grs_agents
-from grs_agents.config.schema import Config, Limits
+from grs_agents.base.config.schema import Config, Limits
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sandbox.host.zygote_process import SandboxError
 from grs_agents.sandbox.isolation import hardening

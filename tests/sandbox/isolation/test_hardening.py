@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.mujoco_import import mujoco
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.sandbox.isolation import hardening, kernel, landlock, seccomp
 from grs_agents.sandbox.isolation.privileges import Allowance
 from tests.needs import needs

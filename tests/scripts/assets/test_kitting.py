@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from grs_agents.errors import InputError, UnknownNameError
+from grs_agents.base.errors import InputError, UnknownNameError
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import read_vertices
 from scripts.assets.kitting import convex_outline_pieces

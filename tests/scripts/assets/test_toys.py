@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
-from grs_agents.mujoco_import import mujoco
 from scripts.assets.toys import build_toys
 
 LIBRARY = Library()

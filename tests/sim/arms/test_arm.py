@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim_scenes import Scripted, at
 
-from grs_agents.content import content_root
-from grs_agents.errors import InputError, UnknownNameError
+from grs_agents.base.content import content_root
+from grs_agents.base.errors import InputError, UnknownNameError
 from grs_agents.sim import Environment, find_task_class, run_oracle
 from grs_agents.sim.arms.arm_model import ArmModel
 from grs_agents.sim.arms.registry import get_arm

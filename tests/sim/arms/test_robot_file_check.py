@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.sim.arms.registry import get_arm
 from tests.gantry import GANTRY
 from tests.sim.arms.test_arm_files import MESH

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from sim_scenes import Scripted, at, run, zone_goal
 
-from grs_agents.errors import UnknownNameError
+from grs_agents.base.errors import UnknownNameError
 from grs_agents.sim import Environment, NoFreeSpaceError, SimulationBudgetError, p
 
 

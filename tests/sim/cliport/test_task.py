@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from sim_scenes import Scripted, at, pose_goal, zone_goal
 
-from grs_agents.errors import UnknownNameError
+from grs_agents.base.errors import UnknownNameError
 from grs_agents.library.library import Library
 from grs_agents.sim import Environment, Task, inside, instantiate, rollout, run_oracle, upright
 from grs_agents.sim.cliport.end_effectors import push

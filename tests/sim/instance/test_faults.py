@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from sim_scenes import Scripted, at, pose_goal, zone_goal
 
-from grs_agents.errors import GrsError
+from grs_agents.base.errors import GrsError
 from grs_agents.sim import Environment, InvalidValueError, SimulationError, Task, instantiate, near, p
 
 BLOCK, BOX = "block/block.urdf", "box/box-template.urdf"

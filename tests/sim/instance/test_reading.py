@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.sim import InstanceError, TaskInstance, parse_instance_json
 from grs_agents.sim.instance.task_instance import MAX_BYTES
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sim_scenes import Scripted, at
 
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.base.geometry.transforms import FloatArray
 from grs_agents.sim import Environment
 from grs_agents.sim.motion.grasp import Grasp, find_grasp
 from grs_agents.sim.motion.pick_place import PickPlace

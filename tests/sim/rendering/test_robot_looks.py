@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
-from grs_agents.mujoco_import import mujoco
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.instance.task_instance import TaskInstance
 from grs_agents.sim.rendering.robot_meshes import build_robot_meshes

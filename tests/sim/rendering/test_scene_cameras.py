@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.errors import InputError, UnknownNameError
-from grs_agents.geometry import transforms
+from grs_agents.base.errors import InputError, UnknownNameError
+from grs_agents.base.geometry import transforms
 from grs_agents.library.library import Library
 from grs_agents.sim.instance.task_instance import (
     InstanceCamera,

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from grs_agents import sim
-from grs_agents.config.schema import Limits
+from grs_agents.base.config.schema import Limits
 from grs_agents.library.library import Library
 from grs_agents.sim import Environment, ObjectLimitError, SimulationBudgetError, SimulationError, VertexLimitError
 from grs_agents.sim.world import budget

@@ -10,7 +10,7 @@ from sim_scenes import Scene, Scripted, at, pose_goal
 
 from grs_agents import sim
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import transforms
+from grs_agents.base.geometry import transforms
 from grs_agents.sim import Environment, InstanceObject, Task, TaskInstance, instantiate, p, place_bystanders, rollout
 
 MILK, TUNA, CORN = "HOPE/Milk.urdf", "HOPE/Tuna.urdf", "HOPE/Corn.urdf"

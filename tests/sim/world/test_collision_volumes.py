@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.geometry.hulls import hull_half_spaces
+from grs_agents.base.geometry.hulls import hull_half_spaces
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import ObjectModel, Shape
 from grs_agents.sim import Zone, utils

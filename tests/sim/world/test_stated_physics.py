@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from grs_agents.base.mujoco_import import mujoco
 from grs_agents.library.library import Library
-from grs_agents.mujoco_import import mujoco
 from grs_agents.sim import InstanceObject, TaskInstance, rollout
 from grs_agents.sim.instance.task_instance import HEAVIEST
 from grs_agents.sim.world.compilation import compile_world

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from grs_agents.errors import GrsError
+from grs_agents.base.errors import GrsError
 from grs_agents.library.library import Library
 from grs_agents.sim import Environment, InstanceObject, Task
 

@@ -1,7 +1,16 @@
 """Events as Markdown."""
 
-from grs_agents.trace.events import Decision, Finding, ProgramVersion, Prompt, Reply, RunEnded, RunStarted, TaskDefined
-from grs_agents.trace.events import TestsRun as Tested
+from grs_agents.base.trace.events import (
+    Decision,
+    Finding,
+    ProgramVersion,
+    Prompt,
+    Reply,
+    RunEnded,
+    RunStarted,
+    TaskDefined,
+)
+from grs_agents.base.trace.events import TestsRun as Tested
 from grs_agents.views.common import event_markdown
 
 

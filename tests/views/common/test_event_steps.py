@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
-from grs_agents.trace.events import NodeEnded, NodeStarted, Note, RunEnded
-from grs_agents.trace.log import read_events
+from grs_agents.base.trace.events import NodeEnded, NodeStarted, Note, RunEnded
+from grs_agents.base.trace.log import read_events
 from grs_agents.views.common.event_steps import Steps, group_events_into_steps
 
 

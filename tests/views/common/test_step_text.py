@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.errors import InputError
-from grs_agents.terminal.control_characters import escape_control_chars
-from grs_agents.trace.events import Finding, NodeEnded, NodeStarted
-from grs_agents.trace.log import read_events
+from grs_agents.base.errors import InputError
+from grs_agents.base.terminal.control_characters import escape_control_chars
+from grs_agents.base.trace.events import Finding, NodeEnded, NodeStarted
+from grs_agents.base.trace.log import read_events
 from grs_agents.views.common.event_steps import Step, Steps, group_events_into_steps
 from grs_agents.views.common.step_text import find_last_failed_step, find_step_by_number, iter_step_sections
 from tests.views.conftest import DIFF, SECOND

@@ -11,13 +11,13 @@ import numpy.typing as npt
 import pytest
 from PIL import Image
 
-from grs_agents.errors import GrsError, InputError
+from grs_agents.base.errors import GrsError, InputError
+from grs_agents.base.mujoco_import import mujoco
+from grs_agents.base.trace.events import NodeStarted, Rollout
 from grs_agents.library.library import Library
-from grs_agents.mujoco_import import mujoco
 from grs_agents.sim import TaskInstance, rollout
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.rendering.stage import Stage, scene_props_from_instance
-from grs_agents.trace.events import NodeStarted, Rollout
 from grs_agents.views.common.rollout_motion import find_grasps, read_motion, read_task_instance
 from grs_agents.views.film import rollout_film
 from grs_agents.views.film.captions import draw_captions, write_moment_captions

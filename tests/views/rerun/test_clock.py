@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.trace.events import NodeStarted, Note
+from grs_agents.base.trace.events import NodeStarted, Note
 from grs_agents.views.rerun.recording import Clock
 
 

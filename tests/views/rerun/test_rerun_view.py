@@ -13,11 +13,11 @@ import pytest
 from rerun.blueprint import View
 from rerun.chunk import RrdReader
 
+from grs_agents.base.trace.events import Decision, Event, NodeStarted, ProgramVersion, Prompt, Reply, Rollout
+from grs_agents.base.trace.events import TestsRun as Tested
+from grs_agents.base.trace.log import read_events
 from grs_agents.library.library import Library
 from grs_agents.sim.arms.registry import get_arm
-from grs_agents.trace.events import Decision, Event, NodeStarted, ProgramVersion, Prompt, Reply, Rollout
-from grs_agents.trace.events import TestsRun as Tested
-from grs_agents.trace.log import read_events
 from grs_agents.views.common.event_steps import format_event_line
 from grs_agents.views.rerun.recording import Paths
 from grs_agents.views.rerun.rerun_view import RerunView, rebuild_rrd_file
@@ -241,7 +241,8 @@ import contextlib, os, pathlib, signal
 from rerun.blueprint import View
 from rerun.chunk import RrdReader
 from grs_agents.library import Library
-from grs_agents.trace import EventLog, NodeStarted, Note, RunStarted
+from grs_agents.base.trace.events import NodeStarted, Note, RunStarted
+from grs_agents.base.trace.log import EventLog
 from grs_agents.views.rerun.rerun_view import RerunView
 log = EventLog(pathlib.Path("events.jsonl"))
 log.subscribe(RerunView(pathlib.Path("."), Library()))

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
+from grs_agents.base.trace.events import Rollout
 from grs_agents.library.library import Library
 from grs_agents.sim.instance.task_instance import InstanceObject, TaskInstance
-from grs_agents.trace.events import Rollout
 from grs_agents.views.rerun.recording import Paths, Recording
 from grs_agents.views.rerun.rollout_view import RolloutView, rollout_duration
 

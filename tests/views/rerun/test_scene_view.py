@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
+from grs_agents.base.trace.events import SceneStage
 from grs_agents.library.library import Library
-from grs_agents.trace.events import SceneStage
 from grs_agents.views.rerun.recording import Paths, Recording
 from grs_agents.views.rerun.scene_view import SceneView
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from grs_agents import content
+from grs_agents.base import content
 from grs_agents.views.rerun import state_machine_view
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from rerun.chunk import RrdReader
 
-from grs_agents.trace.events import NodeStarted, RunEnded, RunStarted
+from grs_agents.base.trace.events import NodeStarted, RunEnded, RunStarted
 from grs_agents.views.rerun.recording import Moment, Paths, Recording
 from grs_agents.views.rerun.state_machine_view import MachineView
 from grs_agents.views.rerun.viewer_layout import build_run_blueprint

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.errors import InputError
+from grs_agents.base.errors import InputError
 from grs_agents.views.rerun.viewer import (
     WEB_PORT,
     WebAddress,

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from grs_agents.base.trace.events import NodeStarted, Rollout
+from grs_agents.base.trace.log import read_events
 from grs_agents.library.library import Library
-from grs_agents.trace.events import NodeStarted, Rollout
-from grs_agents.trace.log import read_events
 from grs_agents.views.rerun.rerun_view import rebuild_rrd_file, record_comparison
 from tests.needs import needs
 from tests.views.looking import headless, picture

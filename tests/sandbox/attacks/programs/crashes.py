@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from grs_agents.mujoco_import import mujoco
+from grs_agents.base.mujoco_import import mujoco
 from tests.sandbox.attacks.kit import World, gets, libc
 
 DEAD = ("crashed by SIGSEGV", "crashed by SIGABRT", "crashed by SIGBUS")

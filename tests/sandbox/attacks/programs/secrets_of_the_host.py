@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from grs_agents.mujoco_import import mujoco
+from grs_agents.base.mujoco_import import mujoco
 from tests.sandbox.attacks.kit import HIDDEN, UNKNOWN, World, call, check, gets, libc, succeeded
 
 AT_FDCWD = -100

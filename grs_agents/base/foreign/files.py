@@ -1,0 +1,124 @@
+"""Files from outside: regular files of bounded size, and JSON of bounded depth and count."""
+
+import json
+import re
+import stat
+from pathlib import Path
+from typing import Any, cast
+
+from grs_agents.base.errors import InputError
+
+MOST_BYTES = 1 << 30
+"""No file of a scene is larger, in bytes."""
+_PIECE = 1 << 20
+MOST_JSON_BYTES = 1 << 26
+MOST_TEXT_BYTES = 1 << 20
+"""A program or a configuration file has a few kilobytes."""
+MOST_DEPTH = 64
+"""Levels of nested arrays and objects; what GRS writes has about ten. Python's own parser fails at about 1,000."""
+MOST_VALUES = 250_000
+"""Values of one file in a run folder. The log of the sample run has 2,400; one value takes up to 500 bytes."""
+MOST_VALUES_OF_DATA = 2_000_000
+"""Values of any other file: data sets list the poses of thousands of pictures in one. They take 320 MB."""
+_TOKEN = re.compile(rb'"(?:[^"\\\n]++|\\.)*+"?|[\[{\]},\n]')
+
+
+def path_exists(path: Path) -> bool:
+    """Whether there is anything under this name, a broken link or an endless one included."""
+    try:
+        path.lstat()
+    except FileNotFoundError:
+        return False
+    except (OSError, ValueError):
+        return True
+    return True
+
+
+def is_folder(path: Path) -> bool:
+    """Whether this is a folder; what cannot be looked at is none."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False
+
+
+def list_folder_names(folder: Path) -> list[str]:
+    """The names in a folder, sorted. Raises InputError: it cannot be read."""
+    try:
+        return sorted(entry.name for entry in folder.iterdir())
+    except OSError as error:
+        raise InputError(f"cannot read {folder}: {error.strerror}", "name a folder that you may read") from error
+
+
+def read_bytes(file: Path, remedy: str = "", most: int = MOST_BYTES) -> bytes:
+    """The content of a regular file. Raises InputError: it cannot be read, is no regular file, or is too large."""
+    try:
+        status = file.stat()  # before it is opened: a pipe would wait for its other end for ever
+        if not stat.S_ISREG(status.st_mode):
+            kind = "a folder" if stat.S_ISDIR(status.st_mode) else "no regular file"
+            raise InputError(f"cannot read {file}: it is {kind}", remedy or "give a file of that name")
+        if status.st_size > most:
+            raise InputError(f"{file} has {status.st_size} bytes, more than {most}", "give a smaller file")
+        with file.open("rb") as stream:
+            data = stream.read(status.st_size + 1)  # not `most`, for which room would be made ahead
+            while len(data) > status.st_size and len(data) <= most and (more := stream.read(_PIECE)):
+                data += more  # it grows, or lies in /proc, whose files say that they have 0 bytes
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise InputError(f"cannot read {file}: {reason}", remedy or "give a file that you may read") from error
+    if len(data) > most:
+        raise InputError(f"{file} has more than {most} bytes", "give a smaller file")
+    return data
+
+
+def read_text(file: Path, remedy: str = "", most: int = MOST_TEXT_BYTES) -> str:
+    """The text of a regular UTF-8 file. Raises InputError: as `read_bytes`, or it is not UTF-8."""
+    try:
+        return read_bytes(file, remedy, most).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{file} is not UTF-8 text: {error}", remedy or "give a text file") from error
+
+
+def check_json_limits(data: bytes, where: object, values: int | None = MOST_VALUES) -> None:
+    """See that JSON, or lines of JSON, is not nested too deep and does not hold too many values, before it is parsed.
+
+    Args:
+        data: the text in UTF-8; whether it is JSON at all is for the parser to say.
+        where: what errors call it.
+        values: how many values it may hold; None for any number.
+
+    Raises:
+        InputError: it is deeper or holds more.
+    """
+    depth = count = 0
+    for token in _TOKEN.finditer(data):
+        letter = data[token.start()]
+        if letter in b"[{":
+            depth, count = depth + 1, count + 1
+        elif letter in b"]}":
+            depth -= 1
+        elif letter == 0x2C:
+            count += 1
+        elif letter == 0x0A and depth <= 0:  # the line of a log ends
+            depth = 0
+        if depth > MOST_DEPTH:
+            raise InputError(f"{where} is nested deeper than {MOST_DEPTH} levels", "restore the file")
+        if values is not None and count > values:
+            raise InputError(f"{where} holds more than {values} values", "restore the file")
+
+
+def parse_json(data: bytes, where: object, remedy: str, values: int | None = MOST_VALUES) -> Any:
+    """The value that JSON in UTF-8 holds. Raises InputError: it is none, or nested too deep, or too large."""
+    check_json_limits(data, where, values)
+    try:
+        return json.loads(data.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{where} is not JSON: {error}", remedy) from error
+
+
+def read_json(file: Path, remedy: str) -> dict[str, Any]:
+    """A JSON object. Raises InputError: it cannot be read, is not JSON in UTF-8, or is no object."""
+    value = parse_json(read_bytes(file, remedy, MOST_JSON_BYTES), file, remedy, MOST_VALUES_OF_DATA)
+    if not isinstance(value, dict):
+        raise InputError(f"{file} is not a JSON object", remedy)
+    return cast(dict[str, Any], value)

@@ -1,3 +1,0 @@
-"""Configuration: one TOML file, ``--set`` and the environment become one frozen ``Config``."""
-
-from grs_agents.config.schema import Limits as Limits

@@ -1,3 +1,0 @@
-"""Reads what somebody else may have written: files, JSON, run folders, arrays and pictures, all within bounds.
-Arrays and pictures need NumPy and OpenCV; import them from ``grs_agents.foreign.arrays`` and
-``grs_agents.foreign.pictures``."""

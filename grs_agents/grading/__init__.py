@@ -1,7 +1,0 @@
-"""How hard a task is: figures of its scene, its expert, and of policies that do not know what the expert knows."""
-
-from grs_agents.grading.primitive_policy import PrimitivePolicy as PrimitivePolicy
-from grs_agents.grading.primitive_task import PrimitiveTask as PrimitiveTask
-from grs_agents.grading.primitive_task import decide as decide
-from grs_agents.grading.primitive_task import demonstrate as demonstrate
-from grs_agents.grading.primitive_task import evaluate_policy as evaluate_policy

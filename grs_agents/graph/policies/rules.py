@@ -1,0 +1,224 @@
+"""The policy ``rules``: whose fault it is, from types, without a model."""
+
+import json
+import math
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator
+from functools import cached_property
+
+from grs_agents.agents.types import Verdict
+from grs_agents.graph.policies.task_word_checks import read_task_words
+from grs_agents.graph.policies.types import (
+    Cause,
+    RoutingContext,
+    RoutingDecision,
+    list_stable_failures,
+    read_episode,
+)
+from grs_agents.sandbox.protocol.report import TestCase
+from grs_agents.sim.instance.episode import Episode
+
+_BROKEN_SOURCE = (
+    *("syntax", "import", "unknown_name", "unknown_asset", "wrong_arguments", "endless_loop"),
+    *("class_missing", "base_call_missing"),
+)
+_OTHER_TASK = ("asset_not_in_task", "asset_unused", "object_without_goal")
+"""Static findings by which a program is not that of the task, however well it runs."""
+_SHOWS_NOTHING = ("no_assertion", "skipped", "expected_failure", "missing", "extra", "duplicate", "replaced")
+_MEDDLING = re.compile(r"\.(?:max_steps|goals|pos_eps|rot_eps) = .*|\.(?:add_object|add_goal)\(.*")
+"""What tests do to the task or the scene that they are to test."""
+_STRICTLY_MET = 0.95
+_SAME_PLACE = 0.02
+"""Metres within which an object begins where the photo shows it."""
+
+
+class Rules:
+    """Decide from types: static findings, who raised an error, how the oracle fared, what the task's words ask for.
+
+    The program is at fault where its source or its run is broken, where the oracle falls short, where goals are met
+    only loosely, and where it succeeds at something other than the task. Otherwise the tests are: they are in error, or
+    they expect what the task does not say. A verdict that left the report as it was gives way to the other one.
+    """
+
+    def decide(self, context: RoutingContext) -> RoutingDecision:
+        """Read the types; compare with the report of the decision before."""
+        evidence = _Evidence(context)
+        decision = _decide_by_first_matching_rule(evidence)
+        last = context.earlier[-1] if context.earlier and not context.audit_failed else None
+        if last is None or last.failures != list_stable_failures(context.report):
+            return decision
+        other: Verdict = "fix_test" if last.verdict == "fix_code" else "fix_code"
+        if last.verdict == decision.verdict == "fix_code" and evidence.is_infeasible and "fix_task" in context.verdicts:
+            other = "fix_task"
+        why = f"{last.verdict} left the report as it was, so {other} is next; {decision.explanation}"
+        return RoutingDecision(verdict=other, explanation=why, policy="rules")
+
+
+def _decide_by_first_matching_rule(evidence: "_Evidence") -> RoutingDecision:
+    """What the first of the rules says that has something to say; those that leave no doubt come first."""
+    rules: tuple[Callable[[_Evidence], RoutingDecision | None], ...] = (
+        _decide_by_load_failures,
+        _decide_by_failed_cases,
+        _decide_by_oracle_episodes,
+        _decide_by_task_words,
+    )
+    decisions = (rule(evidence) for rule in rules)
+    return next((decision for decision in decisions if decision is not None), None) or _route_to_tests_by_default(
+        evidence
+    )
+
+
+_INFEASIBLE = ("target_too_small", "unreachable", "no_free_space", "no_seal", "would_tip")
+"""Outcomes that no program may be able to change: the task has to be revised."""
+
+
+class _Evidence:
+    """The context, and what several rules read from it."""
+
+    def __init__(self, context: RoutingContext) -> None:
+        self.context, self.report = context, context.report
+        self.failed = [case for case in self.report.cases if case.outcome not in ("passed", "not_run")]
+
+    def find_static_finding(self, program: str, kinds: tuple[str, ...]) -> str:
+        """The first static finding of one of these kinds that blames ``program``, in words; empty without one."""
+        for finding in self.context.static:
+            if finding.program == program and finding.kind in kinds:
+                return f"line {finding.line} of the {program} program: {finding.message}"
+        return ""
+
+    @cached_property
+    def episodes(self) -> list[tuple[TestCase, Episode]]:
+        """The oracle's episodes with their tests, failed tests first."""
+        cases = sorted(self.report.cases, key=lambda case: case.outcome == "passed")
+        read = [(case, read_episode(case.episode)) for case in cases]
+        return [(case, episode) for case, episode in read if episode is not None]
+
+    @cached_property
+    def solved(self) -> Episode | None:
+        """An episode in which the oracle met every goal."""
+        return next((episode for _, episode in self.episodes if episode.outcome == "success"), None)
+
+    @property
+    def is_infeasible(self) -> bool:
+        """Whether something does not fit, or cannot be reached or held, in any episode."""
+        return self.solved is None and any(episode.outcome in _INFEASIBLE for _, episode in self.episodes)
+
+
+def _blame_program(why: str, sure: bool = True) -> RoutingDecision:
+    return RoutingDecision(verdict="fix_code", explanation=why, policy="rules", cause="wrong_program", sure=sure)
+
+
+def _blame_tests(why: str, sure: bool = True, expectation: bool = False) -> RoutingDecision:
+    cause: Cause = "wrong_expectation" if expectation else "tests_error"
+    return RoutingDecision(verdict="fix_test", explanation=why, policy="rules", cause=cause, sure=sure)
+
+
+def _decide_by_load_failures(evidence: _Evidence) -> RoutingDecision | None:
+    """The audit's verdict, and sources that cannot do anything."""
+    report = evidence.report
+    if evidence.context.audit_failed and "fix_code" not in evidence.context.verdicts:
+        return _blame_tests("the audit finds fault with the tests alone")
+    if evidence.context.audit_failed:
+        return _blame_program("the tests pass but the audit of the task instances fails")
+    if found := evidence.find_static_finding("simulation", _BROKEN_SOURCE):
+        return _blame_program(found)
+    if found := evidence.find_static_finding("tests", (*_BROKEN_SOURCE, "no_tests")):
+        return _blame_tests(found)
+    if report.cases:
+        return None
+    why = f"no test ran: {report.message} (raised in {report.raised_in or report.outcome})"
+    in_tests = report.raised_in == "tests" or report.outcome in ("no_tests", "load_tests")
+    return _blame_tests(why) if in_tests else _blame_program(why)
+
+
+def _decide_by_failed_cases(evidence: _Evidence) -> RoutingDecision | None:
+    """Tests that change what they test, and what the program raised or ran into."""
+    if evidence.failed and (meddling := _MEDDLING.search(evidence.context.tests)):
+        return _blame_tests(f"the tests change what they test: {meddling[0][:80]}", sure=False)
+    for case in evidence.failed:
+        if case.outcome in _SHOWS_NOTHING or case.raised_in == "tests":
+            continue
+        why = f"{case.id} {case.outcome} in the program: {case.message}"
+        if evidence.solved is None or case.outcome != "error":
+            return _blame_program(why)
+        return _blame_tests(f"{why}; as the oracle solves the task in another test, this one misuses it", sure=False)
+    return None
+
+
+def _decide_by_oracle_episodes(evidence: _Evidence) -> RoutingDecision | None:
+    """The oracle fell short by itself, or met goals only as loosely as they are published."""
+    for case, episode in evidence.episodes:
+        if episode.outcome == "success" and episode.strict < _STRICTLY_MET:
+            missed = "; ".join(episode.shortfalls)
+            return _blame_program(f"the goals count as met but strictly only {episode.strict:.2f}: {missed}")
+        if case.outcome in ("passed", *_SHOWS_NOTHING) or episode.outcome in ("success", "stopped"):
+            continue
+        if not episode.motions and "add_goal" in evidence.context.simulation:
+            return _blame_tests(f"{case.id} asks the oracle though nothing stands on the table: it has to reset first")
+        why = f"{case.id}: the oracle ended in {episode.outcome}: {episode.detail}"
+        if evidence.solved is None:
+            return _blame_program(why)
+        return _blame_tests(f"{why}; it solves the task in another test, so this one drives it differently", sure=False)
+    return None
+
+
+def _decide_by_task_words(evidence: _Evidence) -> RoutingDecision | None:
+    """The program may run well and still not be that of the task: then a test that fails may well be right."""
+    if evidence.failed and (found := evidence.find_static_finding("simulation", _OTHER_TASK)):
+        return _blame_program(found)
+    if not evidence.failed or evidence.solved is None:
+        return None
+    words = read_task_words(evidence.context.task, evidence.context.scene)
+    if unmet := words.find_violations(evidence.solved.motions):
+        return _blame_program(f"the goals are met, the task is not: {'; '.join(unmet)}")
+    doubt = next(_list_doubts_about_program(evidence, evidence.solved), "")
+    return _blame_program(doubt, sure=False) if doubt else None
+
+
+def _list_doubts_about_program(evidence: _Evidence, episode: Episode) -> Iterator[str]:
+    """What makes it likely that a program whose goals were met is wrong."""
+    if not episode.actions:
+        yield "the goals are met before the robot does anything"
+    for asset, places in _group_photo_positions_by_asset(evidence.context.scene).items():
+        starts = [motion.start[:2] for motion in episode.motions if motion.asset == asset]
+        if len(starts) > len(places):
+            yield f"there are {len(starts)} of {asset}, the photo shows {len(places)}"
+        elif any(min(math.dist(place, start) for place in places) > _SAME_PLACE for start in starts):
+            yield f"{asset} does not begin where the photo shows it"
+    yield from _find_repeated_moves(episode)
+    if found := evidence.find_static_finding("simulation", ("reward_sum", "unknown_argument")):
+        yield found
+
+
+def _find_repeated_moves(episode: Episode) -> Iterator[str]:
+    """Objects that one goal sends somewhere and another one sends on."""
+    counts = Counter(motion.asset for motion in episode.motions)
+    for asset, count in Counter(action.asset for action in episode.actions if action.asset).items():
+        goals = sum(asset in goal.goal for goal in episode.goals)
+        if count > max(1, counts[asset]) and goals > 1:
+            yield f"{goals} goals ask for {asset}, which the robot moves {count} times"
+
+
+def _group_photo_positions_by_asset(scene: str) -> dict[str, list[tuple[float, float]]]:
+    """Where the photo shows the objects of each asset: x and y, metres."""
+    places: dict[str, list[tuple[float, float]]] = {}
+    for item in json.loads(scene or "{}").get("objects", ()):
+        places.setdefault(item["asset"], []).append((item["position"][0], item["position"][1]))
+    return places
+
+
+def _route_to_tests_by_default(evidence: _Evidence) -> RoutingDecision:
+    """Nothing speaks against the program, so the tests are in error, or expect what the task does not say."""
+    if not evidence.failed:
+        message = f"the tests as a whole are {evidence.report.outcome}: {evidence.report.message}"
+        return _blame_tests(message, sure=False)
+    first = evidence.failed[0]
+    said = f"{first.id} {first.outcome}: {first.message}"
+    if first.outcome != "failed":
+        return _blame_tests(f"{said}, in the tests themselves")
+    if evidence.solved is None:
+        return _blame_tests(f"{said}, in tests that never let the oracle finish", sure=False, expectation=True)
+    understood = bool(read_task_words(evidence.context.task, evidence.context.scene).relations)
+    also = " and does all that the task's words ask for" if understood else ""
+    return _blame_tests(f"{said}, although the oracle meets every goal{also}", sure=understood, expectation=True)

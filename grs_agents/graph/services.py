@@ -1,0 +1,188 @@
+"""What the nodes work with; it is given to a graph as its context and never checkpointed."""
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property, partial, wraps
+from pathlib import Path
+from stat import S_ISDIR
+from typing import TYPE_CHECKING, Any, Protocol
+
+from pydantic import ValidationError
+
+from grs_agents.agents.agent import Agents
+from grs_agents.base.config.schema import Config
+from grs_agents.base.errors import ConfigError, InputError
+from grs_agents.base.questions import parse_question
+from grs_agents.base.trace.events import NodeEnded, NodeStarted, Note, summarise_value
+from grs_agents.base.trace.log import EventLog
+from grs_agents.graph.policies.types import Policy
+from grs_agents.graph.state import RunState
+from grs_agents.library.library import Library
+from grs_agents.perception.picture_files import load_frame
+from grs_agents.perception.types import Camera, RGBDFrame, TableFrame
+from grs_agents.sandbox.host.sandbox import Sandbox
+from grs_agents.sim.arms.arm_files import ROBOT_FOLDER, copy_arm_files
+from grs_agents.sim.arms.registry import ROBOTS, get_arm
+from grs_agents.toolkit import ToolContext, load_tool
+
+if TYPE_CHECKING:  # LangGraph takes long to import, and a check of programs runs no graph
+    from langgraph.runtime import Runtime
+
+Update = dict[str, Any]
+Photo = tuple[RGBDFrame, TableFrame]
+"""An RGB-D frame and the table in it."""
+Body = Callable[[RunState, "Services"], Update]
+Stamp = tuple[str, int, int, int]
+"""A file's path, inode, time of change in ns and size: another one once it is written again."""
+
+
+class Node(Protocol):
+    """What LangGraph calls."""
+
+    def __call__(self, state: RunState, *, runtime: "Runtime[Services]") -> Update:
+        """The state in, its changes out."""
+        ...
+
+
+@dataclass(frozen=True)
+class Services:
+    """The services of one run."""
+
+    config: Config
+    log: EventLog
+    agents: Agents
+    policy: Policy
+    sandbox: Sandbox  # where generated code runs
+    folder: Path
+    visits: Counter[str] = field(default_factory=Counter[str])  # how often each node was entered
+    assets: Path | None = None  # the folder of the run's own assets; `assets` in `folder` by default
+    _overlaid: dict[frozenset[Stamp], Library] = field(
+        default_factory=dict[frozenset[Stamp], Library], init=False, repr=False, compare=False
+    )
+    _photos: list[RGBDFrame] = field(default_factory=list["RGBDFrame"], init=False, repr=False, compare=False)
+
+    @property
+    def library(self) -> Library:
+        """The shipped assets with the run's own proxies laid over; read anew only when a proxy has changed."""
+        proxies = self.assets or self.folder / "assets"
+        if not proxies.is_dir():
+            return self._load_shipped_library
+        stamps = frozenset(_iterate_file_stamps(proxies))
+        if stamps not in self._overlaid:
+            self._overlaid.clear()
+            self._overlaid[stamps] = self._load_shipped_library.copy_with_overlay_root(proxies)
+        return self._overlaid[stamps]
+
+    def cache_photo(self, frame: RGBDFrame) -> None:
+        """Keep what the node ``read`` has written, so that `load_photo` need not decode it."""
+        self._photos[:] = [frame]
+
+    def load_photo(self, state: RunState) -> RGBDFrame:
+        """The photo that the node ``read`` wrote into the run folder; after a resume it is decoded once."""
+        if not self._photos:
+            self._photos.append(load_frame(self.folder, Camera.model_validate(state["camera"]), state["scene_path"]))
+        return self._photos[0]
+
+    @cached_property
+    def _load_shipped_library(self) -> Library:
+        return Library()
+
+    @cached_property
+    def robot_name_or_path(self) -> str:
+        """The arm's name, or the absolute path of its file: of the copy in the run folder, where one can be made."""
+        robot = self.config.robot
+        if robot in ROBOTS:
+            return robot
+        source = Path(robot).resolve()
+        return str(copy_arm_files(source, self.folder.resolve() / ROBOT_FOLDER) or source)
+
+    @property
+    def library_root_fields(self) -> dict[str, Any]:
+        """What every tool that simulates is told: where the assets are."""
+        return {"library_roots": [str(root) for root in self.library.roots]}
+
+    def __post_init__(self) -> None:
+        """Refuse a robot that cannot be used before anything is spent on the run."""
+        if self.robot_name_or_path not in ROBOTS:
+            try:
+                get_arm(self.robot_name_or_path)
+            except InputError:
+                get_arm(str(Path(self.config.robot).resolve()))  # which names the user's own file
+                raise
+
+    def run_tool(self, name: str, **request: Any) -> Any:
+        """Run the tool called ``name`` with a request made of ``request``."""
+        tool = load_tool(name)
+        try:
+            asked = tool.Request(**request)
+        except (ValidationError, TypeError) as error:
+            first = str(error).splitlines()[0]
+            remedy = f"name a tool whose Request has {', '.join(request)}"
+            raise ConfigError(f"tool {name!r} cannot take the request: {first}", remedy) from error
+        context = ToolContext(
+            sandbox=self.sandbox,
+            library=self.library,
+            limits=self.config.limits,
+            say=lambda text: self.log.append(Note(level="info", text=text)),
+        )
+        return tool.run(asked, context)
+
+
+def _iterate_file_stamps(folder: Path) -> Iterator[Stamp]:
+    """Of every file below ``folder``."""
+    for path in folder.rglob("*"):
+        with suppress(FileNotFoundError):  # the temporary file of one that is written just now
+            status = path.stat()
+            if not S_ISDIR(status.st_mode):
+                yield str(path), status.st_ino, status.st_mtime_ns, status.st_size
+
+
+def logged_node(name: str) -> Callable[[Body], Node]:
+    """Wrap the body of the node ``name``: its start, end, seconds and errors become events."""
+    return partial(_wrap_node_with_events, name)
+
+
+def _run_node_body_and_log(name: str, body: Body, state: RunState, services: Services) -> Update:
+    from langgraph.errors import GraphInterrupt
+
+    begin = time.perf_counter()
+    update: Update = {}
+    error = ""
+    try:
+        update = body(state, services)
+    except GraphInterrupt as asked:  # the node begins anew with the reply
+        services.log.append(Note(level="info", text=f"asks: {parse_question(asked.args[0][0].value).text}"))
+        raise
+    except BaseException as problem:
+        error = f"{type(problem).__name__}: {problem}"
+        raise
+    finally:
+        seconds = time.perf_counter() - begin
+        services.log.append(
+            NodeEnded(
+                node=name,
+                seconds=seconds,
+                changed=tuple(update),
+                values={key: summarise_value(value) for key, value in update.items()},
+                error=error,
+            )
+        )
+    return update
+
+
+def _wrap_node_with_events(name: str, body: Body) -> Node:
+    @wraps(body)
+    def run(state: RunState, *, runtime: "Runtime[Services]") -> Update:
+        services = runtime.context
+        services.visits[name] += 1
+        services.log.attempt = state.get("fixes", 0)
+        with services.log.step(NodeStarted(node=name, visit=services.visits[name])):
+            return _run_node_body_and_log(name, body, state, services)
+
+    # LangGraph reads the annotations of what it is given, and ``wraps`` has put the body's there.
+    run.__annotations__ = {"state": RunState, "runtime": Any, "return": Update}
+    del run.__wrapped__
+    return run

@@ -1,0 +1,159 @@
+"""Where the episodes of an unfinished data set are kept: one file for each attempt, so that little is lost."""
+
+import io
+import json
+import re
+import zipfile
+import zlib
+from collections.abc import Iterator
+from dataclasses import fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.lib import format as npy
+from pydantic import ValidationError
+
+from grs_agents.base.errors import InputError
+from grs_agents.base.files import write_bytes, write_json
+from grs_agents.base.foreign.arrays import read_npy_stream
+from grs_agents.base.foreign.bounded_streams import BoundedReader, check_zip_compression, open_zip
+from grs_agents.base.foreign.files import read_json
+from grs_agents.tasks.demos.types import CameraModel, Demonstration, Dropped
+
+_ORDER: Final = "order.json"
+_ARRAYS: Final = ("joint_positions", "joint_velocities", "tip", "suction", "objects", "actions", "rewards")
+_IMAGE: Final = "image:"
+_MOST_DIRECTORY: Final = 1 << 20
+"""Bytes of the table of what a file of an attempt holds."""
+_MOST_HEADER: Final = 1 << 26
+_MOST_ARRAY: Final = 1 << 32
+"""Bytes of the pictures of one camera: 4,600 of 640x480 pixels."""
+
+
+_LEAST_ROOM, _MOST_RATIO = 1 << 24, 200
+"""Bytes that any attempt may unpack to, and times its size: pictures of a simulation shrink to a third or a tenth."""
+_ATTEMPT: Final = re.compile(r"attempt_(\d{6,12})")
+_REMEDY: Final = "remove it: the attempt is made again"
+_TORN: Final = (
+    *(zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, NotImplementedError),
+    *(ValueError, TypeError, LookupError, RecursionError),
+)
+"""What zipfile, json and numpy raise on torn or forged files."""
+
+
+class AttemptStore:
+    """The attempts of one order. Raises ``InputError`` if the folder has those of another."""
+
+    def __init__(self, path: Path, order: dict[str, Any]) -> None:
+        if path.is_symlink():  # what is begun may come from somebody else
+            raise InputError(f"{path} is a link", "remove it to begin anew")
+        self.path, file = path, path / _ORDER
+        self.order: dict[str, Any] = json.loads(json.dumps(order))  # what all attempts depend on
+        order = self.order
+        if not file.is_file():
+            write_json(file, order)
+        elif (begun := read_json(file, "remove that folder to begin anew")) != order:
+            other = sorted(key for key in {*begun, *order} if begun.get(key) != order.get(key))
+            raise InputError(
+                f"{path} holds episodes that were begun otherwise: {', '.join(other)}",
+                "give the same options to go on, or remove that folder to begin anew",
+            )
+
+    @cached_property
+    def _kept_attempt_files(self) -> dict[int, Path]:
+        return self._find_attempt_files("npz")
+
+    @cached_property
+    def _rejected_attempt_files(self) -> dict[int, Path]:
+        return self._find_attempt_files("json")
+
+    def _find_attempt_files(self, kind: str) -> dict[int, Path]:
+        files = {_ATTEMPT.fullmatch(file.stem): file for file in sorted(self.path.glob(f"attempt_*.{kind}"))}
+        return {int(name[1]): file for name, file in files.items() if name and not file.is_symlink()}
+
+    @property
+    def attempts(self) -> frozenset[int]:
+        """The attempts that were made."""
+        return frozenset(self._kept_attempt_files) | frozenset(self._rejected_attempt_files)
+
+    @property
+    def count(self) -> int:
+        """How many demonstrations there are."""
+        return len(self._kept_attempt_files)
+
+    def add(self, attempt: int, result: Demonstration | Dropped) -> None:
+        """Keep what came of an attempt, whole or not at all."""
+        if isinstance(result, Dropped):
+            self._rejected_attempt_files[attempt] = write_json(
+                self._attempt_file(attempt, "json"), result.model_dump(), durable=True
+            )
+        else:
+            self._kept_attempt_files[attempt] = write_bytes(
+                self._attempt_file(attempt, "npz"), _encode_as_npz(result), durable=True
+            )
+
+    def _attempt_file(self, attempt: int, kind: str) -> Path:
+        return self.path / f"attempt_{attempt:06d}.{kind}"
+
+    def demonstrations(self) -> Iterator[Demonstration]:
+        """What there is, in the order of the attempts; one at a time is in memory."""
+        for _, file in sorted(self._kept_attempt_files.items()):
+            yield _read_demonstration_npz(file)
+
+    def read_dropped_attempts(self) -> list[Dropped]:
+        """What came to nothing, in the order of the attempts."""
+        return [_read_dropped(file) for _, file in sorted(self._rejected_attempt_files.items())]
+
+
+def _encode_as_npz(demonstration: Demonstration) -> bytes:
+    """As an .npz file, lightly compressed: pictures of a simulation shrink to a third at little cost."""
+    arrays: dict[str, Any] = {name: getattr(demonstration, name) for name in _ARRAYS}
+    arrays |= {_IMAGE + name: images for name, images in demonstration.images.items()}
+    words = {one.name: getattr(demonstration, one.name) for one in fields(demonstration)}
+    header = {name: value for name, value in words.items() if name not in (*_ARRAYS, "images", "cameras")}
+    header["cameras"] = [camera.model_dump() for camera in demonstration.cameras]
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
+        file.writestr("header.json", json.dumps(header))
+        for name, array in arrays.items():
+            with file.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                npy.write_array(entry, np.ascontiguousarray(array), allow_pickle=False)
+    return buffer.getvalue()
+
+
+def _read_dropped(file: Path) -> Dropped:
+    try:
+        return Dropped.model_validate(read_json(file, _REMEDY))
+    except ValidationError as error:
+        raise InputError(f"{file} is no attempt: {error.errors()[0]['msg']}", _REMEDY) from error
+
+
+def _read_demonstration_npz(path: Path) -> Demonstration:
+    """One attempt. Raises InputError: the file is torn, forged, or unpacks to more than pictures shrink by."""
+    try:
+        return _unpack_demonstration(path)
+    except _TORN as error:
+        reason = str(error)[:200] or type(error).__name__
+        raise InputError(f"{path} is no whole attempt: {reason}", _REMEDY) from error
+
+
+def _unpack_demonstration(path: Path) -> Demonstration:
+    left = max(_LEAST_ROOM, _MOST_RATIO * path.stat().st_size)
+    with path.open("rb") as packed, open_zip(packed, str(path), _MOST_DIRECTORY) as file:
+        for member in file.infolist():
+            check_zip_compression(member, str(path))
+        with file.open("header.json") as content:
+            header: dict[str, Any] = json.loads(BoundedReader(content, str(path), _MOST_HEADER).read())
+        names = [name.removesuffix(".npy") for name in file.namelist() if name.endswith(".npy")]
+        arrays: dict[str, Any] = {}
+        for name in names:
+            with file.open(f"{name}.npy") as content:
+                arrays[name] = read_npy_stream(content, f"{name} in {path}", min(_MOST_ARRAY, left))
+            left -= arrays[name].nbytes
+    images = {name.removeprefix(_IMAGE): arrays.pop(name) for name in names if name.startswith(_IMAGE)}
+    header["cameras"] = tuple(CameraModel.model_validate(one) for one in header["cameras"])
+    for name in ("object_names", "joint_names"):
+        header[name] = tuple(header[name])
+    return Demonstration(**header, **arrays, images=images)

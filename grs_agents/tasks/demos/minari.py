@@ -1,0 +1,106 @@
+"""Minari data sets: HDF5 with the spaces of gymnasium, as ``minari.load_dataset`` finds them."""
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from grs_agents.tasks.demos.types import ENVIRONMENT, DatasetCard, Demonstration
+
+
+def minari_id(card: DatasetCard) -> str:
+    """What Minari calls the data set."""
+    return f"grs/{re.sub('[^-_a-zA-Z0-9]+', '-', card.name).strip('-') or 'task'}-v0"
+
+
+def write_minari(demonstrations: Iterable[Demonstration], card: DatasetCard, folder: Path) -> None:
+    """Write the data set ``minari_id(card)`` into a folder, which ``MINARI_DATASETS_PATH`` is to name.
+
+    Observations: ``joint_positions``, ``joint_velocities``, ``tip``, ``suction``, ``objects`` and, of each camera, its
+    pictures, which Minari keeps as JPEG.
+    """
+    minari: Any = import_module("minari")
+    kind: Any = import_module("minari.dataset.minari_storage").MinariStorage
+    path = folder.resolve() / minari_id(card) / "data"
+    path.mkdir(parents=True)
+    observations, actions = _make_spaces(card)
+    storage = kind.new(path, observation_space=observations, action_space=actions)
+    told: list[dict[str, Any]] = []
+    storage.update_episodes(_make_episode_buffers(demonstrations, told))
+    storage.update_episode_metadata(told)
+    storage.update_metadata(
+        {
+            "dataset_id": minari_id(card),
+            "minari_version": minari.__version__,
+            "env_spec": _make_environment_spec(card).to_json(),
+            "algorithm_name": "the expert of GRS",
+            "requirements": [f"grs-agents=={card.versions['grs-agents']}"],
+            "description": f"Demonstrations of {card.name} at {card.rate:g} Hz; action: joint positions, suction.",
+        }
+    )
+
+
+def _make_environment_spec(card: DatasetCard) -> Any:
+    """What ``recover_environment`` makes: its observations have the data set's names, pictures as ``<camera>_rgb``."""
+    from gymnasium.envs import registration
+
+    module, _, name = ENVIRONMENT.partition(":")
+    import_module(module)  # registers it
+    registered: Any = cast(Any, registration).spec(name)
+    return replace(registered, kwargs=card.environment_arguments)
+
+
+def _make_spaces(card: DatasetCard) -> tuple[Any, Any]:
+    """Of observations and of actions."""
+    from gymnasium import spaces
+
+    def make_unbounded_box(*shape: int) -> spaces.Box:
+        return spaces.Box(-np.inf, np.inf, shape, np.float32)
+
+    dof = len(card.joint_names)
+    parts: dict[str, Any] = {
+        "joint_positions": make_unbounded_box(dof),
+        "joint_velocities": make_unbounded_box(dof),
+        "tip": make_unbounded_box(7),
+        "suction": spaces.Box(0, 1, (1,), np.float32),
+        "objects": make_unbounded_box(len(card.object_names), 7),
+    }
+    for camera in card.cameras:
+        parts[camera.name] = spaces.Box(0, 255, (camera.height, camera.width, 3), np.uint8)
+    return spaces.Dict(parts), make_unbounded_box(dof + 1)
+
+
+def _make_episode_buffers(demonstrations: Iterable[Demonstration], told: list[dict[str, Any]]) -> Iterator[Any]:
+    """The episodes as Minari takes them; what else is to be kept of each is added to ``told``."""
+    buffer: Any = import_module("minari.data_collector").EpisodeBuffer
+    for number, one in enumerate(demonstrations):
+        ends = [False] * (one.steps - 1) + [True]
+        told.append(
+            {
+                "grs_attempt": one.attempt,
+                "grs_base_seed": one.base_seed,
+                "grs_instance_hash": one.instance_hash,
+                "grs_language": one.language,
+                "grs_strict_score": one.strict,
+            }
+        )
+        yield buffer(
+            id=number,
+            seed=one.attempt,
+            observations={
+                "joint_positions": one.joint_positions,
+                "joint_velocities": one.joint_velocities,
+                "tip": one.tip,
+                "suction": one.suction[:, None].astype(np.float32),
+                "objects": one.objects,
+                **one.images,
+            },
+            actions=one.actions,
+            rewards=one.rewards.tolist(),
+            terminations=ends,
+            truncations=[False] * one.steps,
+        )

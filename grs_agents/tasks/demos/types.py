@@ -1,0 +1,115 @@
+"""What a demonstration is: one episode at the control rate, as numbers."""
+
+import importlib.metadata
+import platform
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from grs_agents.base import Frozen
+from grs_agents.base.version import __version__
+
+Format = Literal["lerobot", "robomimic", "minari"]
+FORMATS: Final[tuple[Format, ...]] = ("lerobot", "robomimic", "minari")
+ENVIRONMENT: Final = "grs_agents.envs:GRS-v0"
+"""What gymnasium makes the environment of a data set by."""
+Floats = npt.NDArray[np.float32]
+Row = tuple[float, ...]
+
+
+class CameraModel(Frozen):
+    """A pinhole camera without distortion, OpenCV axes (x right, y down, z along the optical axis)."""
+
+    name: str
+    width: int  # pixels
+    height: int
+    intrinsics: tuple[Row, ...]  # (3, 3), pixels; the centre of the first pixel is at (0, 0)
+    frame: Literal["robot", "tip"]  # what it is fixed to: the robot's base, or the tip of the tool
+    pose: tuple[Row, ...]  # T_frame_camera (4, 4), metres
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """One episode, replayed through the environment: T steps between T + 1 observations.
+
+    Row t of ``actions`` was applied to row t of the observations, and led to row t + 1. Positions are in metres in the
+    robot frame, rotations xyzw, joints radians (slides: metres).
+    """
+
+    instance: str  # the task instance as JSON
+    instance_hash: str  # sha256 of it
+    language: str  # the task in words
+    robot: str  # the arm's name
+    joint_names: tuple[str, ...]  # dof
+    rate: float  # steps a second
+    joint_positions: Floats  # (T + 1, dof)
+    joint_velocities: Floats  # (T + 1, dof)
+    tip: Floats  # (T + 1, 7) the cup's tip, and how it is turned from straight down
+    suction: npt.NDArray[np.bool_]  # (T + 1,) whether something is held
+    objects: Floats  # (T + 1, N, 7)
+    object_names: tuple[str, ...]  # N, asset name and id in the instance
+    actions: Floats  # (T, dof + 1) joint positions to be at one step later, then suction: 1 on, -1 off
+    rewards: Floats  # (T,) 1 for the step that solves the task, else 0
+    strict: float  # strict score at the end, 0..1
+    images: dict[str, npt.NDArray[np.uint8]] = field(
+        default_factory=dict[str, npt.NDArray[np.uint8]]
+    )  # (T + 1, H, W, 3)
+    cameras: tuple[CameraModel, ...] = ()
+    attempt: int = 0  # which of the order's it was: with the order's seed, that of the variation
+    base_seed: int = 0  # of the instance that it varies, or is
+
+    @property
+    def steps(self) -> int:
+        """T, how many actions it has."""
+        return len(self.actions)
+
+
+class Dropped(Frozen):
+    """An attempt that gave no demonstration, and why."""
+
+    stage: Literal["variation", "expert", "replay"]
+    why: str
+
+
+class DatasetCard(Frozen):
+    """What a data set says of itself, apart from its episodes."""
+
+    name: str  # of the task folder
+    id: str = ""  # of the data set, hexadecimal; by it the data set is known wherever it lies
+    # absolute output path; written only into the arguments of the environment
+    folder: str = Field(default="", exclude=True)
+    robot: str
+    rate: float  # Hz
+    joint_names: tuple[str, ...]
+    object_names: tuple[str, ...]
+    cameras: tuple[CameraModel, ...]
+    versions: dict[str, str]  # of what the result depends on
+
+    @property
+    def environment_arguments(self) -> dict[str, Any]:
+        """The arguments of ``GRS-v0`` by which it begins in the episodes' instances, and acts as the episodes did."""
+        shown = {"cameras": [camera.name for camera in self.cameras]} if self.cameras else {}
+        size = {"image_size": [self.cameras[0].height, self.cameras[0].width]} if self.cameras else {}
+        acts = {"control": "joint_position", "normalized": False, "reward": "sparse"}
+        return {"run": self.folder, "dataset": self.id, **acts, **shown, **size}
+
+
+class DatasetSummary(Frozen):
+    """What was written."""
+
+    format: Format
+    out: str
+    episodes: int
+    steps: int
+    dropped: dict[str, int]  # attempts without a demonstration, by stage
+    reasons: tuple[str, ...] = ()  # why, the most frequent first
+    opens_with: str = ""  # Python that opens it
+
+
+def installed_versions() -> dict[str, str]:
+    """The versions that a demonstration depends on."""
+    packages = {name: importlib.metadata.version(name) for name in ("mujoco", "numpy")}
+    return {"grs-agents": __version__, "python": platform.python_version(), **packages}

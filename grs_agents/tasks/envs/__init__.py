@@ -1,0 +1,1 @@
+"""Environments of a task instance: one episode core, gymnasium, LeRobot."""

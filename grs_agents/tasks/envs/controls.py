@@ -1,0 +1,142 @@
+"""How actions move the robot: whole picks and pushes, steps of the tip, or joint positions."""
+
+import math
+from typing import Final, Literal, Protocol, get_args
+
+import numpy as np
+
+from grs_agents.base import Pose
+from grs_agents.base.errors import InputError, UnknownNameError
+from grs_agents.base.geometry.transforms import FloatArray
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.instance.task_instance import TaskInstance
+from grs_agents.sim.motion.joint_controller import CONTROL_RATE, JointController
+from grs_agents.tasks.envs.task_episode import TaskEpisode
+
+ControlName = Literal["pick_place", "push", "ee_delta", "joint_position"]
+CONTROLS: Final[tuple[ControlName, ...]] = get_args(ControlName)
+LARGEST_STEP, LARGEST_TURN = 0.03, 0.2
+"""Of the tip in one control period of ``ee_delta``: metres along each axis, radians about the vertical."""
+_LOWEST: Final = 0.001
+_WORKSPACE: Final = ((0.1, 0.9), (-0.75, 0.75))
+"""Where primitives may pick, place and push: bounds of x and of y, metres."""
+_PERIODS_PER_ACTION: Final = 150
+"""Control periods that an episode has for each action that the task allows: the expert needs about half of them."""
+
+
+class Control(Protocol):
+    """Turns actions into motion, episode after episode."""
+
+    low: FloatArray  # (D,) bounds of an action
+    high: FloatArray
+
+    def begin(self, episode: TaskEpisode) -> None:
+        """An episode begins."""
+        ...
+
+    def apply(self, action: FloatArray) -> dict[str, object]:
+        """Do an action (D,) within the bounds; returns what is to be told of it."""
+        ...
+
+    def horizon(self, max_steps: int) -> int:
+        """Actions of an episode whose task allows so many picks or pushes."""
+        ...
+
+
+class JointPositionControl:
+    """Joint positions to be at one control period later (rad, or m of a slide), then suction: on above 0."""
+
+    def __init__(self, arm: Arm) -> None:
+        self.low = np.append(arm.lower_joint_limits, -1.0)
+        self.high = np.append(arm.upper_joint_limits, 1.0)
+
+    def begin(self, episode: TaskEpisode) -> None:
+        """An episode begins."""
+        self._controller = JointController(episode.physics)
+
+    def apply(self, action: FloatArray) -> dict[str, object]:
+        """Simulate one control period."""
+        self._controller.apply(action[:-1], bool(action[-1] > 0))
+        return {"blocked": self._controller.blocked}
+
+    def horizon(self, max_steps: int) -> int:
+        """Control periods."""
+        return _PERIODS_PER_ACTION * max_steps
+
+
+class EeDeltaControl:
+    """Steps of the tip along x, y and z, a turn about the vertical, each as a share of the largest, and suction: on
+    above 0. The tool points down; where the arm cannot go it stays."""
+
+    def __init__(self) -> None:
+        self.low, self.high = np.full(5, -1.0), np.full(5, 1.0)
+        self._scale = np.array([LARGEST_STEP, LARGEST_STEP, LARGEST_STEP, LARGEST_TURN])
+
+    def begin(self, episode: TaskEpisode) -> None:
+        """An episode begins."""
+        self._arm, self._controller = episode.env.arm, JointController(episode.physics)
+
+    def apply(self, action: FloatArray) -> dict[str, object]:
+        """Simulate one control period."""
+        here = self._controller.reference
+        tip, rotation = self._arm.tip_pose(here)
+        x, y, z, turn = (self._scale * action[:4]).tolist()
+        goal = np.array([[tip[0] + x, tip[1] + y, max(tip[2] + z, _LOWEST)]])
+        yaw = math.atan2(rotation[1, 0], rotation[0, 0]) + turn
+        joints = self._arm.solve_ik_tool_down(goal, np.array([yaw]), here)[0]
+        reachable = bool(np.abs(joints - here).max() < 1.0)  # False for NaN
+        self._controller.apply(joints if reachable else here, bool(action[4] > 0))
+        return {"blocked": self._controller.blocked or not reachable}
+
+    def horizon(self, max_steps: int) -> int:
+        """Control periods."""
+        return _PERIODS_PER_ACTION * max_steps
+
+
+class PrimitiveControl:
+    """A whole pick and place, or a push: from x, y to x, y (m), and how far what is picked is turned (rad). The heights
+    are those of what lies there."""
+
+    def __init__(self, push: bool) -> None:
+        (x0, x1), (y0, y1) = _WORKSPACE
+        turn = () if push else (math.pi,)
+        self.low = np.array([x0, y0, x0, y0, *(-one for one in turn)])
+        self.high = np.array([x1, y1, x1, y1, *turn])
+        self._push = push
+
+    def begin(self, episode: TaskEpisode) -> None:
+        """An episode begins."""
+        self._episode = episode
+
+    def apply(self, action: FloatArray) -> dict[str, object]:
+        """Do all of the motion; ``note`` says what came of it."""
+        env, values = self._episode.env, action.tolist()
+        (x0, y0, x1, y1), turn = values[:4], 0.0 if self._push else values[4]
+        low = high = 0.0
+        if not self._push:
+            low, _ = env.physics.surface_height_below(x0, y0)
+            high, _ = env.physics.surface_height_below(x1, y1)
+        start: Pose = ((x0, y0, low), (0.0, 0.0, 0.0, 1.0))
+        end: Pose = ((x1, y1, low + high), (0.0, 0.0, math.sin(turn / 2), math.cos(turn / 2)))
+        env.step({"pose0": start, "pose1": end})
+        return {"note": env.recorder.actions[-1].note}
+
+    def horizon(self, max_steps: int) -> int:
+        """Picks or pushes."""
+        return max_steps
+
+
+def make_control(name: str, instance: TaskInstance, arm: Arm) -> Control:
+    """The control of a name for tasks like ``instance``; raises ``InputError`` where the tool is another one."""
+    if name not in CONTROLS:
+        raise UnknownNameError("control", name, CONTROLS)
+    if name in ("pick_place", "push"):
+        if name != instance.primitive:
+            tool = "a spatula" if instance.primitive == "push" else "a suction cup"
+            raise InputError(f"control {name!r}: the task's robot has {tool}", f"use control={instance.primitive!r}")
+        return PrimitiveControl(name == "push")
+    steps = 1.0 / (CONTROL_RATE * instance.timestep)
+    if abs(steps - round(steps)) > 1e-6:
+        found = f"control {name!r}: {CONTROL_RATE:g} Hz is no whole number of {1000 * instance.timestep:g} ms steps"
+        raise InputError(found, f"use control={instance.primitive!r}")
+    return JointPositionControl(arm) if name == "joint_position" else EeDeltaControl()

@@ -1,0 +1,255 @@
+"""A task as a gymnasium environment."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base.errors import InputError, UnknownNameError
+from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance.task_instance import TaskInstance
+from grs_agents.sim.motion.joint_controller import CONTROL_RATE
+from grs_agents.sim.rendering.scene_cameras import Backend
+from grs_agents.sim.variation.types import Variation
+from grs_agents.sim.variation.vary import vary_instance
+from grs_agents.tasks.envs.controls import make_control
+from grs_agents.tasks.envs.pictures import FARTHEST, Photographer
+from grs_agents.tasks.envs.state import StateReader
+from grs_agents.tasks.envs.task_episode import TaskEpisode
+from grs_agents.tasks.task_folder import TaskFolder, find_dataset_folder, open_task_folder
+
+try:
+    import gymnasium
+    from gymnasium import spaces
+except ImportError as error:
+    raise InputError("gymnasium is not installed", 'run: pip install "grs-agents[gym]"') from error
+
+Reward = Literal["dense", "sparse"]
+REWARDS: Final = ("dense", "sparse")
+_RENDERED: Final = (480, 640)
+_DRAWS: Final = 5
+"""How often a variation is drawn for which no free place was found."""
+_METADATA: Final[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": round(CONTROL_RATE)}
+Observation = dict[str, npt.NDArray[Any]]
+
+
+class GrsEnv(gymnasium.Env[Any, Any]):
+    """The task of an accepted run, or of a folder of ``grs instances``; its episodes begin in their task instances.
+
+    Args:
+        run: the folder.
+        control: what an action is: ``pick_place``, ``ee_delta`` or ``joint_position``; ``push`` in place of
+            ``pick_place`` where the robot has a spatula.
+        cameras: whose pictures are observed: ``photo`` (where the instance has a camera), ``front``, ``wrist``.
+        modalities: what of them: ``rgb``, ``depth``, ``masks``.
+        image_size: rows and columns.
+        reward: ``sparse`` is 1 for the step that solves the task, ``dense`` adds how much nearer each step brings it.
+        variation: how far an episode may differ from its instance, a ``Variation`` or its fields; None not at all.
+        normalized: actions are shares, -1..1, of their ranges; False: in the units of the control (m, rad), as data
+            sets have them.
+        seeds: of the instances that there are; None for all of the folder.
+        horizon: actions until an episode is cut off; None for a number that leaves time to spare.
+        renderer: ``auto``, ``egl``, ``osmesa`` or ``rays``.
+        render_mode: ``rgb_array`` or None.
+        dataset: which data set ``run`` is, as data sets name themselves; one that was moved is found by it in the
+            folders of the files that the command line names, in ``MINARI_DATASETS_PATH`` and in the current folder.
+
+    An episode ends (``terminated``) when the task is solved, by the strict score with nothing held. ``info`` has
+    ``is_success``, ``instance`` (its seed), and at the end ``strict_score``. ``reset(seed=...)`` begins in the instance
+    of that seed if there is one, else in that of a number that depends on it;
+    ``reset(options={"instance": ...})`` names one. The same seed gives the same episode, to the bit.
+
+    Raises ``InputError`` for a folder or an argument that cannot be used.
+    """
+
+    metadata = _METADATA
+
+    def __init__(
+        self,
+        run: str | Path,
+        control: str = "ee_delta",
+        cameras: Sequence[str] = (),
+        modalities: Sequence[str] = ("rgb",),
+        image_size: tuple[int, int] = (96, 128),
+        reward: str = "dense",
+        variation: Variation | Mapping[str, Any] | None = None,
+        normalized: bool = True,
+        seeds: Sequence[int] | None = None,
+        horizon: int | None = None,
+        renderer: Backend = "auto",
+        render_mode: str | None = None,
+        dataset: str | None = None,
+    ) -> None:
+        if reward not in REWARDS:
+            raise UnknownNameError("reward", reward, REWARDS)
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise UnknownNameError("render_mode", str(render_mode), self.metadata["render_modes"])
+        self.folder = open_task_folder(Path(run) if dataset is None else find_dataset_folder(Path(run), dataset))
+        self.instances = _read_instances(self.folder, seeds)
+        self.render_mode = render_mode
+        self._dense, self._variation = reward == "dense", _parse_variation(variation)
+        self._instance = first = next(iter(self.instances.values()))
+        arm = get_arm(first.robot)
+        self._control = make_control(control, first, arm)
+        self._state = StateReader(arm, max(len(instance.task_objects) for instance in self.instances.values()))
+        self._photographer = Photographer(cameras, modalities, (image_size[0], image_size[1]), renderer)
+        self._renderer = Photographer(("front",), ("rgb",), _RENDERED, renderer)
+        self._check_photo_camera_known()
+        self.horizon = horizon or self._control.horizon(max(one.max_steps for one in self.instances.values()))
+        self.episode = TaskEpisode(self.folder.library)
+        low, high = self._control.low, self._control.high
+        self._middle = (low + high) / 2 if normalized else np.zeros(len(low))
+        self._reach = (high - low) / 2 if normalized else np.ones(len(low))
+        least, most = (((bound - self._middle) / self._reach).astype(np.float32) for bound in (low, high))
+        self.action_space = spaces.Box(least, most, dtype=np.float32)
+        self.observation_space = spaces.Dict({**self._state_spaces(), **self._picture_spaces()})
+        self._steps, self._potential = 0, 0.0
+        self._observation: Observation = {}
+
+    @property
+    def task_description(self) -> str:
+        """What the present episode asks for, in words."""
+        return self._instance.language
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Those whose pictures are observed."""
+        return self._photographer.cameras
+
+    @property
+    def renderer(self) -> str:
+        """What pictures are drawn with in the present episode: ``egl``, ``osmesa`` or ``rays``."""
+        return self._photographer.backend
+
+    def take_pictures(self) -> Observation:
+        """The pictures that are observed, as they are now."""
+        return self._photographer.take()
+
+    @property
+    def task(self) -> str:
+        """The name of the task."""
+        return self._instance.task
+
+    @property
+    def _max_episode_steps(self) -> int:
+        """As LeRobot asks for it."""
+        return self.horizon
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode; raises ``UnknownNameError`` for an instance that is not there, ``SimulationError`` for one
+        that cannot be set up."""
+        super().reset(seed=seed)
+        self._chosen = self._choose_instance(seed, (options or {}).get("instance"))
+        self._instance = self._draw_varied_instance(self.instances[self._chosen])
+        self.episode.begin(self._instance)
+        for part in (self._control, self._state, self._photographer, self._renderer):
+            part.begin(self.episode)
+        self._steps = 0
+        self._update_observation()
+        return self._observation, {"is_success": False, "instance": self._chosen}
+
+    def step(self, action: npt.NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Act, for one control period or one whole pick or push; actions beyond the bounds are held to them. Where the
+        physics diverges the episode is cut off: ``info["error"]`` says so, the observation is the one before."""
+        self._steps, before = self._steps + 1, self._potential
+        truncated, solved = self._steps >= self.horizon, False
+        info: dict[str, Any] = {"instance": self._chosen}
+        try:
+            wanted = self._middle + self._reach * np.asarray(action, dtype=np.float64)
+            wanted = np.clip(wanted, self._control.low, self._control.high)
+            info |= self._control.apply(wanted)
+            self.episode.physics.raise_if_diverged()
+            solved = self.episode.is_solved()
+            self._update_observation()
+        except SimulationError as error:
+            truncated, info["error"] = True, str(error)
+            self._observation = {name: value.copy() for name, value in self._observation.items()}
+        reward = float(solved) + (self._potential - before if self._dense else 0.0)
+        info["is_success"] = solved
+        if solved or truncated:
+            info["strict_score"] = 0.0 if "error" in info else self.episode.strict_score
+        return self._observation, reward, solved, truncated and not solved, info
+
+    def render(self) -> npt.NDArray[np.uint8] | None:
+        """(480, 640, 3) what the front camera sees, where ``render_mode`` asks for it."""
+        return self._renderer.take()["front_rgb"] if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Give back what drawing holds."""
+        self._photographer.close()
+        self._renderer.close()
+
+    def _choose_instance(self, seed: int | None, wanted: Any) -> int:
+        known = tuple(self.instances)
+        if wanted is not None:
+            if wanted not in self.instances:
+                raise UnknownNameError("instance", str(wanted), tuple(map(str, known)))
+            return int(wanted)
+        if seed is not None:
+            return seed if seed in self.instances else known[seed % len(known)]
+        return known[int(self.np_random.integers(len(known)))]
+
+    def _draw_varied_instance(self, instance: TaskInstance) -> TaskInstance:
+        if self._variation is None:
+            return instance
+        for left in reversed(range(_DRAWS)):
+            try:
+                return vary_instance(instance, self._variation, self.np_random, self.folder.library)
+            except SimulationError:
+                if not left:
+                    raise
+        raise AssertionError("unreachable")
+
+    def _update_observation(self) -> None:
+        state, progress = self._state.read()
+        self._observation, self._potential = {**state, **self.take_pictures()}, progress.potential
+
+    def _check_photo_camera_known(self) -> None:
+        if "photo" in self._photographer.cameras and any(one.camera is None for one in self.instances.values()):
+            raise InputError(
+                f"{self.folder.path} does not say where its photo was taken from", "leave the camera photo out"
+            )
+
+    def _state_spaces(self) -> dict[str, spaces.Space[Any]]:
+        low, high = self._state.low, self._state.high
+        return {name: spaces.Box(low[name], high[name], dtype=np.float32) for name in self._state.shapes}
+
+    def _picture_spaces(self) -> dict[str, spaces.Space[Any]]:
+        rows, columns = self._photographer.size
+        most = max(item.id for instance in self.instances.values() for item in instance.objects) + 200
+        kinds: dict[str, spaces.Space[Any]] = {
+            "rgb": spaces.Box(0, 255, (rows, columns, 3), dtype=np.uint8),
+            "depth": spaces.Box(0.0, FARTHEST, (rows, columns), dtype=np.float32),
+            "masks": spaces.Box(-1, most, (rows, columns), dtype=np.int32),
+        }
+        return {
+            f"{camera}_{modality}": kinds[modality]
+            for camera in self._photographer.cameras
+            for modality in self._photographer.modalities
+        }
+
+
+def _read_instances(folder: TaskFolder, seeds: Sequence[int] | None) -> dict[int, TaskInstance]:
+    instances = {seed: folder.read_instance(seed) for seed in (folder.seeds if seeds is None else seeds)}
+    if not instances:
+        raise InputError(f"{folder.path}: no instance was asked for", "name at least one seed")
+    kinds = {(one.robot, one.primitive, one.timestep) for one in instances.values()}
+    if len(kinds) > 1:
+        raise InputError(f"{folder.path} has instances for different robots: {sorted(kinds)}", "choose some by seeds=")
+    return instances
+
+
+def _parse_variation(variation: Variation | Mapping[str, Any] | None) -> Variation | None:
+    if variation is None or isinstance(variation, Variation):
+        return variation
+    try:
+        return Variation(**variation)
+    except ValueError as error:
+        raise InputError(
+            f"variation {dict(variation)}: {error}", f"use fields {list(Variation.model_fields)}"
+        ) from error

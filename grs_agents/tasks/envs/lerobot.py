@@ -1,0 +1,102 @@
+"""The environment as LeRobot asks for it: what its EnvHub calls, with the keys and units of LeRobot data sets."""
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, Final, cast
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
+
+from grs_agents.tasks.envs.gym_environment import GrsEnv
+
+_AGENT: Final = ("joint_positions", "suction")
+"""Parts of the state that ``agent_pos`` has; then the position of the tip."""
+
+_SIDES: Final = ("low", "high")
+
+
+class LeRobotEnv(gymnasium.ObservationWrapper[dict[str, Any], Any, dict[str, Any]]):
+    """Observations under the keys that LeRobot renames to those of its data sets.
+
+    * ``pixels``: a picture (H, W, 3) uint8 of each camera, by its name.
+    * ``agent_pos`` (dof + 4,): joint positions, whether something is held, the position of the tip.
+    * ``environment_state`` (7 N,): the poses of the task's objects.
+    """
+
+    def __init__(self, env: GrsEnv) -> None:
+        super().__init__(env)
+        self._cameras = env.cameras
+        parts: dict[str, Any] = dict(cast(Any, env.observation_space))
+        low, high = (
+            self._to_lerobot_observation({name: getattr(space, side) for name, space in parts.items()})
+            for side in _SIDES
+        )
+        renamed: dict[str, Any] = {
+            name: spaces.Box(low[name], high[name], dtype=np.float32) for name in low if name != "pixels"
+        }
+        if self._cameras:
+            renamed["pixels"] = spaces.Dict({camera: parts[f"{camera}_rgb"] for camera in self._cameras})
+        self.observation_space = spaces.Dict(renamed)
+
+    def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
+        """What LeRobot is told."""
+        return self._to_lerobot_observation(observation)
+
+    def _to_lerobot_observation(self, observation: Mapping[str, Any]) -> dict[str, Any]:
+        agent = [*(observation[name] for name in _AGENT), observation["tip"][:3]]
+        renamed = {"agent_pos": np.concatenate(agent), "environment_state": observation["objects"].ravel()}
+        pixels = {camera: observation[f"{camera}_rgb"] for camera in self._cameras}
+        return {**renamed, **({"pixels": pixels} if pixels else {})}
+
+
+def make_env(
+    run: str | Path,
+    n_envs: int = 1,
+    use_async_envs: bool = False,
+    cfg: Any = None,
+    **arguments: Any,
+) -> dict[str, dict[int, AsyncVectorEnv | SyncVectorEnv]]:
+    """Vector environments of a task for LeRobot: ``{task: {0: environments}}``.
+
+    Args:
+        run: the folder of the task, as for ``GrsEnv``.
+        n_envs: how many environments run side by side.
+        use_async_envs: each in a process of its own.
+        cfg: LeRobot's ``EnvConfig``, if it gives one: ``episode_length``, ``camera_name``, ``observation_height`` and
+            ``observation_width`` are heeded.
+        arguments: others of ``GrsEnv``.
+
+    Actions are those of our data sets: joint positions, then suction.
+    """
+    given: dict[str, Any] = {
+        "control": "joint_position",
+        "normalized": False,
+        "reward": "sparse",
+        "render_mode": "rgb_array",
+    }
+    make_one = partial(_make_single_lerobot_env, run, {**given, **_read_lerobot_config(cfg), **arguments})
+    envs = [make_one] * n_envs
+    # LeRobot reads an episode's success from ``final_info``, which this mode alone gives.
+    kinds = AsyncVectorEnv if use_async_envs else SyncVectorEnv
+    vector = kinds(envs, autoreset_mode=AutoresetMode.SAME_STEP)
+    return {str(vector.get_attr("task")[0]): {0: vector}}
+
+
+def _make_single_lerobot_env(run: str | Path, arguments: Mapping[str, Any]) -> LeRobotEnv:
+    return LeRobotEnv(GrsEnv(run, **arguments))
+
+
+def _read_lerobot_config(cfg: Any) -> dict[str, Any]:
+    """Arguments of ``GrsEnv`` from the fields that LeRobot's own environments have."""
+    found: dict[str, Any] = {}
+    if (length := getattr(cfg, "episode_length", None)) is not None:
+        found["horizon"] = int(length)
+    if (names := getattr(cfg, "camera_name", None)) is not None:
+        found["cameras"] = tuple(names.split(",")) if isinstance(names, str) else tuple(names)
+    height, width = (getattr(cfg, f"observation_{side}", None) for side in ("height", "width"))
+    if height and width:
+        found["image_size"] = (int(height), int(width))
+    return found

@@ -1,0 +1,95 @@
+"""The state that environments tell: the robot's and the objects', as named arrays of one precision."""
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base.geometry.transforms import FloatArray
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.tasks.envs.goal_progress import GoalProgress, Progress
+from grs_agents.tasks.envs.task_episode import TaskEpisode
+
+Floats = npt.NDArray[np.float32]
+_FARTHEST: Final = 3.0
+"""Metres from the base that a coordinate is told as at most."""
+_FASTEST: Final = 10.0
+"""Radians a second that a joint's speed is told as at most."""
+_POSE: Final = [_FARTHEST] * 3 + [1.0] * 4
+
+
+class StateReader:
+    """Reads the state of an episode: ``shapes``, and bounds ``low`` and ``high``, by name.
+
+    * ``joint_positions``, ``joint_velocities`` (dof,): rad and rad/s (slides: m).
+    * ``tip`` (7,): the tool's tip, position (m) and rotation (xyzw) from straight down.
+    * ``suction`` (1,): 1 while something is held.
+    * ``held`` (N,): 1 for the object that is.
+    * ``objects`` (N, 7): poses of the task's objects, in the instance's order; zeros for rows beyond them.
+    * ``targets`` (N, 7): where a goal wants each of them, its own pose for what none wants anywhere.
+    * ``open`` (N,): 1 for those that are not there yet.
+    """
+
+    def __init__(self, arm: Arm, rows: int) -> None:
+        dof = arm.dof
+        limits: dict[str, tuple[list[float] | FloatArray, list[float] | FloatArray]] = {
+            "joint_positions": (arm.lower_joint_limits - 0.1, arm.upper_joint_limits + 0.1),
+            "joint_velocities": ([-_FASTEST] * dof, [_FASTEST] * dof),
+            "tip": ([-bound for bound in _POSE], _POSE),
+            "suction": ([0.0], [1.0]),
+            "held": ([0.0] * rows, [1.0] * rows),
+            "objects": ([-bound for bound in _POSE] * rows, _POSE * rows),
+            "targets": ([-bound for bound in _POSE] * rows, _POSE * rows),
+            "open": ([0.0] * rows, [1.0] * rows),
+        }
+        self.shapes = {name: (len(low),) for name, (low, _) in limits.items()}
+        self.shapes |= {"objects": (rows, 7), "targets": (rows, 7)}
+        self._low = np.concatenate([np.asarray(low, dtype=np.float32) for low, _ in limits.values()])
+        self._high = np.concatenate([np.asarray(high, dtype=np.float32) for _, high in limits.values()])
+        ends = np.cumsum([len(low) for low, _ in limits.values()]).tolist()
+        self._slices = {name: slice(end - len(limits[name][0]), end) for name, end in zip(limits, ends, strict=True)}
+        self._dof = dof
+
+    @property
+    def low(self) -> dict[str, Floats]:
+        """Least values, by name."""
+        return self._split_state_by_name(self._low)
+
+    @property
+    def high(self) -> dict[str, Floats]:
+        """Greatest values, by name."""
+        return self._split_state_by_name(self._high)
+
+    def _split_state_by_name(self, values: Floats) -> dict[str, Floats]:
+        return {name: values[part].reshape(self.shapes[name]) for name, part in self._slices.items()}
+
+    def begin(self, episode: TaskEpisode) -> None:
+        """An episode begins."""
+        self._episode, self._progress = episode, GoalProgress(episode)
+        world = episode.physics.world
+        self._bodies = np.array([world.bodies[number] for number in episode.object_ids], dtype=np.intp)
+        self._row_of = {number: row for row, number in enumerate(episode.object_ids)}
+
+    def read(self) -> tuple[dict[str, Floats], Progress]:
+        """The state now, and how near the task is to being solved."""
+        physics = self._episode.physics
+        data, dof, count = physics.data, self._dof, len(self._bodies)
+        held = physics.held_object_id
+        row = -1 if held is None else self._row_of.get(held, -1)
+        tip = np.array(data.site_xpos[physics.world.tip_site])
+        poses = np.empty((count, 7))
+        poses[:, :3], quaternions = data.xpos[self._bodies], data.xquat[self._bodies]
+        poses[:, 3:6], poses[:, 6] = quaternions[:, 1:], quaternions[:, 0]
+        progress = self._progress.measure(poses, tip, row)
+        flat, parts = np.zeros(len(self._low), dtype=np.float32), self._slices
+        start = parts["tip"].start
+        flat[:dof], flat[dof : 2 * dof] = data.qpos[:dof], data.qvel[:dof]
+        flat[start : start + 3], flat[start + 3 : start + 7] = tip, physics.suction_tip_rotation()
+        flat[parts["suction"]] = held is not None
+        if row >= 0:
+            flat[parts["held"].start + row] = 1.0
+        for name, values in (("objects", poses), ("targets", progress.targets), ("open", progress.open)):
+            begin = parts[name].start
+            flat[begin : begin + values.size] = values.ravel()
+        np.clip(flat, self._low, self._high, out=flat)
+        return self._split_state_by_name(flat), progress

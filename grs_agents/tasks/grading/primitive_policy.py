@@ -1,0 +1,176 @@
+"""Imitation at the level of primitives, with numpy alone.
+
+An expert is free to choose: which object is next, which of several slots it takes, which way it is turned. A regression
+would aim between the choices. So the policy first classifies (object, slot), where a slot is a cluster of the places at
+which the expert put that object, seen from its goal; then it regresses the place within the slot.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base.geometry.transforms import FloatArray
+
+IntArray = npt.NDArray[np.int_]
+_SPREAD: Final = 0.2
+"""Places closer than this are one slot; metres count tenfold, the sine and cosine of the yaw as they are."""
+_SLOTS: Final = 16
+_FEW: Final = 20
+"""Decisions in a slot up to which its mean place is taken."""
+_SHRINK: Final = 0.03
+"""Ridge penalty, for each sample, on features of unit deviation."""
+_BATCH, _HIDDEN = 32, 64
+"""So small that a matrix product stays on one thread: several would wait for each other for longer than they work."""
+_RATE, _BLUR = 2e-3, 0.03
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """One episode of an expert: T decisions."""
+
+    features: FloatArray  # (T, F) what was told before each
+    waiting: npt.NDArray[np.bool_]  # (T, candidates) for which objects a goal waited then
+    objects: IntArray  # (T,) index of the object among the candidates
+    places: FloatArray  # (T, 3) x, y (m) and yaw (rad) where it was put, in the frame of its goal
+
+
+@dataclass(frozen=True)
+class _Slot:
+    """Places of one object that are near one another: their mean, and how it depends on the features."""
+
+    object: int
+    wanted: bool  # the object was never put there but for a goal that waited for it
+    mean: FloatArray  # (4,) x, y, sine and cosine of the yaw
+    slopes: FloatArray  # (F, 4) on standardised features
+
+
+class PrimitivePolicy:
+    """Learns from demonstrations which object to carry where."""
+
+    def __init__(self, demonstrations: Sequence[Demonstration], seed: int = 0, iterations: int = 8000) -> None:
+        """Learn; ``iterations`` are steps of the classifier's training. ``ValueError``: there is no demonstration."""
+        features = np.concatenate([one.features for one in demonstrations])
+        objects = np.concatenate([one.objects for one in demonstrations])
+        waiting = np.concatenate([one.waiting for one in demonstrations])
+        x, y, yaw = np.concatenate([one.places for one in demonstrations]).T
+        places = np.column_stack([x, y, np.sin(yaw), np.cos(yaw)])
+        self._mean, self._deviation = features.mean(axis=0), features.std(axis=0) + 1e-3
+        scaled, rng = self._standardize_features(features), np.random.default_rng(seed)
+        labels = np.zeros(len(features), dtype=np.int_)
+        self._slots: list[_Slot] = []
+        for number in np.unique(objects).tolist():
+            mine = np.flatnonzero(objects == number)
+            clusters = _cluster_with_k_means(places[mine] * (10, 10, 1, 1), rng)
+            for cluster in np.unique(clusters).tolist():
+                rows = mine[clusters == cluster]
+                labels[rows] = len(self._slots)
+                self._slots.append(_fit_slot(number, bool(waiting[rows, number].all()), scaled[rows], places[rows]))
+        self._classifier = Classifier(scaled, labels, len(self._slots), rng, iterations)
+
+    @property
+    def slots(self) -> int:
+        """How many pairs of an object and a slot were told apart."""
+        return len(self._slots)
+
+    def _standardize_features(self, features: FloatArray) -> FloatArray:
+        return (features - self._mean) / self._deviation
+
+    def __call__(self, features: FloatArray, waiting: Sequence[bool]) -> tuple[int, tuple[float, float, float]]:
+        """What to do next.
+
+        Args:
+            features: (F,) what is told.
+            waiting: for each candidate whether a goal waits for it; one whose goals are met is moved only as it was
+                moved in demonstrations after they were met.
+
+        Returns:
+            The index of an object among the candidates, and where to put it in the frame of its goal: x, y (m), yaw.
+        """
+        scaled = self._standardize_features(features)
+        open_slots = np.array([waiting[slot.object] or not slot.wanted for slot in self._slots])
+        logits = self._classifier.logits(scaled[None])[0]
+        slot = self._slots[int(np.argmax(np.where(open_slots | ~open_slots.any(), logits, -np.inf)))]
+        x, y, sin, cos = (slot.mean + scaled @ slot.slopes).tolist()
+        return slot.object, (x, y, float(np.arctan2(sin, cos)))
+
+
+def _cluster_with_k_means(points: FloatArray, rng: np.random.Generator) -> IntArray:
+    """The cluster (N,) of each point (N, D): far points begin new ones until all are near one; then k-means."""
+    centers = points[rng.integers(len(points))][None]
+    while len(centers) < _SLOTS:
+        away = np.linalg.norm(points[:, None] - centers[None], axis=2).min(axis=1)
+        if away.max() < _SPREAD:
+            break
+        centers = np.vstack([centers, points[int(away.argmax())]])
+    nearest = np.zeros(len(points), dtype=np.int_)
+    for _ in range(15):
+        nearest = np.linalg.norm(points[:, None] - centers[None], axis=2).argmin(axis=1)
+        centers = np.stack(
+            [points[nearest == k].mean(axis=0) if (nearest == k).any() else centers[k] for k in range(len(centers))]
+        )
+    return nearest
+
+
+def _fit_slot(number: int, wanted: bool, scaled: FloatArray, places: FloatArray) -> _Slot:
+    count = len(places)
+    mean = np.asarray(places.mean(axis=0), dtype=np.float64)
+    if count <= _FEW:
+        return _Slot(number, wanted, mean, np.zeros((scaled.shape[1], 4)))
+    middle = scaled.mean(axis=0)
+    centered = scaled - middle
+    gram = centered.T @ centered + _SHRINK * count * np.eye(scaled.shape[1])
+    slopes = np.asarray(np.linalg.solve(gram, centered.T @ (places - mean)), dtype=np.float64)
+    return _Slot(number, wanted, mean - middle @ slopes, slopes)
+
+
+class Classifier:
+    """A perceptron with two hidden layers and a softmax, trained with Adam on standardised features."""
+
+    def __init__(
+        self, features: FloatArray, labels: IntArray, classes: int, rng: np.random.Generator, iterations: int
+    ) -> None:
+        sizes = (features.shape[1], _HIDDEN, _HIDDEN, classes)
+        self._layers = [(rng.standard_normal((a, b)) * np.sqrt(2 / a), np.zeros(b)) for a, b in pairwise(sizes)]
+        if classes > 1:
+            self._train(features, np.eye(classes)[labels], rng, iterations)
+
+    def logits(self, features: FloatArray) -> FloatArray:
+        """(N, classes) of features (N, F)."""
+        return self._forward(features)[-1]
+
+    def _forward(self, values: FloatArray) -> list[FloatArray]:
+        """The input of each layer, and the last one's output."""
+        passed = [values]
+        for depth, (weights, bias) in enumerate(self._layers):
+            values = values @ weights + bias
+            values = values if depth == len(self._layers) - 1 else np.maximum(values, 0.0)
+            passed.append(values)
+        return passed
+
+    def _train(self, features: FloatArray, wanted: FloatArray, rng: np.random.Generator, iterations: int) -> None:
+        parameters = [part for layer in self._layers for part in layer]
+        means, squares = [np.zeros_like(part) for part in parameters], [np.zeros_like(part) for part in parameters]
+        for step in range(1, iterations + 1):
+            rows = rng.integers(0, len(features), _BATCH)
+            passed = self._forward(features[rows] + _BLUR * rng.standard_normal((_BATCH, features.shape[1])))
+            rate = _RATE * 0.5 * (1 + np.cos(np.pi * step / iterations))
+            for index, gradient in enumerate(self._cross_entropy_gradients(passed, wanted[rows])):
+                means[index] += 0.1 * (gradient - means[index])
+                squares[index] += 0.001 * (gradient**2 - squares[index])
+                mean, square = means[index] / (1 - 0.9**step), squares[index] / (1 - 0.999**step)
+                parameters[index] -= rate * mean / (np.sqrt(square) + 1e-8)
+
+    def _cross_entropy_gradients(self, passed: list[FloatArray], wanted: FloatArray) -> list[FloatArray]:
+        """Of the cross-entropy, for the weights and the bias of each layer in turn."""
+        shares = np.exp(passed[-1] - passed[-1].max(axis=1, keepdims=True))
+        error = (shares / shares.sum(axis=1, keepdims=True) - wanted) / len(wanted)
+        gradients: list[FloatArray] = []
+        for depth in range(len(self._layers) - 1, -1, -1):
+            gradients = [passed[depth].T @ error, error.sum(axis=0), *gradients]
+            if depth:
+                error = (error @ self._layers[depth][0].T) * (passed[depth] > 0)
+        return gradients

@@ -1,0 +1,171 @@
+"""All segments are described at once, in whatever order the answers come; pieces of one thing are put together."""
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import Barrier
+from types import SimpleNamespace
+from typing import Any, cast
+
+import cv2
+import numpy as np
+import pytest
+from langchain_core.callbacks import CallbackManagerForLLMRun
+from langchain_core.language_models.chat_models import BaseChatModel
+from langchain_core.messages import BaseMessage
+from langchain_core.outputs import ChatGeneration, ChatResult
+
+from grs_agents.agents.agent import Agents
+from grs_agents.base.config.schema import Config
+from grs_agents.base.trace.events import Prompt
+from grs_agents.base.trace.log import EventLog, read_events
+from grs_agents.graph.describing import describe_segments
+from grs_agents.graph.services import Photo, Services
+from grs_agents.perception.picture_files import load_mask, save_candidates, save_frame
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.types import CandidateRecord
+from tests.perception.settling.photo import BLOCK, LIBRARY, MILK, photo_of, standing
+from tests.scripted import say
+
+Says = dict[int, dict[str, Any]]
+STANDS, APART = standing(MILK, 0.55, 0.0), standing(BLOCK, 0.42, 0.15)
+
+
+class Eyes(BaseChatModel):
+    """Describes segments by their numbers, those of ``spoilt`` never as asked; ``meet`` is told of each question."""
+
+    says: Says
+    spoilt: tuple[int, ...] = ()
+    meet: Callable[[list[int]], object] = lambda numbers: None
+
+    @property
+    def _llm_type(self) -> str:
+        return "eyes"
+
+    def _generate(
+        self,
+        messages: list[BaseMessage],
+        stop: list[str] | None = None,
+        run_manager: CallbackManagerForLLMRun | None = None,
+        **kwargs: Any,
+    ) -> ChatResult:
+        numbers = [int(found) for found in re.findall(r'^{"id":(\d+)', str(messages[0].text), re.MULTILINE)]
+        self.meet(numbers)
+        plain = {"is_object": True, "color": "red", "shape": "box", "category": "thing"}
+        rows = [{"id": one, "description": f"thing {one}", **plain, **self.says.get(one, {})} for one in numbers]
+        text = "```json\n" + "\n".join(map(json.dumps, reversed(rows))) + "\n```"
+        reply = say("I see." if {*numbers} & {*self.spoilt} else text)
+        return ChatResult(generations=[ChatGeneration(message=reply)])
+
+
+@dataclass
+class SeeingAgents(Agents):
+    """Agents of which every role has the same eyes."""
+
+    eyes: Eyes = field(default_factory=lambda: Eyes(says={}))
+
+    def chat_model_for_role(self, role: str) -> BaseChatModel:
+        """The eyes."""
+        return self.eyes
+
+
+@dataclass(frozen=True)
+class Table:
+    """A carton in two pieces and a block apart from it, in a photo, as candidates 1, 2 and 3."""
+
+    folder: Path
+    photo: Photo
+    records: tuple[CandidateRecord, ...]
+
+    def services(self, eyes: Eyes, **match: Any) -> Services:
+        """As much of the services as describing uses."""
+        config = Config.model_validate({"models": {"default": {"model": "openai:any"}}, "match": match})
+        agents = SeeingAgents(config, EventLog(self.folder / "events.jsonl"), self.folder, eyes=eyes)
+        return cast(Services, SimpleNamespace(config=config, agents=agents, folder=self.folder))
+
+    def prompts(self) -> list[Prompt]:
+        """What was asked."""
+        return [event for event in read_events(self.folder / "events.jsonl") if isinstance(event, Prompt)]
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Table:
+    frame, pose, mask = photo_of([STANDS, APART], LIBRARY)
+    block = photo_of([APART], LIBRARY)[2] & mask
+    rows = np.arange(mask.shape[0])[:, None]
+    upper = mask & ~block & (rows < np.median(np.nonzero(mask & ~block)[0]))
+    save_frame(frame, tmp_path)
+    candidates = measure_candidates(frame, pose, mask.astype("int32") + upper + 2 * block)
+    return Table(tmp_path, (frame, pose), save_candidates(frame, candidates, tmp_path))
+
+
+def test_pieces_of_one_thing_become_one_candidate_that_is_measured_and_described_anew(table: Table) -> None:
+    sliver = {"is_object": False, "description": "a sliver"}
+    eyes = Eyes(says={1: {**sliver, "part_of": 2}, 2: {**sliver, "part_of": 1}, 4: {"open_top": True}})
+    found = describe_segments(table.records, 4, table.photo, table.services(eyes))
+    block, carton = found.records
+    assert (block.id, carton.id) == (3, 4)
+    assert found.descriptions[4].description == "thing 4"
+    assert carton.hollow and not block.hollow
+    masks = [load_mask(table.folder / one.mask) for one in (carton, *table.records[:2])]
+    assert np.array_equal(masks[0], masks[1] | masks[2])
+    (whole,) = measure_candidates(*table.photo, masks[0].astype("int32"))
+    assert carton.upright.size == pytest.approx(whole.upright.size, abs=0.002)
+    assert carton.upright.size[2] == pytest.approx(LIBRARY.asset(MILK).size[2], abs=0.01)
+    assert {piece.id: "candidate 4" in piece.reason and "a sliver" in piece.reason for piece in found.dropped} == {
+        1: True,
+        2: True,
+    }
+    assert not found.notes
+    assert table.prompts()[-1].images == (carton.crop, "scene/marked_04.png")
+
+
+def test_all_segments_are_asked_at_once_and_answers_are_ordered_by_number(table: Table) -> None:
+    together = Barrier(3, timeout=60)
+    eyes = Eyes(says={}, spoilt=(2,), meet=_once_each(together))
+    found = describe_segments(table.records, 4, table.photo, table.services(eyes))
+    assert list(found.descriptions) == [1, 2, 3] == [one.id for one in found.records]
+    assert found.descriptions[2].description.startswith("an undescribed")
+    assert [found.descriptions[one].description for one in (1, 3)] == ["thing 1", "thing 3"]
+    (note,) = found.notes
+    assert note.startswith("candidate 2: the describe model gave no usable reply")
+
+
+def _once_each(together: Barrier) -> Callable[[list[int]], object]:
+    met: set[int] = set()
+
+    def meet(numbers: list[int]) -> None:
+        if not met & {*numbers}:
+            met.update(numbers)
+            together.wait()
+
+    return meet
+
+
+def test_what_does_not_adjoin_its_thing_stays_by_itself(table: Table) -> None:
+    found = describe_segments(table.records, 4, table.photo, table.services(Eyes(says={3: {"part_of": 1}})))
+    assert [one.id for one in found.records] == [1, 2, 3]
+    assert not found.dropped
+    (note,) = found.notes
+    assert "segment 3 was described as a part of 1" in note
+
+
+def test_a_number_that_is_no_segment_is_asked_about_again(table: Table) -> None:
+    says = {number: {"part_of": 40 + number} for number in (1, 2, 3)}
+    found = describe_segments(table.records, 4, table.photo, table.services(Eyes(says=says)))
+    assert len(found.notes) == 3 and all("part_of" in note for note in found.notes)
+
+
+def test_a_sheet_asks_about_all_segments_in_one_call(table: Table) -> None:
+    asked: list[list[int]] = []
+    eyes = Eyes(says={}, meet=asked.append)
+    found = describe_segments(table.records, 4, table.photo, table.services(eyes, describe="sheet"))
+    assert asked == [[1, 2, 3]]
+    assert [one.description for one in found.descriptions.values()] == ["thing 1", "thing 2", "thing 3"]
+    (prompt,) = table.prompts()
+    sheet, numbered = (cv2.imread(str(table.folder / name)) for name in prompt.images)
+    assert sheet is not None and numbered is not None
+    assert numbered.shape == table.photo[0].rgb.shape
+    assert sheet.shape == (512, 512, 3)

@@ -1,0 +1,94 @@
+"""What the authors are told of a scene."""
+
+import math
+from typing import Any
+
+import pytest
+
+from grs_agents.graph.scene_prompt import fixture_assets_for_prompt, scene_for_prompt
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import quaternion_from_rpy
+from grs_agents.perception.types import SceneDescription
+
+LIBRARY = Library()
+FRAME: dict[str, Any] = {"T_robot_cam": ((1.0,),), "origin": "calibrated", "residual": 0.0, "inliers": 1.0}
+FLAT = (0.0, 0.0, 0.0, 1.0)
+
+
+def thing(name: str, asset: str, x: float, z: float, yaw: float = 0.0, **fields: Any) -> dict[str, Any]:
+    """An object of a scene whose measured box tells nothing."""
+    words = {"description": f"a {name}", "category": "thing", "color": "red", "evidence": "", "mask": "m", "crop": "c"}
+    turned = {"position": (x, 0.0, z), "orientation": quaternion_from_rpy(0.0, 0.0, yaw), "reachable": True}
+    box = {"low": (0.0, 0.0, 0.0), "high": (1.0, 1.0, 1.0)}
+    size = LIBRARY.asset(asset).size
+    return {
+        "id": 1,
+        "name": name,
+        "asset": asset,
+        "matched": True,
+        "size": size,
+        "box": box,
+        **words,
+        **turned,
+        **fields,
+    }
+
+
+def told(*objects: dict[str, Any], relations: tuple[dict[str, str], ...] = ()) -> dict[str, dict[str, Any]]:
+    """What a prompt says of each object, by its name."""
+    scene = {"source": "s", "image": "i", "frame": FRAME, "objects": objects, "relations": relations}
+    found = scene_for_prompt(SceneDescription.model_validate(scene), LIBRARY)
+    assert found["workspace"]["radius"] == 0.85
+    return {item["name"]: item for item in found["objects"]}
+
+
+def test_only_what_does_not_go_without_saying_is_said() -> None:
+    milk = told(thing("milk", "HOPE/Milk.urdf", 0.4, 0.095))["milk"]
+    assert set(milk) == {"name", "asset", "description", "category", "color", "position", "orientation", "size"}
+    assert (milk["position"], milk["orientation"]) == ([0.4, 0, 0.095], [0, 0, 0, 1])
+    assert told(thing("milk", "HOPE/Milk.urdf", 0.9, 0.095, reachable=False))["milk"]["reachable"] is False
+
+
+def test_a_turned_container_tells_its_extents_and_the_room_in_it() -> None:
+    box = told(thing("box", "container/open_box.urdf", 0.5, 0.045, yaw=math.pi / 2))["box"]
+    assert box["size"] == pytest.approx([0.22, 0.3, 0.09], abs=0.002)
+    assert box["own_size"] == [0.3, 0.22, 0.09]
+    assert box["hollow"] and box["inner_size"] == pytest.approx([0.29, 0.21, 0.085], abs=0.003)
+    fixtures = {item["name"]: item for item in fixture_assets_for_prompt(LIBRARY)}
+    assert fixtures["container/container-template.urdf"]["inner_size"] == pytest.approx([0.19, 0.15, 0.055], abs=0.003)
+    assert "inner_size" not in fixtures["zone/zone.urdf"] and fixtures["zone/zone.urdf"]["hollow"]
+    lying: dict[str, Any] = {"orientation": quaternion_from_rpy(math.pi / 2, 0.0, 0.0)}
+    assert "hollow" not in told(thing("mug", "mug/mug.urdf", 0.5, 0.04, **lying))["mug"]
+
+
+def test_a_round_thing_is_as_wide_whichever_way_it_is_turned() -> None:
+    bowl = told(thing("bowl", "bowl/bowl.urdf", 0.5, 0.03, yaw=0.7, round=True))["bowl"]
+    assert bowl["size"] == [0.16, 0.16, 0.06]
+    assert "own_size" not in bowl
+
+
+def test_relations_are_told_of_their_subject() -> None:
+    relations = (
+        {"kind": "on", "subject": "block", "reference": "milk"},
+        {"kind": "touching", "subject": "milk", "reference": "tuna"},
+    )
+    objects = (
+        thing("milk", "HOPE/Milk.urdf", 0.4, 0.095),
+        thing("block", "block/red_block.urdf", 0.4, 0.21),
+        thing("tuna", "HOPE/Tuna.urdf", 0.47, 0.02),
+    )
+    found = told(*objects, relations=relations)
+    assert found["block"]["on"] == "milk"
+    assert found["milk"]["touching"] == ["tuna"]
+    assert "touching" not in found["tuna"]
+
+
+def test_a_thing_stands_where_it_came_to_rest_or_is_held() -> None:
+    settled = ((0.41, 0.0, 0.02), FLAT)
+    found = told(
+        thing("fallen", "block/red_block.urdf", 0.4, 0.12, settled=settled),
+        thing("high", "block/green_block.urdf", 0.61, 0.2, settled=((0.61, 0.0, 0.21), FLAT), held=True),
+    )
+    assert found["fallen"]["position"] == [0.41, 0, 0.02]
+    assert "floats" not in found["fallen"]
+    assert (found["high"]["position"], found["high"]["floats"]) == ([0.61, 0, 0.21], True)

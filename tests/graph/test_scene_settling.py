@@ -1,0 +1,140 @@
+"""Objects are told apart, and stand as the photo shows them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import cv2
+import numpy as np
+import pytest
+
+from grs_agents.agents.types import Description
+from grs_agents.graph.scene_object_building import MatchedCandidate, place_asset_or_proxy
+from grs_agents.graph.scene_settling import SettledScene, settle_scene
+from grs_agents.graph.services import Photo, Services
+from grs_agents.library.library import Library
+from grs_agents.perception.coverage import raised_pixel_mask
+from grs_agents.perception.picture_files import load_mask, save_candidates, save_frame
+from grs_agents.perception.registration.scene_registration import add_residual_candidates, register_objects
+from grs_agents.perception.segmentation.candidates import measure_candidates
+from grs_agents.perception.types import CandidateRecord, MatchEvidence, SceneObject, UprightBox
+from grs_agents.toolkit import ToolContext, load_tool
+from tests.perception.settling.photo import BLOCK, LIBRARY, MILK, photo_of, standing
+
+SPAGHETTI = "HOPE/Spaghetti.urdf"
+WORDS = Description(is_object=True, description="a thing", color="red", shape="box", category="thing")
+STANDS, BESIDE = standing(MILK, 0.55, 0.0), standing(BLOCK, 0.47, 0.06)
+
+
+@dataclass(frozen=True)
+class OfRun:
+    """As much of the services as standing uses."""
+
+    folder: Path
+
+    @property
+    def config(self) -> SimpleNamespace:
+        """What is configured of it."""
+        return SimpleNamespace(
+            match=SimpleNamespace(proxies=True),
+            tools=SimpleNamespace(shape="shape_seen"),
+            shape=SimpleNamespace(model=None),
+        )
+
+    def run_tool(self, name: str, **request: Any) -> Any:
+        """What a tool answers."""
+        tool = load_tool(name)
+        return tool.run(tool.Request(**request), cast(ToolContext, None))
+
+    @property
+    def library(self) -> Library:
+        """The shipped assets, with the proxies of the run."""
+        return LIBRARY.copy_with_overlay_root(self.folder / "assets") if (self.folder / "assets").is_dir() else LIBRARY
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A carton, whose upper half is a segment of its own, and a block in a photo, and what a run knows of them."""
+
+    services: Services
+    photo: Photo
+    lower: CandidateRecord
+    upper: CandidateRecord
+    block: CandidateRecord
+
+    def thing(self, record: CandidateRecord, asset: str | None, taken: list[str]) -> SceneObject:
+        """An object with an asset, or with a proxy."""
+        reply = MatchEvidence(match="asset" if asset else "no_asset", asset=asset, confidence=0.99)
+        return place_asset_or_proxy(MatchedCandidate(record, WORDS, reply), self.services, taken, self.photo)
+
+
+@pytest.fixture
+def seen(tmp_path: Path) -> Seen:
+    frame, table, mask = photo_of([STANDS, BESIDE], LIBRARY)
+    block = photo_of([BESIDE], LIBRARY)[2] & mask
+    rows = np.arange(mask.shape[0])[:, None]
+    upper = mask & ~block & (rows < np.median(np.nonzero(mask & ~block)[0]))
+    labels = mask.astype("int32") + upper + 2 * block
+    save_frame(frame, tmp_path)
+    low, high, stone = save_candidates(frame, measure_candidates(frame, table, labels), tmp_path)
+    return Seen(cast(Services, OfRun(tmp_path)), (frame, table), low, high, stone)
+
+
+def stood(seen: Seen, objects: list[SceneObject]) -> SettledScene:
+    return settle_scene(
+        objects, [seen.lower, seen.upper, seen.block], seen.photo, raised_pixel_mask(*seen.photo), seen.services
+    )
+
+
+def test_a_piece_of_a_known_thing_is_dropped_and_the_others_stand(seen: Seen) -> None:
+    known = seen.thing(seen.lower, MILK, [])
+    (known,) = register_objects([known], [seen.lower], *seen.photo, seen.services.library, seen.services.folder)
+    others = [seen.thing(seen.upper, None, []), seen.thing(seen.block, None, ["red_thing_1"])]
+    found = stood(seen, [known, *others])
+    assert [one.name for one in found.objects] == [known.name, others[1].name]
+    (gone,) = found.dropped
+    assert gone.id == seen.upper.id and known.name in gone.reason
+    assert found.twin is not None and found.twin.fidelity is not None and found.twin.fidelity > 0.8
+    assert not found.warnings
+
+
+def test_an_asset_that_can_only_be_where_another_stands_gives_way_to_a_proxy(seen: Seen) -> None:
+    first, second = (seen.thing(seen.lower, MILK, taken) for taken in ([], ["milk_1"]))
+    at = {"position": STANDS.pose[0], "orientation": STANDS.pose[1], "method": "registered", "residual": 0.001}
+    first, second = (
+        first.model_copy(update=at),
+        second.model_copy(update={**at, "id": seen.upper.id, "mask": seen.upper.mask}),
+    )
+    found = stood(seen, [first, second])
+    assert sum(one.matched for one in found.objects) == 1
+    assert len(found.objects) + len(found.dropped) == 2
+
+
+def test_what_falls_off_another_thing_is_held(tmp_path: Path) -> None:
+    """A long box that only just lies on a carton, with nothing but air below the rest of it."""
+    carton, beam = standing(MILK, 0.5, -0.09), standing(SPAGHETTI, 0.5, 0.03, above=0.19)
+    frame, table, mask = photo_of([carton, beam], LIBRARY)
+    upper = photo_of([beam], LIBRARY)[2] & mask
+    save_frame(frame, tmp_path)
+    low, high = save_candidates(frame, measure_candidates(frame, table, mask.astype("int32") + upper), tmp_path)
+    high = high.model_copy(update={"upright": UprightBox(center=beam.pose[0], size=(0.029, 0.25, 0.05), yaw=0.0)})
+    seen = Seen(cast(Services, OfRun(tmp_path)), (frame, table), low, high, high)
+    things = [seen.thing(low, None, []), seen.thing(high, None, ["red_thing_1"])]
+    found = settle_scene(things, [low, high], seen.photo, raised_pixel_mask(*seen.photo), seen.services)
+    assert not found.dropped
+    assert [one.held for one in found.objects] == [False, True]
+    assert all(one.drift is not None and one.drift < 0.01 for one in found.objects)
+
+
+def test_a_segment_that_joins_a_known_thing_and_another_is_looked_at_again(seen: Seen) -> None:
+    where = (*seen.photo, seen.services.library, seen.services.folder)
+    (known,) = register_objects([seen.thing(seen.lower, MILK, [])], [seen.lower], *where)
+    both = seen.services.folder / seen.upper.mask
+    joined = load_mask(both) | load_mask(seen.services.folder / seen.block.mask)
+    cv2.imwrite(str(both), joined.astype(np.uint8) * 255)
+    objects = [known, seen.thing(seen.upper, None, [])]
+    later, divided = add_residual_candidates(objects, [seen.lower, seen.upper], *where)
+    assert [one.id for one in divided] == [seen.upper.id]
+    (found,) = later
+    assert (load_mask(seen.services.folder / found.mask) & load_mask(seen.services.folder / seen.block.mask)).any()

@@ -1,0 +1,157 @@
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from grs_agents.base.errors import GrsError, InputError
+from grs_agents.sim import hash_instance, parse_instance_json
+from grs_agents.sim.variation.types import Variation
+from grs_agents.tasks.demos.attempt_store import AttemptStore
+from grs_agents.tasks.demos.dataset import write_dataset
+from grs_agents.tasks.demos.production import make_demonstrations
+from grs_agents.tasks.demos.types import DatasetSummary, Demonstration
+from grs_agents.tasks.task_folder import open_task_folder
+from tests.needs import needs
+from tests.tasks.demos.block_tasks import ORDER, two_blocks, write_instances
+
+QUICK = ORDER.model_copy(update={"cameras": ()})
+
+
+def interrupt_at(count: int):
+    def show(made: AttemptStore) -> None:
+        if made.count == count:
+            raise KeyboardInterrupt
+
+    return show
+
+
+def summarise(folder: Path, work: Path, out: Path, order=QUICK) -> DatasetSummary:
+    task = open_task_folder(folder)
+    return write_dataset(make_demonstrations(task, order, work, lambda _: None), "robomimic", out, task)
+
+
+def test_a_demonstration_says_what_was_observed_and_done(demonstrations: list[Demonstration]) -> None:
+    assert [one.attempt for one in demonstrations] == [0, 1, 2]
+    assert [one.base_seed for one in demonstrations] == [0, 1, 0]
+    for one in demonstrations:
+        steps = one.steps
+        assert one.actions.shape == (steps, 7)
+        assert one.joint_positions.shape == one.joint_velocities.shape == (steps + 1, 6)
+        assert one.objects.shape == (steps + 1, 2, 7)
+        assert one.images["wrist"].shape == (steps + 1, 16, 24, 3)
+        assert one.object_names == ("block/block.urdf#1", "block/block.urdf#2")
+        assert one.language == "put block 1 to the left, then put block 2 to the left"
+        assert one.strict >= 0.985
+        assert one.rewards.sum() == one.rewards[-1] == 1
+        assert one.suction.any()
+        assert not one.suction[-1]
+        assert set(np.unique(one.actions[:, -1])) == {-1.0, 1.0}
+        assert one.instance_hash == hash_instance(parse_instance_json(one.instance))
+
+
+def test_the_action_is_the_joint_position_that_is_reached_one_step_later(demonstrations: list[Demonstration]) -> None:
+    one = demonstrations[0]
+    missed = np.abs(one.actions[:, :-1] - one.joint_positions[1:]).max(axis=1)
+    assert np.median(missed) < 0.01
+    assert missed.max() < 0.05
+
+
+def test_suction_is_on_before_the_cup_touches(demonstrations: list[Demonstration]) -> None:
+    one = demonstrations[0]
+    taken = np.flatnonzero(one.suction[1:] & ~one.suction[:-1])
+    assert len(taken) == 2
+    for step in taken:
+        assert (one.actions[step - 4 : step + 1, -1] == 1).all()
+
+
+def test_cameras_say_where_they_are(demonstrations: list[Demonstration]) -> None:
+    front, wrist = demonstrations[0].cameras
+    assert (front.name, front.frame, wrist.name, wrist.frame) == ("front", "robot", "wrist", "tip")
+    assert np.linalg.norm(np.array(wrist.pose)[:3, 3]) < 0.3
+    for one in demonstrations:
+        assert one.cameras[0] == front
+        np.testing.assert_allclose(one.cameras[1].pose, wrist.pose, atol=1e-6)
+
+
+@needs("gymnasium")
+def test_the_environment_gives_to_the_bit_what_was_written(demonstrations: list[Demonstration], tmp_path: Path) -> None:
+    from grs_agents.envs import GrsEnv
+
+    (tmp_path / "instances").mkdir()
+    for number, one in enumerate(demonstrations):
+        (tmp_path / "instances" / f"seed_{number}.json").write_text(one.instance, encoding="utf-8")
+    env = GrsEnv(tmp_path, control="joint_position", normalized=False, reward="sparse")
+    for number, one in enumerate(demonstrations):
+        observation, info = env.reset(options={"instance": number})
+        for step, action in enumerate(one.actions):
+            for name in ("joint_positions", "joint_velocities", "tip", "objects"):
+                np.testing.assert_array_equal(observation[name], getattr(one, name)[step])
+            observation, reward, terminated, truncated, info = env.step(action)
+            assert (terminated, truncated) == (step == one.steps - 1, False)
+            assert reward == one.rewards[step]
+        assert info["is_success"]
+
+
+def test_what_was_interrupted_goes_on_where_it_stopped(blocks: Path, tmp_path: Path) -> None:
+    task = open_task_folder(blocks)
+    with pytest.raises(KeyboardInterrupt):
+        make_demonstrations(task, QUICK, tmp_path / "work", interrupt_at(1))
+    (first,) = (tmp_path / "work").glob("*.npz")
+    written = first.stat().st_mtime_ns
+    resumed = make_demonstrations(task, QUICK, tmp_path / "work", lambda _: None)
+    assert first.stat().st_mtime_ns == written
+    at_once = make_demonstrations(task, QUICK, tmp_path / "other", lambda _: None)
+    for one, other in zip(resumed.demonstrations(), at_once.demonstrations(), strict=True):
+        assert one.instance_hash == other.instance_hash
+        np.testing.assert_array_equal(one.actions, other.actions)
+        np.testing.assert_array_equal(one.objects, other.objects)
+
+
+def test_another_order_does_not_go_on(blocks: Path, tmp_path: Path) -> None:
+    AttemptStore(tmp_path, {"seed": 0})
+    with pytest.raises(InputError, match="begun otherwise"):
+        make_demonstrations(open_task_folder(blocks), QUICK, tmp_path, lambda _: None)
+
+
+@needs("h5py")
+def test_what_the_expert_cannot_do_is_dropped_and_counted(tmp_path: Path) -> None:
+    folder = write_instances(tmp_path / "task", two_blocks(0), two_blocks(1, target_x=1.4))
+    order = QUICK.model_copy(update={"episodes": 2, "variation": Variation()})
+    summary = summarise(folder, tmp_path / "work", tmp_path / "out", order)
+    assert (summary.episodes, summary.dropped) == (1, {"expert": 1})
+    assert "expert: " in summary.reasons[0]
+    assert not (tmp_path / "work").exists()
+
+
+@needs("h5py")
+def test_no_demonstration_at_all_is_an_error_that_says_why(tmp_path: Path) -> None:
+    folder = write_instances(tmp_path / "task", two_blocks(0, target_x=1.4))
+    order = QUICK.model_copy(update={"episodes": 1, "variation": Variation()})
+    with pytest.raises(GrsError, match="none of 1 attempts gave a demonstration: 1 x expert"):
+        summarise(folder, tmp_path / "work", tmp_path / "out", order)
+    assert not (tmp_path / "out").exists()
+
+
+def test_more_episodes_than_instances_need_variation(blocks: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="2 instances as they are, 3 are wanted"):
+        make_demonstrations(
+            open_task_folder(blocks), QUICK.model_copy(update={"variation": Variation()}), tmp_path, lambda _: None
+        )
+
+
+def test_a_data_set_has_one_number_of_objects(tmp_path: Path) -> None:
+    fewer = two_blocks(1)
+    fewer = fewer.model_copy(update={"objects": fewer.objects[:1], "goals": fewer.goals[:1]})
+    folder = write_instances(tmp_path / "task", two_blocks(0), fewer)
+    with pytest.raises(InputError, match="differ in how many objects"):
+        make_demonstrations(open_task_folder(folder), QUICK, tmp_path / "work", lambda _: None)
+
+
+@needs("h5py")
+def test_a_data_set_is_a_task_folder_too(blocks: Path, kept: Path, tmp_path: Path) -> None:
+    work = shutil.copytree(kept, tmp_path / "work")
+    summarise(blocks, work, tmp_path / "out", ORDER)
+    folder = open_task_folder(tmp_path / "out")
+    assert folder.seeds == (0, 1, 2)
+    assert folder.read_instance(0) == two_blocks(0)

@@ -1,0 +1,98 @@
+"""More instances of a task: made once, checked by the expert, gone on with after an interruption."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from grs_agents.base.errors import InputError
+from grs_agents.base.files import write_json
+from grs_agents.sim import hash_instance, instantiate
+from grs_agents.sim.variation.types import Variation
+from grs_agents.tasks.task_folder import open_task_folder
+from grs_agents.tasks.varied_instances import Manifest, make_varied_instances
+from tests.cli.command import grs
+from tests.sim.sim_scenes import Scripted, at, pose_goal
+
+VARIATION = Variation(jitter=0.02)
+
+
+def two_blocks(task, env) -> None:
+    env.add_object("block/blue_block.urdf", at(0.4, 0.1, 0.02))
+    pose_goal(task, env.add_object("block/red_block.urdf", at(0.5, -0.1, 0.02)), at(0.5, 0.2, 0.02))
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    folder = tmp_path / "run"
+    for seed in (3, 4):
+        instance = instantiate(Scripted(two_blocks), seed)
+        write_json(folder / "instances" / f"seed_{seed}.json", instance.model_dump(mode="json"))
+    return folder
+
+
+def test_instances_are_a_folder_like_a_runs_with_a_manifest(run: Path, tmp_path: Path) -> None:
+    made = make_varied_instances(run, range(4), VARIATION, tmp_path / "out", workers=1)
+    folder = open_task_folder(tmp_path / "out")
+    assert folder.seeds == (0, 1, 2, 3)
+    assert [(one.seed, one.base, one.strict) for one in made.instances] == [(0, 3, 1), (1, 4, 1), (2, 3, 1), (3, 4, 1)]
+    for one in made.instances:
+        instance = folder.read_instance(one.seed)
+        assert instance.seed == one.seed
+        assert hash_instance(instance) == one.hash
+    assert len({one.hash for one in made.instances}) == 4
+    assert made == Manifest.model_validate_json((tmp_path / "out" / "manifest.json").read_bytes())
+
+
+def test_what_is_there_is_kept_and_the_rest_is_made(run: Path, tmp_path: Path) -> None:
+    out, seen = tmp_path / "out", list[int]()
+    make_varied_instances(run, range(2), VARIATION, out, workers=1)
+    first = (out / "instances" / "seed_0.json").stat().st_mtime_ns
+    made = make_varied_instances(run, range(3), VARIATION, out, 1, lambda part: seen.append(len(part.seeds)))
+    assert seen == [2, 3]
+    assert made.seeds == {0, 1, 2}
+    assert (out / "instances" / "seed_0.json").stat().st_mtime_ns == first
+
+
+def test_a_folder_of_something_else_is_refused(run: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    make_varied_instances(run, range(1), VARIATION, out, workers=1)
+    with pytest.raises(InputError, match="another variation"):
+        make_varied_instances(run, range(1), Variation(jitter=0.01), out, workers=1)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="holds no varied instances"):
+        make_varied_instances(run, range(1), VARIATION, tmp_path / "mine", workers=1)
+
+
+def test_what_the_expert_does_not_solve_is_left_out_and_listed(run: Path, tmp_path: Path) -> None:
+    def in_the_air(task, env) -> None:
+        pose_goal(task, env.add_object("block/red_block.urdf", at(0.5, -0.1, 0.02)), at(0.5, 0.2, 0.12))
+
+    other = tmp_path / "hard"
+    instance = instantiate(Scripted(in_the_air), 0)
+    write_json(other / "instances" / "seed_0.json", instance.model_dump(mode="json"))
+    made = make_varied_instances(other, range(1), VARIATION, tmp_path / "out", workers=1)
+    assert made.instances == ()
+    assert "its target" in made.left_out[0].detail
+    assert not (tmp_path / "out" / "instances").exists()
+
+
+def test_the_verbs_print_what_they_made(run: Path) -> None:
+    options = ("--jitter", "0.02", "--yaw", "30", "--light", "--workers", "1")
+    done = grs("instances", str(run), "--seeds", "0:2", *options, "--json", folder=run.parent)
+    assert done.returncode == 0, done.stderr
+    made = json.loads(done.stdout)
+    assert [one["seed"] for one in made["instances"]] == [0, 1]
+    assert Path(made["folder"]) == run.parent / "run-instances"
+    few = ("--episodes", "1", "--demonstrations", "1", "--trials", "1", "--workers", "1")
+    done = grs("grade", str(run), *few, "--json", folder=run.parent)
+    assert done.returncode == 0, done.stderr
+    assert 0 < json.loads(done.stdout)["difficulty"] < 1
+
+
+@pytest.mark.parametrize("text", ["5:5", "7:3", "-1:4", "0:1000000", "a:b", "0:99999999999"])
+def test_seeds_that_are_no_range_are_refused(run: Path, text: str) -> None:
+    done = grs("instances", str(run), f"--seeds={text}", folder=run.parent)
+    assert done.returncode == 2
+    assert "no range of seeds" in done.stderr
