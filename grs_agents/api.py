@@ -131,7 +131,7 @@ def run(
     """Make a validated task of a photo with depth, as ``grs run`` does.
 
     Args:
-        scene: a folder, file or ``bop:`` image as in docs/scenes.md, or the name of a shipped scene.
+        scene: a folder, file or ``bop:`` image as in docs/input.md, or the name of a shipped scene.
         out: the run folder, new or empty; ``runs/<time>-<scene>-<seed>`` without one.
         config: a TOML file.
         progress: show each step on standard error.
