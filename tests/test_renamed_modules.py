@@ -31,5 +31,5 @@ def test_an_earlier_name_gives_the_module_of_today(earlier: str) -> None:
 
 
 def test_a_name_that_never_was_is_not_found() -> None:
-    with pytest.raises(ModuleNotFoundError, match="grs_agents.nowhere"):
+    with pytest.raises(ModuleNotFoundError, match=r"grs_agents\.nowhere"):
         import_module("grs_agents.nowhere")

@@ -34,10 +34,11 @@ def build():
 
 KILLED = """
 import os, pathlib, signal
-from grs_agents.base import content, trace
+from grs_agents.base import content
+from grs_agents.base.trace.log import EventLog
 
 def build():
-    written = trace.EventLog.append
+    written = EventLog.append
 
     def append(log, event):
         event = written(log, event)
@@ -48,7 +49,7 @@ def build():
     marker = pathlib.Path(__file__).with_suffix(".done")
     if not marker.exists():
         marker.touch()
-        trace.EventLog.append = append
+        EventLog.append = append
     return content.load_module("graphs", "grs").build()
 """
 """A graph that is killed once its log holds so many events, and goes on when it is built again."""
