@@ -60,4 +60,4 @@ class _RenamedModules(MetaPathFinder, Loader):
             sys.modules[spec.name] = import_module(spec.origin)
 
 
-sys.meta_path.append(_RenamedModules())
+sys.meta_path.insert(0, _RenamedModules())  # before the path finder, which would load a second copy of a submodule
