@@ -1,0 +1,153 @@
+"""Environment steps, pictures and resets beside other packages, each in a Python of its own, in CPU seconds."""
+
+import json
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from evals.env_speed import GrsEnv, rate, stepping, write_instance
+from grs_agents.base.errors import ConfigError
+from grs_agents.runs.metrics import Figure
+
+PEERS = {
+    "fetch": ("gymnasium-robotics", "FetchPickAndPlace-v4"),
+    "panda_gym": ("panda-gym", "PandaPickAndPlace-v3"),
+    "dm_control": ("dm_control", "manipulation, stack_2_bricks_features"),
+    "robosuite": ("robosuite", "PickPlace with a Panda and operational space control"),
+}
+"""Peers by the name of their venv: the package to install and the task."""
+PROGRAM = """
+import json, sys, time
+import numpy as np
+peer, steps, size = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+
+def rate(work, count):
+    work()
+    taken = []
+    for _ in range(3):
+        start = time.process_time()
+        for _ in range(count):
+            work()
+        taken.append(time.process_time() - start)
+    return count / min(taken)
+
+def gymnasium_stepping(env):
+    env.action_space.seed(0)
+    env.reset(seed=0)
+    def step():
+        if any(env.step(env.action_space.sample())[2:4]):
+            env.reset()
+    return step
+
+picture = None
+if peer == "fetch":
+    import gymnasium, gymnasium_robotics
+    gymnasium.register_envs(gymnasium_robotics)
+    env = gymnasium.make("FetchPickAndPlace-v4", render_mode="rgb_array", width=size, height=size)
+    step, reset, hertz = gymnasium_stepping(env), env.reset, 25
+    picture = env.render
+elif peer == "panda_gym":
+    import gymnasium, panda_gym
+    drawn = dict(render_mode="rgb_array", renderer="Tiny", render_width=size, render_height=size)
+    env = gymnasium.make("PandaPickAndPlace-v3", **drawn)
+    step, reset, hertz = gymnasium_stepping(env), env.reset, 25
+    picture = env.render
+elif peer == "dm_control":
+    from dm_control import manipulation
+    env = manipulation.load("stack_2_bricks_features", seed=0)
+    spec, rng = env.action_spec(), np.random.default_rng(0)
+    env.reset()
+    def step():
+        if env.step(rng.uniform(spec.minimum, spec.maximum)).last():
+            env.reset()
+    reset, hertz = env.reset, 1 / env.control_timestep()
+    picture = lambda: env.physics.render(size, size, camera_id=0)
+elif peer == "robosuite":
+    import robosuite
+    arguments = dict(robots="Panda", has_renderer=False, use_camera_obs=False, control_freq=20, ignore_done=True)
+    env = robosuite.make("PickPlace", has_offscreen_renderer=True, **arguments)
+    low, high = env.action_spec
+    rng = np.random.default_rng(0)
+    env.reset()
+    step = lambda: env.step(rng.uniform(low, high))
+    reset, hertz = env.reset, 20
+    picture = lambda: env.sim.render(size, size, camera_name="frontview")
+found = {"hertz": hertz, "steps": rate(step, steps), "resets": rate(reset, max(steps // 100, 3))}
+try:
+    picture()
+    found["pictures"] = rate(lambda: (step(), picture()), steps // 5)
+except Exception as error:
+    found["error"] = f"{type(error).__name__}: {error}"
+print(json.dumps(found))
+"""
+"""Measures a peer in its own Python: steps at a control rate, steps with a picture, resets."""
+
+
+def measure_grs(steps: int, size: int) -> dict[str, float]:
+    """Steps, steps with a picture, and resets of GRS per CPU second, at 25 Hz."""
+    with tempfile.TemporaryDirectory() as folder:
+        run = write_instance(Path(folder))
+        env = GrsEnv(run, control="ee_delta")
+        found = {"hertz": 25.0, "steps": rate(stepping(env), steps)}
+        found["resets"] = rate(lambda: env.reset(seed=0), max(steps // 10, 3))
+        env = GrsEnv(run, control="ee_delta", cameras=("front",), image_size=(size, size))
+        found["pictures"] = rate(stepping(env), steps // 5)
+        env.close()
+    return found
+
+
+def measure_peer(peer: str, python: str, steps: int, size: int) -> dict[str, float]:
+    """The same of a peer, whose package is installed for ``python``.
+
+    Raises:
+        ConfigError: The peer does not run there.
+    """
+    command = [python, "-c", PROGRAM, peer, str(steps), str(size)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        last = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
+        raise ConfigError(f"{peer} does not run with {python}: {last}", f"pip install {PEERS[peer][0]} there")
+    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def figures_of(name: str, found: dict[str, float], reference: dict[str, float] | None) -> list[Figure]:
+    """Rates in simulated time, so that control rates compare: steps per CPU second over the control rate."""
+    rows: list[Figure] = []
+    for kind in ("steps", "pictures", "resets"):
+        if kind not in found:
+            continue
+        value = found[kind] if kind == "resets" else found[kind] / found["hertz"]
+        unit = "per CPU s" if kind == "resets" else "simulated s per CPU s"
+        rows.append(Figure(name=f"{name}: {kind}", value=value, unit=unit, smaller_is_better=False))
+        if reference is not None and kind in reference:
+            base = reference[kind] if kind == "resets" else reference[kind] / reference["hertz"]
+            rows.append(Figure(name=f"GRS over {name}: {kind}", value=base / value, unit="times"))
+    return rows
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Measure and print.
+
+    Returns:
+        0 if every target is kept, 1 if not.
+    """
+    from grs_agents.runs.experiment_run import ExperimentParser
+    from grs_agents.runs.experiments import positive_int
+
+    parser = ExperimentParser("peer_speed", __doc__)
+    parser.add_argument("--venvs", type=Path, metavar="DIR", help=f"holds a venv each for any of {', '.join(PEERS)}")
+    parser.add_argument("--steps", type=positive_int, default=500, help="steps of each timing")
+    parser.add_argument("--size", type=positive_int, default=128, help="pixels across a square picture")
+    experiment = parser.start(arguments)
+    options = experiment.options
+    if options.venvs is not None and not options.venvs.is_dir():
+        raise ConfigError(f"--venvs {options.venvs} is no folder", "make a venv in it for each peer, named after it")
+    pythons = {name: options.venvs / name / "bin" / "python" for name in PEERS} if options.venvs else {}
+    peers = {name: str(python) for name, python in pythons.items() if python.exists()}
+    grs = measure_grs(options.steps, options.size)
+    figures = figures_of("GRS", grs, None)
+    for name, python in peers.items():
+        figures += figures_of(name, measure_peer(name, python, options.steps, options.size), grs)
+    return experiment.tell_figures("environment speed beside peers", figures)
