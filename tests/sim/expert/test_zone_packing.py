@@ -16,9 +16,10 @@ def test_the_first_member_gets_a_spot_or_nobody_does() -> None:
         cube = env.add_object("block/red_block.urdf", at(0.55, -0.3, 0.02))
         zone_goal(task, [carton, cube], at(0.5, 0.2, 0.1), small)
 
-    env = Environment(task=Scripted(scene))
+    task = Scripted(scene)
+    env = Environment(task=task)
     env.reset()
-    view = SceneView(env, env.task.grs.stated, env.task.goals)
+    view = SceneView(env, task.grs.stated, task.goals)
     zone = Zone(pose=at(0.5, 0.2, 0.1), size=small)
     assert set(pack_objects_into_zone(zone, [2, 1], view, 0.4)) == {2}
     assert pack_objects_into_zone(zone, [1, 2], view, 0.4) == {}
