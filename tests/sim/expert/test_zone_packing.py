@@ -2,7 +2,7 @@
 
 from sim_scenes import Scripted, at, zone_goal
 
-from grs_agents.sim import Environment
+from grs_agents.sim import Environment, Task
 from grs_agents.sim.expert.zone_packing import pack_objects_into_zone
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.instance.goal import Zone
@@ -11,7 +11,7 @@ from grs_agents.sim.instance.goal import Zone
 def test_the_first_member_gets_a_spot_or_nobody_does() -> None:
     small = (0.06, 0.06, 0.2)
 
-    def scene(task: Scripted, env: Environment) -> None:
+    def scene(task: Task, env: Environment) -> None:
         carton = env.add_object("HOPE/Milk.urdf", at(0.4, -0.3, 0.095))
         cube = env.add_object("block/red_block.urdf", at(0.55, -0.3, 0.02))
         zone_goal(task, [carton, cube], at(0.5, 0.2, 0.1), small)

@@ -3,12 +3,12 @@
 import numpy as np
 from sim_scenes import Scripted, at, pose_goal
 
-from grs_agents.sim import Environment
+from grs_agents.sim import Environment, Task
 from grs_agents.sim.goals.strict_score import StrictScorer
 
 
 def test_an_object_that_moves_over_its_target_scores_nothing() -> None:
-    def scene(task: Scripted, env: Environment) -> None:
+    def scene(task: Task, env: Environment) -> None:
         pose_goal(
             task, env.add_object("block/red_block.urdf", at(0.45, -0.2, 0.02)), at(0.5, 0.1, 0.02), symmetry=np.pi / 2
         )
