@@ -6,8 +6,9 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from evals.env_speed import GrsEnv, rate, stepping, write_instance
+from grs_agents.base import content
 from grs_agents.base.errors import ConfigError
+from grs_agents.envs import GrsEnv
 from grs_agents.runs.metrics import Figure
 
 PEERS = {
@@ -86,8 +87,10 @@ print(json.dumps(found))
 
 def measure_grs(steps: int, size: int) -> dict[str, float]:
     """Steps, steps with a picture, and resets of GRS per CPU second, at 25 Hz."""
+    timing = content.load_module("evals", "env_speed")
+    rate, stepping = timing.rate, timing.stepping
     with tempfile.TemporaryDirectory() as folder:
-        run = write_instance(Path(folder))
+        run = timing.write_instance(Path(folder))
         env = GrsEnv(run, control="ee_delta")
         found = {"hertz": 25.0, "steps": rate(stepping(env), steps)}
         found["resets"] = rate(lambda: env.reset(seed=0), max(steps // 10, 3))
